@@ -1,0 +1,1 @@
+"""Traffic and sensing: from a SUMO scenario to what the mobile network knows of a vehicle."""
