@@ -1,0 +1,228 @@
+"""One shard: the samples of one episode (a scenario and a seed) as a Parquet file.
+
+The columns, their types and encodings are the dataset's contract, described in docs/dataset.md. Equal samples give
+equal bytes, so that a shard's SHA-256 digest says whether two runs made the same data.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import Field
+
+from isacsim.errors import InputError
+from isacsim.settings import Settings
+from labeling.intentions import Intention
+
+SCHEMA_VERSION: Literal[1] = 1
+STATE = ("x", "y", "vx", "vy", "ax", "ay")
+"""The rows of every state array: m, m/s, m/s2, in the scenario's plane, of the front bumper centre."""
+ARRAYS = ("tv", "tv_truth", "uv")
+CLASS_NAMES = tuple(intention.text for intention in Intention)
+ROW_GROUP = 256
+_EPISODE_KEY = b"cosim.episode"
+
+States = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One row of a dataset: a TV-UV record, its label and its provenance.
+
+    Times are s of simulation time; snr_db is the mean per-element SNR over the record; n_sites the sites used.
+    tv, tv_truth: sensed and true state of the TV, float32, (6, S) at the TV rate. uv: reported state of the UV,
+    float32, (6, C) at the UV rate. Rows are those of `STATE`.
+    """
+
+    sample_id: str
+    scenario: str
+    seed: int
+    source: str
+    tv_id: str
+    uv_id: str
+    intention: Intention
+    origin: str
+    t_start: float
+    t_onset: float
+    t_commit: float
+    t_end: float
+    sensor: str
+    snr_db: float
+    n_sites: int
+    tv: States
+    tv_truth: States
+    uv: States
+
+
+class Episode(Settings):
+    """What a shard says of its episode besides the samples.
+
+    fingerprint: of the study, inputs and versions that made it, so that a shard from elsewhere is recognised.
+    events: events found, by intention. left_out: candidates that became no sample, by reason. fix_error_m: median
+    distance between the fused position before the filter and the truth, of each sample, m.
+    """
+
+    scenario: str
+    seed: int
+    schema_version: Literal[1] = SCHEMA_VERSION
+    fingerprint: str = ""
+    events: dict[str, int] = Field(default_factory=dict)
+    left_out: dict[str, int] = Field(default_factory=dict)
+    collided: int = 0
+    teleported: int = 0
+    fix_error_m: tuple[float, ...] = ()
+
+
+class Shard(Settings):
+    """A shard as the dataset lists it: which file, its digest, what is in it."""
+
+    file: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$")
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    bytes: int
+    samples: int
+    by_intention: dict[str, int]
+    by_origin: dict[str, int]
+    episode: Episode
+
+
+def shard_name(scenario: str, seed: int) -> str:
+    return f"{scenario}-{seed}.parquet"
+
+
+def schema(tv_length: int, uv_length: int) -> pa.Schema:
+    """The columns of a shard whose records have tv_length TV samples and uv_length UV samples."""
+
+    def states(length: int) -> pa.DataType:
+        return pa.list_(pa.list_(pa.float32(), length), len(STATE))
+
+    types = {
+        "sample_id": pa.string(),
+        "scenario": pa.string(),
+        "seed": pa.int64(),
+        "source": pa.string(),
+        "tv_id": pa.string(),
+        "uv_id": pa.string(),
+        "intention": pa.string(),
+        "label": pa.int8(),
+        "origin": pa.string(),
+        "t_start": pa.float64(),
+        "t_onset": pa.float64(),
+        "t_commit": pa.float64(),
+        "t_end": pa.float64(),
+        "sensor": pa.string(),
+        "snr_db": pa.float32(),
+        "n_sites": pa.int8(),
+        "tv": states(tv_length),
+        "tv_truth": states(tv_length),
+        "uv": states(uv_length),
+    }
+    return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
+
+
+SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
+
+
+def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
+    """Write an episode's samples, perhaps none, as one shard into a folder: whole, or not at all.
+
+    tv_length, uv_length: samples a record, which every sample must have.
+    """
+    columns = schema(tv_length, uv_length)
+    table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
+    table = table.replace_schema_metadata({_EPISODE_KEY: episode.model_dump_json()})
+    floats = [name for name in columns.names if pa.types.is_floating(columns.field(name).type)]
+    path = folder / shard_name(episode.scenario, episode.seed)
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        pq.write_table(
+            table,
+            partial,
+            compression="zstd",
+            write_page_checksum=True,
+            row_group_size=ROW_GROUP,
+            use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
+            use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
+        )
+        _flush_to_disk(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return read_shard(path)
+
+
+def read_shard(path: Path) -> Shard:
+    """What a shard holds, from its own bytes. Raises InputError where it is no shard of this version."""
+    try:
+        file = pq.ParquetFile(path)
+        metadata: Mapping[bytes, bytes] = file.schema_arrow.metadata or {}
+        episode = Episode.model_validate_json(metadata[_EPISODE_KEY])
+        names = file.read(["intention", "origin"]).to_pydict()
+    except (KeyError, OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: not a whole shard of a dataset ({reason}); delete it and generate again") from None
+    return Shard(
+        file=path.name,
+        sha256=file_digest(path),
+        bytes=path.stat().st_size,
+        samples=len(names["intention"]),
+        by_intention=count(names["intention"], CLASS_NAMES),
+        by_origin=count(names["origin"]),
+        episode=episode,
+    )
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
+    """How often each value occurs, in the given order first and alphabetically after it."""
+    counted = Counter(values)
+    ranked = [value for value in order if value in counted]
+    return {value: counted[value] for value in [*ranked, *sorted(set(counted) - set(ranked))]}
+
+
+def states_of(column: pa.ChunkedArray) -> States:
+    """A nested fixed-size list column as an array, (n, 6, length), float32."""
+    length = column.type.value_type.list_size
+    chunks = [chunk.flatten().flatten().to_numpy(zero_copy_only=False) for chunk in column.chunks]
+    flat = np.concatenate(chunks) if chunks else np.empty(0, np.float32)
+    return flat.reshape(-1, 6, length)
+
+
+def _column(field: pa.Field, samples: Sequence[Sample]) -> pa.Array:
+    if field.name in ARRAYS:
+        return _states_column(field, [getattr(sample, field.name) for sample in samples])
+    if field.name == "label":
+        return pa.array([int(sample.intention) for sample in samples], field.type)
+    if field.name == "intention":
+        return pa.array([sample.intention.text for sample in samples], field.type)
+    return pa.array([getattr(sample, field.name) for sample in samples], field.type)
+
+
+def _states_column(field: pa.Field, states: Sequence[States]) -> pa.Array:
+    length = field.type.value_type.list_size
+    for state in states:
+        if state.shape != (6, length) or state.dtype != np.float32:
+            raise ValueError(f"{field.name}: {state.dtype} {state.shape} where float32 {(6, length)} is stored")
+    flat = np.stack(states).ravel() if states else np.empty(0, np.float32)
+    rows = pa.FixedSizeListArray.from_arrays(pa.array(flat), type=field.type.value_type)
+    return pa.FixedSizeListArray.from_arrays(rows, type=field.type)
+
+
+def _flush_to_disk(path: Path) -> None:
+    """Rename alone does not order the data before the name when the machine goes down."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
