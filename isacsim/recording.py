@@ -5,8 +5,11 @@ States are raw. Nothing downstream may differentiate them: `isacsim.motion` cond
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -95,3 +98,53 @@ class Recording:
     def times(self, track: Track) -> Array:
         """Simulation time of each row of a track, s, shape (n,)."""
         return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)
+
+    def save(self, path: Path) -> None:
+        """Write the recording to a .npz file: the rows of all tracks in a row, and one JSON text for the rest."""
+        tracks = list(self.tracks.values())
+        heads = [
+            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")} | {"n": len(t)}
+            for t in tracks
+        ]
+        text = json.dumps(
+            {
+                "scenario": self.scenario,
+                "seed": self.seed,
+                "step_s": self.step_s,
+                "lanes": [asdict(lane) | {"shape": lane.shape.tolist()} for lane in self.lanes],
+                "tracks": heads,
+                "commands": [asdict(command) for command in self.commands],
+                "incidents": asdict(self.incidents),
+            }
+        )
+        columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
+        np.savez_compressed(path, head=np.array(text), **columns)
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read what `save` wrote. Nothing in the file is executed."""
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+            columns = {name: file[name] for name in COLUMNS}
+        lanes = tuple(
+            Lane(**(lane | {"shape": np.array(lane["shape"]), "successors": tuple(lane["successors"])}))
+            for lane in head["lanes"]
+        )
+        tracks, start = {}, 0
+        for track in head["tracks"]:
+            end = start + track.pop("n")
+            tracks[track["vehicle"]] = Track(**track, **{name: columns[name][start:end] for name in COLUMNS})
+            start = end
+        return cls(
+            scenario=head["scenario"],
+            seed=head["seed"],
+            step_s=head["step_s"],
+            lanes=lanes,
+            tracks=tracks,
+            commands=tuple(Command(**command) for command in head["commands"]),
+            incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
+        )
+
+
+COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
+"""The arrays of a track."""

@@ -125,7 +125,7 @@ def write_demand() -> None:
     ]
     def flow(name: str, kind: str, route: str, per_hour: float) -> str:
         ramp = route.startswith("on")
-        speed = "20" if ramp else "desired"
+        speed = "15" if ramp else "desired"
         return (
             f'<flow id="{name}" type="{kind}" route="{route}" begin="0" period="exp({per_hour / 3600:.5f})" '
             f'departLane="{"0" if ramp else "best_prob"}" departSpeed="{speed}" departPos="0"/>'

@@ -1,0 +1,252 @@
+"""Commanded maneuvers: each moves one vehicle along a jerk-limited profile through TraCI, then lets go gently.
+
+A maneuver is a generator: it sends one step's commands and yields, once a simulation step, until it is over. What it
+changed on the vehicle (modes, speed factor, acceleration limit) is put back by its end. Which commands SUMO obeys and
+which make the vehicle jump was measured; the notes below say where that decided the form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+Steps = Generator[None, None, None]
+DEFAULT_SPEED_MODE = 31
+OWN_SPEED_MODE = 32
+"""Obey setSpeed with no check at all: the other modes clamp at the driver's comfortable deceleration."""
+DEFAULT_LANE_CHANGE_MODE = 1621
+COMMANDED_LANE_CHANGE_MODE = 512
+"""No changes of the driver's own; commanded ones only where the gap allows."""
+OWN_LATERAL_MODE = 0
+
+
+class Maneuver(Protocol):
+    """One vehicle's maneuver. `name` is for provenance, `vehicle` the one that moves."""
+
+    name: str
+    vehicle: str
+
+    def steps(self, sumo: Any, step_s: float) -> Steps: ...
+
+
+def ramp_hold_ramp(peak: float, rise_jerk: float, hold_s: float, fall_jerk: float, step_s: float) -> np.ndarray:
+    """A trapezoid of acceleration, one value a step: peak in m/s2 (its sign is kept), jerks in m/s3."""
+    size = abs(peak)
+    rise = np.arange(step_s, size / rise_jerk, step_s) * rise_jerk
+    fall = np.arange(step_s, size / fall_jerk, step_s) * fall_jerk
+    return np.asarray(np.sign(peak) * np.concatenate([rise, np.full(round(hold_s / step_s), size), size - fall]))
+
+
+def aside_and_back(offset_m: float, peak: float, hold_s: float, step_s: float) -> np.ndarray:
+    """Lateral offsets, m, one a step: out along one period of a sine of acceleration, hold, and back the same way.
+
+    peak: largest lateral acceleration, m/s2. One way takes sqrt(2 pi |offset| / peak) seconds; the jerk stays below
+    2 pi peak over that time.
+    """
+    duration = float(np.sqrt(2.0 * np.pi * abs(offset_m) / peak))
+    tau = np.arange(step_s, duration, step_s) / duration
+    out = offset_m * (tau - np.sin(2.0 * np.pi * tau) / (2.0 * np.pi))
+    return np.concatenate([out, np.full(round(hold_s / step_s), offset_m), out[::-1], [0.0]])
+
+
+def let_go(sumo: Any, vehicle: str, step_s: float, over_s: float = 1.0) -> Steps:
+    """Give the speed back to the driver without a jump.
+
+    Released at once, a driver below the desired speed takes the full acceleration in one step; so the driver gets
+    next to none at first, then what was theirs over a second.
+    """
+    own = sumo.vehicle.getAccel(vehicle)
+    sumo.vehicle.setAccel(vehicle, 0.05)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    sumo.vehicle.setSpeed(vehicle, -1)
+    for share in np.linspace(0.0, 1.0, round(over_s / step_s))[1:]:
+        yield
+        sumo.vehicle.setAccel(vehicle, max(0.05, share * own))
+    sumo.vehicle.setAccel(vehicle, own)
+
+
+def drive(sumo: Any, vehicle: str, accelerations: np.ndarray, step_s: float, floor: float, top: float) -> Steps:
+    """Follow a profile of acceleration, m/s2, while the speed stays within floor and top, m/s; end at zero of it."""
+    sumo.vehicle.setSpeedMode(vehicle, OWN_SPEED_MODE)
+    speed = sumo.vehicle.getSpeed(vehicle)
+    now = sumo.vehicle.getAcceleration(vehicle)
+    for wanted in accelerations:
+        # From the driver's own acceleration into the profile, and out of it at the limits, at no more than 20 m/s3.
+        if (now < 0.0 and speed + now * abs(now) / 40.0 <= floor) or (now > 0.0 and speed + now**2 / 40.0 >= top):
+            wanted = 0.0
+        now += float(np.clip(wanted - now, -20.0 * step_s, 20.0 * step_s))
+        speed = max(0.0, speed + now * step_s)
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+    while abs(now) > 1e-9:
+        now -= float(np.clip(now, -20.0 * step_s, 20.0 * step_s))
+        speed = max(0.0, speed + now * step_s)
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+
+
+@dataclass
+class HardBrake:
+    """Brake to `peak` m/s2 (negative) for a while, down to no less than 5 m/s."""
+
+    vehicle: str
+    peak: float
+    rise_jerk: float
+    hold_s: float
+    fall_jerk: float
+    name: str = "hard_brake"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        profile = ramp_hold_ramp(self.peak, self.rise_jerk, self.hold_s, self.fall_jerk, step_s)
+        yield from drive(sumo, self.vehicle, profile, step_s, floor=5.0, top=np.inf)
+        yield from let_go(sumo, self.vehicle, step_s)
+
+
+@dataclass
+class HardAccel:
+    """Accelerate at `peak` m/s2 for a while, up to `top` m/s; the higher desired speed fades over 20 s."""
+
+    vehicle: str
+    peak: float
+    rise_jerk: float
+    hold_s: float
+    fall_jerk: float
+    top: float
+    name: str = "hard_accel"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        profile = ramp_hold_ramp(self.peak, self.rise_jerk, self.hold_s, self.fall_jerk, step_s)
+        yield from drive(sumo, self.vehicle, profile, step_s, floor=0.0, top=self.top)
+        own = sumo.vehicle.getSpeedFactor(self.vehicle)
+        # A driver above the desired speed brakes at once: let the desired speed start from the one reached.
+        reached = max(own, sumo.vehicle.getSpeed(self.vehicle) / sumo.vehicle.getAllowedSpeed(self.vehicle) * own)
+        sumo.vehicle.setSpeedFactor(self.vehicle, reached)
+        yield from let_go(sumo, self.vehicle, step_s)
+        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 20.0, step_s)
+
+
+def fade_speed_factor(sumo: Any, vehicle: str, start: float, end: float, over_s: float, step_s: float) -> Steps:
+    """Move a driver's speed factor from one value to another, a little a step."""
+    for factor in np.linspace(start, end, round(over_s / step_s)):
+        sumo.vehicle.setSpeedFactor(vehicle, factor)
+        yield
+
+
+@dataclass
+class LaneChange:
+    """Change by one lane to the left (+1) or right (-1) within `patience_s`, if the gaps allow."""
+
+    vehicle: str
+    direction: int
+    patience_s: float
+    name: str = "lane_change"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        sumo.vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
+        yield from change_lane(sumo, self.vehicle, self.direction, self.patience_s, step_s)
+        sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+
+
+def change_lane(
+    sumo: Any, vehicle: str, direction: int, patience_s: float, step_s: float
+) -> Generator[None, None, bool]:
+    """Ask for the neighbouring lane and wait until the vehicle is centred there; returns whether it got there."""
+    target = sumo.vehicle.getLaneIndex(vehicle) + direction
+    edge = sumo.vehicle.getRoadID(vehicle)
+    sumo.vehicle.changeLane(vehicle, target, patience_s)
+    for _ in range(round(patience_s / step_s)):
+        yield
+        if sumo.vehicle.getRoadID(vehicle) != edge:
+            return False
+        there = sumo.vehicle.getLaneIndex(vehicle) == target
+        if there and abs(sumo.vehicle.getLateralLanePosition(vehicle)) < 0.2:
+            return True
+    return False
+
+
+@dataclass
+class Overtake:
+    """Pull out behind `other`, pass it, and come back `clearance_m` ahead of it; give up after `patience_s`."""
+
+    vehicle: str
+    other: str
+    speed_gain: float
+    clearance_m: float
+    patience_s: float
+    name: str = "overtake"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        vehicle = sumo.vehicle
+        own = vehicle.getSpeedFactor(self.vehicle)
+        vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
+        vehicle.setLaneChangeMode(self.other, COMMANDED_LANE_CHANGE_MODE)
+        try:
+            if (yield from change_lane(sumo, self.vehicle, +1, 8.0, step_s)):
+                yield from fade_speed_factor(sumo, self.vehicle, own, own * self.speed_gain, 2.0, step_s)
+                for _ in range(round(self.patience_s / step_s)):
+                    if self._ahead(sumo) > self.clearance_m:
+                        yield from change_lane(sumo, self.vehicle, -1, 12.0, step_s)
+                        break
+                    yield
+                yield from fade_speed_factor(sumo, self.vehicle, own * self.speed_gain, own, 6.0, step_s)
+            vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+        finally:  # also when this vehicle leaves the network on the way
+            if self.other in vehicle.getIDList():
+                vehicle.setLaneChangeMode(self.other, DEFAULT_LANE_CHANGE_MODE)
+
+    def _ahead(self, sumo: Any) -> float:
+        """Gap from the other's front to this vehicle's rear, m; minus infinity once the other is gone."""
+        if self.other not in sumo.vehicle.getIDList():
+            return -np.inf
+        distance = sumo.vehicle.getDrivingDistance(
+            self.other, sumo.vehicle.getRoadID(self.vehicle), sumo.vehicle.getLanePosition(self.vehicle)
+        )
+        if distance < -1e6:  # SUMO's word for "behind it"
+            return -np.inf
+        return float(distance - sumo.vehicle.getLength(self.vehicle))
+
+
+@dataclass
+class Swerve:
+    """Swerve `offset_m` aside (left positive) at `peak` m/s2 and back to where the vehicle was in its lane."""
+
+    vehicle: str
+    offset_m: float
+    peak: float
+    hold_s: float
+    name: str = "evasive_swerve"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        # The mode has to stand a decision interval before the first lateral command, or that one is lost.
+        sumo.vehicle.setLaneChangeMode(self.vehicle, OWN_LATERAL_MODE)
+        for _ in range(round(0.2 / step_s)):
+            yield
+        start = sumo.vehicle.getLateralLanePosition(self.vehicle)
+        lane = sumo.vehicle.getLaneID(self.vehicle)
+        for offset in aside_and_back(self.offset_m, self.peak, self.hold_s, step_s):
+            if sumo.vehicle.getLaneID(self.vehicle) != lane:
+                break
+            sumo.vehicle.setLateralLanePosition(self.vehicle, start + offset)
+            yield
+        sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+
+
+@dataclass
+class SlowVehicle:
+    """Drive at a share of the present speed for a while: the disturbance others react to."""
+
+    vehicle: str
+    share: float
+    for_s: float
+    name: str = "slow_vehicle"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        own = sumo.vehicle.getSpeedFactor(self.vehicle)
+        present = sumo.vehicle.getSpeed(self.vehicle) / sumo.vehicle.getAllowedSpeed(self.vehicle) * own
+        yield from fade_speed_factor(sumo, self.vehicle, min(own, present), self.share * present, 8.0, step_s)
+        for _ in range(round(self.for_s / step_s)):
+            yield
+        yield from fade_speed_factor(sumo, self.vehicle, self.share * present, own, 8.0, step_s)

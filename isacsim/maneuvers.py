@@ -1,0 +1,168 @@
+"""Stimulated traffic: which vehicles are commanded to do what, and when.
+
+Hard events are rare in settled traffic. The director picks vehicles at random and gives them commanded maneuvers
+(`isacsim.commands`) and disturbances that others react to by themselves. It knows nothing of labels: whether what it
+commanded became an event is for the detectors to see in the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from isacsim.commands import HardAccel, HardBrake, LaneChange, Maneuver, Overtake, SlowVehicle, Steps, Swerve
+from isacsim.recording import Command
+from isacsim.scenario import Site
+from isacsim.settings import Settings
+
+
+def _rate(what: str, default: float) -> Any:
+    return Field(default, ge=0.0, le=3600.0, description=f"{what}, per hour of a vehicle's driving")
+
+
+class ManeuverSettings(Settings):
+    """Rates of commanded maneuvers, per vehicle-hour; all zero leaves the traffic alone."""
+
+    hard_brake_per_vehicle_hour: float = _rate("commanded hard brakes", 5.0)
+    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 6.0)
+    left_change_per_vehicle_hour: float = _rate("commanded left lane changes", 2.0)
+    right_change_per_vehicle_hour: float = _rate("commanded right lane changes", 2.0)
+    overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
+    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 5.0)
+    slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down for others to react to", 1.0)
+    rest_s: float = Field(12.0, ge=0.0, description="pause between two commands to one vehicle, s")
+    within_m: float = Field(350.0, gt=0.0, description="only vehicles this near to a site are commanded, m")
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing is ever commanded."""
+        return not any(getattr(self, name) for name in type(self).model_fields if name.endswith("_per_vehicle_hour"))
+
+
+@dataclass
+class _Active:
+    maneuver: Maneuver
+    steps: Steps
+    start: float
+
+
+@dataclass
+class Director:
+    """Starts maneuvers and keeps them going, one call a simulation step.
+
+    sites: in SUMO's coordinates. rng: every choice comes from it.
+    """
+
+    settings: ManeuverSettings
+    sites: Iterable[Site]
+    origin: tuple[float, float]
+    rng: np.random.Generator
+    step_s: float
+    decision_s: float = 0.1
+    commands: list[Command] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._where = np.array([(site.x, site.y) for site in self.sites]).reshape(-1, 2) + self.origin
+        self._active: dict[str, _Active] = {}
+        self._rested: dict[str, float] = {}
+        self._every = round(self.decision_s / self.step_s)
+        self._step = 0
+        self._choices = {
+            name.removesuffix("_per_vehicle_hour"): getattr(self.settings, name) / 3600.0 * self.decision_s
+            for name in ManeuverSettings.model_fields
+            if name.endswith("_per_vehicle_hour")
+        }
+
+    def step(self, sumo: Any, time: float) -> None:
+        """Send the commands of this step; time: s. To be called before each simulation step."""
+        present = set(sumo.vehicle.getIDList())
+        for vehicle, active in list(self._active.items()):
+            if vehicle not in present:
+                active.steps.close()
+                self._finish(vehicle, time)
+            elif next(active.steps, self) is self:
+                self._finish(vehicle, time)
+        if self._step % self._every == 0 and not self.settings.quiet:
+            self._start(sumo, sorted(present), time)
+        self._step += 1
+
+    def finish(self, time: float) -> None:
+        """Close what is still going when the simulation ends."""
+        for vehicle in list(self._active):
+            self._finish(vehicle, time)
+
+    def _finish(self, vehicle: str, time: float) -> None:
+        done = self._active.pop(vehicle)
+        self.commands.append(Command(vehicle, done.maneuver.name, done.start, time))
+        self._rested[vehicle] = time + self.settings.rest_s
+
+    def _start(self, sumo: Any, present: list[str], time: float) -> None:
+        """Draw for every vehicle and kind at once whether a command falls into this interval."""
+        chances = np.array(list(self._choices.values()))
+        drawn = self.rng.random((len(present), len(chances))) < chances
+        for vehicle_number, kind_number in np.argwhere(drawn):
+            vehicle = present[vehicle_number]
+            if vehicle in self._active or self._rested.get(vehicle, 0.0) > time or not self._sensed(sumo, vehicle):
+                continue
+            maneuver = self._compose(sumo, vehicle, list(self._choices)[kind_number])
+            if maneuver is not None:
+                self._active[vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time)
+
+    def _sensed(self, sumo: Any, vehicle: str) -> bool:
+        position = np.array(sumo.vehicle.getPosition(vehicle))
+        return bool((np.hypot(*(self._where - position).T) < self.settings.within_m).any())
+
+    def _compose(self, sumo: Any, vehicle: str, kind: str) -> Maneuver | None:
+        """A maneuver with drawn parameters, or none where the surroundings do not allow it."""
+        draw = self.rng.uniform
+        speed = sumo.vehicle.getSpeed(vehicle)
+        leader = sumo.vehicle.getLeader(vehicle, 150.0)
+        room = leader[1] if leader else np.inf
+        if kind == "hard_brake" and speed > 14.0:
+            return HardBrake(vehicle, -draw(4.8, 8.0), draw(10.0, 18.0), draw(0.6, 1.6), draw(6.0, 12.0))
+        if kind == "hard_accel" and speed > 5.0 and room > 35.0 and self._is_car(sumo, vehicle):
+            peak = draw(3.0, 4.5) if speed < 25.0 else draw(2.8, 3.5)
+            top = min(44.0, speed + 0.12 * room)
+            return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.2, 2.5), draw(4.0, 8.0), top)
+        if kind in ("left_change", "right_change"):
+            direction = 1 if kind == "left_change" else -1
+            if self._has_lane(sumo, vehicle, direction):
+                return LaneChange(vehicle, direction, 8.0)
+        if kind == "overtake" and leader and self._is_car(sumo, vehicle) and self._has_lane(sumo, vehicle, 1):
+            gain = speed * 1.1 - sumo.vehicle.getSpeed(leader[0])
+            if 1.0 < room / max(speed, 1.0) < 3.5 and gain > 1.0 and leader[0] not in self._active:
+                return Overtake(vehicle, leader[0], draw(1.1, 1.25), draw(8.0, 22.0), 25.0)
+        if kind == "swerve" and self._is_car(sumo, vehicle) and speed > 10.0:
+            sides = [side for side in (1, -1) if self._beside_free(sumo, vehicle, side)]
+            if sides:
+                half = sumo.lane.getWidth(sumo.vehicle.getLaneID(vehicle)) / 2.0
+                offset = draw(0.95, min(1.7, half - 0.1))
+                return Swerve(vehicle, float(self.rng.choice(sides)) * offset, draw(4.5, 6.5), draw(0.0, 0.6))
+        if kind == "slow_vehicle" and speed > 15.0:
+            return SlowVehicle(vehicle, draw(0.65, 0.8), draw(20.0, 40.0))
+        return None
+
+    @staticmethod
+    def _is_car(sumo: Any, vehicle: str) -> bool:
+        return bool(sumo.vehicle.getVehicleClass(vehicle) == "passenger")
+
+    @staticmethod
+    def _has_lane(sumo: Any, vehicle: str, direction: int) -> bool:
+        """Whether there is a lane on that side and the vehicle will be long enough on this edge to get there."""
+        target = sumo.vehicle.getLaneIndex(vehicle) + direction
+        edge = sumo.vehicle.getRoadID(vehicle)
+        if edge.startswith(":") or not 0 <= target < sumo.edge.getLaneNumber(edge):
+            return False
+        allowed = sumo.lane.getAllowed(f"{edge}_{target}")
+        return not allowed or sumo.vehicle.getVehicleClass(vehicle) in allowed
+
+    @staticmethod
+    def _beside_free(sumo: Any, vehicle: str, side: int) -> bool:
+        """Whether no vehicle on the neighbouring lane is within 15 m ahead or behind."""
+        followers = sumo.vehicle.getLeftFollowers if side > 0 else sumo.vehicle.getRightFollowers
+        leaders = sumo.vehicle.getLeftLeaders if side > 0 else sumo.vehicle.getRightLeaders
+        return all(gap > 15.0 for _, gap in (*followers(vehicle), *leaders(vehicle)))
