@@ -18,9 +18,11 @@ DEFAULT_SPEED_MODE = 31
 OWN_SPEED_MODE = 32
 """Obey setSpeed with no check at all: the other modes clamp at the driver's comfortable deceleration."""
 DEFAULT_LANE_CHANGE_MODE = 1621
-COMMANDED_LANE_CHANGE_MODE = 512
-"""No changes of the driver's own; commanded ones only where the gap allows."""
+COMMANDED_LANE_CHANGE_MODE = 512 + 1024
+"""No changes of the driver's own but to the middle of the lane; commanded ones only where the gap allows."""
 OWN_LATERAL_MODE = 0
+SETTLE_S = 3.0
+"""What a vehicle needs, once its middle has crossed a marking, to reach the middle of the new lane, s."""
 
 
 class Maneuver(Protocol):
@@ -52,14 +54,18 @@ def aside_and_back(offset_m: float, peak: float, hold_s: float, step_s: float) -
     return np.concatenate([out, np.full(round(hold_s / step_s), offset_m), out[::-1], [0.0]])
 
 
-def let_go(sumo: Any, vehicle: str, step_s: float, over_s: float = 1.0) -> Steps:
+def let_go(sumo: Any, vehicle: str, step_s: float, over_s: float = 1.0, hold_speed: bool = False) -> Steps:
     """Give the speed back to the driver without a jump.
 
-    Released at once, a driver below the desired speed takes the full acceleration in one step; so the driver gets
-    next to none at first, then what was theirs over a second.
+    Released at once, a driver below the desired speed takes the full acceleration in one step, and one above it
+    brakes in one step. So the driver gets next to no acceleration at first, then what was theirs over a second, and
+    a desired speed no lower than the present one (with hold_speed: just the present one).
     """
     own = sumo.vehicle.getAccel(vehicle)
+    # This first: it gives the vehicle a type of its own, which resets its speed factor.
     sumo.vehicle.setAccel(vehicle, 0.05)
+    if hold_speed or sumo.vehicle.getSpeed(vehicle) > sumo.vehicle.getAllowedSpeed(vehicle):
+        match_speed_factor(sumo, vehicle)
     sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
     sumo.vehicle.setSpeed(vehicle, -1)
     for share in np.linspace(0.0, 1.0, round(over_s / step_s))[1:]:
@@ -73,16 +79,17 @@ def drive(sumo: Any, vehicle: str, accelerations: np.ndarray, step_s: float, flo
     sumo.vehicle.setSpeedMode(vehicle, OWN_SPEED_MODE)
     speed = sumo.vehicle.getSpeed(vehicle)
     now = sumo.vehicle.getAcceleration(vehicle)
+    change = 20.0 * step_s
     for wanted in accelerations:
+        if speed + now * abs(now) / 40.0 <= floor or speed + now * abs(now) / 40.0 >= top:
+            break
         # From the driver's own acceleration into the profile, and out of it at the limits, at no more than 20 m/s3.
-        if (now < 0.0 and speed + now * abs(now) / 40.0 <= floor) or (now > 0.0 and speed + now**2 / 40.0 >= top):
-            wanted = 0.0
-        now += float(np.clip(wanted - now, -20.0 * step_s, 20.0 * step_s))
+        now += float(np.clip(wanted - now, -change, change))
         speed = max(0.0, speed + now * step_s)
         sumo.vehicle.setSpeed(vehicle, speed)
         yield
     while abs(now) > 1e-9:
-        now -= float(np.clip(now, -20.0 * step_s, 20.0 * step_s))
+        now -= float(np.clip(now, -change, change))
         speed = max(0.0, speed + now * step_s)
         sumo.vehicle.setSpeed(vehicle, speed)
         yield
@@ -107,7 +114,7 @@ class HardBrake:
 
 @dataclass
 class HardAccel:
-    """Accelerate at `peak` m/s2 for a while, up to `top` m/s; the higher desired speed fades over 20 s."""
+    """Accelerate at `peak` m/s2 for a while, up to `top` m/s; the higher desired speed fades over 30 s."""
 
     vehicle: str
     peak: float
@@ -121,11 +128,9 @@ class HardAccel:
         profile = ramp_hold_ramp(self.peak, self.rise_jerk, self.hold_s, self.fall_jerk, step_s)
         yield from drive(sumo, self.vehicle, profile, step_s, floor=0.0, top=self.top)
         own = sumo.vehicle.getSpeedFactor(self.vehicle)
-        # A driver above the desired speed brakes at once: let the desired speed start from the one reached.
-        reached = max(own, sumo.vehicle.getSpeed(self.vehicle) / sumo.vehicle.getAllowedSpeed(self.vehicle) * own)
-        sumo.vehicle.setSpeedFactor(self.vehicle, reached)
         yield from let_go(sumo, self.vehicle, step_s)
-        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 20.0, step_s)
+        reached = sumo.vehicle.getSpeedFactor(self.vehicle)
+        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 30.0, step_s)
 
 
 def fade_speed_factor(sumo: Any, vehicle: str, start: float, end: float, over_s: float, step_s: float) -> Steps:
@@ -146,14 +151,19 @@ class LaneChange:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         sumo.vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
-        yield from change_lane(sumo, self.vehicle, self.direction, self.patience_s, step_s)
+        if (yield from change_lane(sumo, self.vehicle, self.direction, self.patience_s, step_s)):
+            yield from wait(SETTLE_S, step_s)
         sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
 
 
 def change_lane(
     sumo: Any, vehicle: str, direction: int, patience_s: float, step_s: float
 ) -> Generator[None, None, bool]:
-    """Ask for the neighbouring lane and wait until the vehicle is centred there; returns whether it got there."""
+    """Ask for the neighbouring lane until the vehicle's middle is in it; returns whether it got there.
+
+    The request is withdrawn then: while it stands, SUMO stops the vehicle as soon as its body is in the lane, and
+    the driver cannot move on to the lane's middle.
+    """
     target = sumo.vehicle.getLaneIndex(vehicle) + direction
     edge = sumo.vehicle.getRoadID(vehicle)
     sumo.vehicle.changeLane(vehicle, target, patience_s)
@@ -161,8 +171,8 @@ def change_lane(
         yield
         if sumo.vehicle.getRoadID(vehicle) != edge:
             return False
-        there = sumo.vehicle.getLaneIndex(vehicle) == target
-        if there and abs(sumo.vehicle.getLateralLanePosition(vehicle)) < 0.2:
+        if sumo.vehicle.getLaneIndex(vehicle) == target:
+            sumo.vehicle.changeLane(vehicle, target, 0.0)
             return True
     return False
 
@@ -181,14 +191,17 @@ class Overtake:
     def steps(self, sumo: Any, step_s: float) -> Steps:
         vehicle = sumo.vehicle
         own = vehicle.getSpeedFactor(self.vehicle)
+        other_own = vehicle.getSpeedFactor(self.other)
         vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
         vehicle.setLaneChangeMode(self.other, COMMANDED_LANE_CHANGE_MODE)
+        match_speed_factor(sumo, self.other)  # the one in front keeps its speed and lane meanwhile
         try:
             if (yield from change_lane(sumo, self.vehicle, +1, 8.0, step_s)):
                 yield from fade_speed_factor(sumo, self.vehicle, own, own * self.speed_gain, 2.0, step_s)
                 for _ in range(round(self.patience_s / step_s)):
                     if self._ahead(sumo) > self.clearance_m:
                         yield from change_lane(sumo, self.vehicle, -1, 12.0, step_s)
+                        yield from wait(SETTLE_S, step_s)
                         break
                     yield
                 yield from fade_speed_factor(sumo, self.vehicle, own * self.speed_gain, own, 6.0, step_s)
@@ -196,6 +209,7 @@ class Overtake:
         finally:  # also when this vehicle leaves the network on the way
             if self.other in vehicle.getIDList():
                 vehicle.setLaneChangeMode(self.other, DEFAULT_LANE_CHANGE_MODE)
+                vehicle.setSpeedFactor(self.other, other_own)
 
     def _ahead(self, sumo: Any) -> float:
         """Gap from the other's front to this vehicle's rear, m; minus infinity once the other is gone."""
@@ -222,8 +236,7 @@ class Swerve:
     def steps(self, sumo: Any, step_s: float) -> Steps:
         # The mode has to stand a decision interval before the first lateral command, or that one is lost.
         sumo.vehicle.setLaneChangeMode(self.vehicle, OWN_LATERAL_MODE)
-        for _ in range(round(0.2 / step_s)):
-            yield
+        yield from wait(0.2, step_s)
         start = sumo.vehicle.getLateralLanePosition(self.vehicle)
         lane = sumo.vehicle.getLaneID(self.vehicle)
         for offset in aside_and_back(self.offset_m, self.peak, self.hold_s, step_s):
@@ -245,8 +258,23 @@ class SlowVehicle:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         own = sumo.vehicle.getSpeedFactor(self.vehicle)
-        present = sumo.vehicle.getSpeed(self.vehicle) / sumo.vehicle.getAllowedSpeed(self.vehicle) * own
-        yield from fade_speed_factor(sumo, self.vehicle, min(own, present), self.share * present, 8.0, step_s)
-        for _ in range(round(self.for_s / step_s)):
-            yield
-        yield from fade_speed_factor(sumo, self.vehicle, self.share * present, own, 8.0, step_s)
+        speed = sumo.vehicle.getSpeed(self.vehicle)
+        profile = ramp_hold_ramp(-1.0, 1.0, (1.0 - self.share) * speed - 1.0, 1.0, step_s)
+        yield from drive(sumo, self.vehicle, profile, step_s, floor=self.share * speed, top=np.inf)
+        yield from let_go(sumo, self.vehicle, step_s, hold_speed=True)
+        reached = sumo.vehicle.getSpeedFactor(self.vehicle)
+        yield from wait(self.for_s, step_s)
+        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 8.0, step_s)
+
+
+def wait(for_s: float, step_s: float) -> Steps:
+    """Send nothing for a while."""
+    for _ in range(round(for_s / step_s)):
+        yield
+
+
+def match_speed_factor(sumo: Any, vehicle: str) -> None:
+    """Make the present speed the desired one."""
+    own = sumo.vehicle.getSpeedFactor(vehicle)
+    present = sumo.vehicle.getSpeed(vehicle) / sumo.vehicle.getAllowedSpeed(vehicle)
+    sumo.vehicle.setSpeedFactor(vehicle, float(present * own))

@@ -25,10 +25,14 @@ def _rate(what: str, default: float) -> Any:
 
 
 class ManeuverSettings(Settings):
-    """Rates of commanded maneuvers, per vehicle-hour; all zero leaves the traffic alone."""
+    """Rates at which maneuvers are asked for, per vehicle-hour; all zero leaves the traffic alone.
+
+    A maneuver that the surroundings do not allow (no gap ahead to accelerate into, no lane to change to) is not
+    started, so fewer happen than are asked for.
+    """
 
     hard_brake_per_vehicle_hour: float = _rate("commanded hard brakes", 5.0)
-    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 6.0)
+    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 20.0)
     left_change_per_vehicle_hour: float = _rate("commanded left lane changes", 2.0)
     right_change_per_vehicle_hour: float = _rate("commanded right lane changes", 2.0)
     overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
@@ -124,18 +128,21 @@ class Director:
         room = leader[1] if leader else np.inf
         if kind == "hard_brake" and speed > 14.0:
             return HardBrake(vehicle, -draw(4.8, 8.0), draw(10.0, 18.0), draw(0.6, 1.6), draw(6.0, 12.0))
-        if kind == "hard_accel" and speed > 5.0 and room > 35.0 and self._is_car(sumo, vehicle):
+        if kind == "hard_accel" and speed > 5.0 and room > 25.0 + 1.5 * speed and self._is_car(sumo, vehicle):
             peak = draw(3.0, 4.5) if speed < 25.0 else draw(2.8, 3.5)
-            top = min(44.0, speed + 0.12 * room)
+            ahead = sumo.vehicle.getSpeed(leader[0]) if leader else np.inf
+            # What is left of the gap has to do for the driver to close in without braking hard.
+            top = min(44.0, max(speed + 4.0, ahead + 0.05 * (room - 1.5 * speed)))
             return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.2, 2.5), draw(4.0, 8.0), top)
         if kind in ("left_change", "right_change"):
             direction = 1 if kind == "left_change" else -1
             if self._has_lane(sumo, vehicle, direction):
                 return LaneChange(vehicle, direction, 8.0)
         if kind == "overtake" and leader and self._is_car(sumo, vehicle) and self._has_lane(sumo, vehicle, 1):
-            gain = speed * 1.1 - sumo.vehicle.getSpeed(leader[0])
-            if 1.0 < room / max(speed, 1.0) < 3.5 and gain > 1.0 and leader[0] not in self._active:
-                return Overtake(vehicle, leader[0], draw(1.1, 1.25), draw(8.0, 22.0), 25.0)
+            allowed = sumo.vehicle.getAllowedSpeed(vehicle)
+            gain = max(1.0, (sumo.vehicle.getSpeed(leader[0]) + draw(5.0, 9.0)) / allowed)
+            if 0.8 < room / max(speed, 1.0) < 2.5 and gain < 1.35 and leader[0] not in self._active:
+                return Overtake(vehicle, leader[0], gain, draw(8.0, 22.0), 25.0)
         if kind == "swerve" and self._is_car(sumo, vehicle) and speed > 10.0:
             sides = [side for side in (1, -1) if self._beside_free(sumo, vehicle, side)]
             if sides:
