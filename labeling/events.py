@@ -1,0 +1,141 @@
+"""From a recording to its events: every detector, and what takes precedence where definitions overlap.
+
+Precedence, in this order:
+
+1. An evasive swerve takes in the lane changes whose crossing lies within it: a swerve that ends in the next lane, or
+   pokes across a marking and returns, is a swerve and nothing else.
+2. A left lane change by which the vehicle ahead was overtaken is an overtake. For another vehicle than the one ahead
+   `labeling.samples` asks again: an overtake is about the pair. The return stays a right lane change.
+3. Everything else keeps its own event: a brake during a lane change or a swerve is two events.
+4. Following is where none of these is near.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from isacsim.recording import Recording, Track
+from isacsim.settings import Settings
+from labeling.evasive_swerve import EvasiveSwerve, EvasiveSwerveSettings
+from labeling.following import Following, FollowingSettings
+from labeling.hard_accel import HardAccel, HardAccelSettings
+from labeling.hard_brake import HardBrake, HardBrakeSettings
+from labeling.intentions import Event, Intention
+from labeling.lane_change import LaneChange, LaneChangeSettings
+from labeling.overtake import Overtake, OvertakeSettings
+from labeling.road_motion import RoadMotion, road_motion
+from labeling.surroundings import Surroundings
+
+Origin = Literal["natural", "stimulated"]
+
+MIN_TRACK_S = 1.0
+"""Shorter tracks hold no event that could be told."""
+
+
+class LabelSettings(Settings):
+    """What counts as each intention. `preset` names the set of values; change it with them."""
+
+    preset: str = Field("isac-1", min_length=1, description="name and version of these definitions")
+    width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the conditioning kernel, s")
+    lane_change: LaneChangeSettings = LaneChangeSettings()
+    overtake: OvertakeSettings = OvertakeSettings()
+    hard_brake: HardBrakeSettings = HardBrakeSettings()
+    hard_accel: HardAccelSettings = HardAccelSettings()
+    evasive_swerve: EvasiveSwerveSettings = EvasiveSwerveSettings()
+    following: FollowingSettings = FollowingSettings()
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The events of one recording.
+
+    events: after precedence, by onset. changes: of each vehicle all its completed lane changes in order, those within
+    swerves and overtakes too. counts: of what is not an event: `dithering` crossings, lane changes `within_swerve`.
+    """
+
+    settings: LabelSettings
+    events: tuple[Event, ...]
+    changes: dict[str, tuple[Event, ...]]
+    counts: dict[str, int]
+
+    def of(self, intention: Intention) -> list[Event]:
+        """The events of one intention, by onset."""
+        return [event for event in self.events if event.intention is intention]
+
+
+def label(recording: Recording, settings: LabelSettings, around: Surroundings | None = None) -> Labels:
+    """Find all events of a recording.
+
+    around: the recording's surroundings, where the caller has them already.
+    Commands are not looked at: `origin` tells provenance afterwards.
+    """
+    around = Surroundings(recording) if around is None else around
+    events: list[Event] = []
+    changes: dict[str, tuple[Event, ...]] = {}
+    counts: Counter[str] = Counter(dithering=0, within_swerve=0)
+    for track in recording.tracks.values():
+        if len(track) * recording.step_s < MIN_TRACK_S:
+            continue
+        motion = road_motion(recording, track, around.graph, settings.width_s)
+        changes[track.vehicle] = tuple(LaneChange(settings.lane_change).detect(motion))
+        counts["dithering"] += len(motion.crossings) - len(changes[track.vehicle])
+        own = _events_of(around, track, motion, changes[track.vehicle], settings)
+        events += own
+        kept = sum(event.intention in _CROSSING for event in own)
+        counts["within_swerve"] += len(changes[track.vehicle]) - kept
+    return Labels(
+        settings, tuple(sorted(events, key=lambda e: (e.onset, e.vehicle, e.intention))), changes, dict(counts)
+    )
+
+
+_CROSSING = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE)
+
+
+def _events_of(
+    around: Surroundings, track: Track, motion: RoadMotion, changes: Sequence[Event], settings: LabelSettings
+) -> list[Event]:
+    """All events of one vehicle, precedence settled."""
+    swerves = EvasiveSwerve(settings.evasive_swerve).detect(
+        motion, lambda time: threatened(around, track.vehicle, motion, time, settings.evasive_swerve.threat_ttc_s)
+    )
+    # The whole history of lane changes decides on an overtake, also those that a swerve takes in.
+    left = Overtake(settings.overtake).detect(around, changes)
+    right = [change for change in changes if change.intention is Intention.RIGHT_LANE_CHANGE]
+    events = [*swerves, *outside(swerves, [*left, *right])]
+    events += HardBrake(settings.hard_brake).detect(motion)
+    events += HardAccel(settings.hard_accel).detect(motion)
+    return events + Following(settings.following).detect(around, motion, events)
+
+
+def outside(swerves: Sequence[Event], changes: Sequence[Event]) -> list[Event]:
+    """The lane changes whose crossing does not lie within one of the swerves."""
+    return [c for c in changes if not any(s.onset <= c.commit <= s.end for s in swerves)]
+
+
+def threatened(around: Surroundings, vehicle: str, motion: RoadMotion, time: float, ttc_s: float) -> bool:
+    """Whether a vehicle would reach the one ahead of it within `ttc_s` at the present speeds."""
+    speed = float(np.interp(time, motion.times, motion.v))
+    leader = around.leader(vehicle, time, ttc_s * speed)
+    if leader is None:
+        return False
+    track = around.recording.tracks[leader.vehicle]
+    closing = speed - float(track.speed[around.step(time) - track.first_step])
+    return closing > 0 and leader.gap_m <= ttc_s * closing
+
+
+def origin(recording: Recording, event: Event) -> Origin:
+    """Provenance: `stimulated` when the vehicle was under command at any time from 1 s before onset to the end."""
+    return (
+        "stimulated"
+        if any(
+            c.vehicle == event.vehicle and c.start <= event.end and c.end >= event.onset - 1.0
+            for c in recording.commands
+        )
+        else "natural"
+    )
