@@ -111,8 +111,8 @@ class Meta(Settings):
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES
     state: tuple[str, ...] = STATE
-    tv_rate_hz: int = Field(gt=0)
-    uv_rate_hz: int = Field(gt=0)
+    tv_rate_hz: float = Field(gt=0)
+    uv_rate_hz: float = Field(gt=0)
     duration_s: float = Field(gt=0)
     study: dict[str, Any]
     versions: dict[str, str]
@@ -198,7 +198,8 @@ class Dataset:
             raise ValueError(f"no scalar columns: {sorted(unknown)}")
         tables = [table.select(wanted) for table in self._tables(wanted)]
         empty = schema(self.meta.tv_length, self.meta.uv_length).empty_table().select(wanted)
-        return pa.concat_tables([empty, *tables]).to_pandas()
+        frame: pd.DataFrame = pa.concat_tables([empty, *tables]).to_pandas()
+        return frame
 
     def arrays(self, *names: str) -> dict[str, States]:
         """State arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C)."""
@@ -242,7 +243,12 @@ class Dataset:
         if file_digest(path) != shard.sha256:
             yield f"{path}: bytes differ from the digest in {META_FILE}"
             return
-        if read_shard(path) != shard:
+        try:
+            found = read_shard(path)
+        except InputError as error:
+            yield str(error)
+            return
+        if found != shard:
             yield f"{path}: counts differ from those in {META_FILE}"
         table = pq.ParquetFile(path).read()
         expected = schema(self.meta.tv_length, self.meta.uv_length)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -68,8 +68,9 @@ class Episode(Settings):
     """What a shard says of its episode besides the samples.
 
     fingerprint: of the study, inputs and versions that made it, so that a shard from elsewhere is recognised.
-    events: events found, by intention. left_out: candidates that became no sample, by reason. fix_error_m: median
-    distance between the fused position before the filter and the truth, of each sample, m.
+    events: events found, by intention. left_out: candidates that became no sample, by reason.
+    fix_error_m, state_error_m: of each sample the median distance to the true position, m: of the fused fixes before
+    the filter, and of the sensed state.
     """
 
     scenario: str
@@ -81,6 +82,7 @@ class Episode(Settings):
     collided: int = 0
     teleported: int = 0
     fix_error_m: tuple[float, ...] = ()
+    state_error_m: tuple[float, ...] = ()
 
 
 class Shard(Settings):
@@ -157,26 +159,28 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-    return read_shard(path)
+    return _describe(path, table, episode)
 
 
 def read_shard(path: Path) -> Shard:
-    """What a shard holds, from its own bytes. Raises InputError where it is no shard of this version."""
+    """What a shard holds, from its own bytes, all of them read. Raises InputError where it is damaged or no shard."""
     try:
-        file = pq.ParquetFile(path)
-        metadata: Mapping[bytes, bytes] = file.schema_arrow.metadata or {}
-        episode = Episode.model_validate_json(metadata[_EPISODE_KEY])
-        names = file.read(["intention", "origin"]).to_pydict()
-    except (KeyError, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        episode = Episode.model_validate_json(table.schema.metadata[_EPISODE_KEY])
+        return _describe(path, table, episode)
+    except (KeyError, TypeError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
         raise InputError(f"{path}: not a whole shard of a dataset ({reason}); delete it and generate again") from None
+
+
+def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:
     return Shard(
         file=path.name,
         sha256=file_digest(path),
         bytes=path.stat().st_size,
-        samples=len(names["intention"]),
-        by_intention=count(names["intention"], CLASS_NAMES),
-        by_origin=count(names["origin"]),
+        samples=len(table),
+        by_intention=_count(table["intention"].to_pylist(), CLASS_NAMES),
+        by_origin=_count(table["origin"].to_pylist()),
         episode=episode,
     )
 
@@ -187,7 +191,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
+def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
     """How often each value occurs, in the given order first and alphabetically after it."""
     counted = Counter(values)
     ranked = [value for value in order if value in counted]
