@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from math import ceil, floor
 
 import numpy as np
 from pydantic import Field
@@ -40,44 +42,60 @@ class Following:
     settings: FollowingSettings
 
     def detect(self, around: Surroundings, motion: RoadMotion, others: Sequence[Event]) -> list[Event]:
-        """The windows of one vehicle, at least `spacing_s` apart. others: all its other events."""
+        """The windows of one vehicle, at least `spacing_s` apart. others: all its other events.
+
+        Instants are whole multiples of `check_s`, so that all vehicles are looked at together.
+        """
         s = self.settings
+
+        @cache
+        def leader(k: int) -> str | None:
+            return self._leader(around, motion, k * s.check_s)
+
         found: list[Event] = []
+        earliest = -np.inf
         for start, stop in self._clear(motion, others):
-            time = start
-            while time <= stop:
-                event = self._at(around, motion, time)
-                if event is not None:
-                    found.append(event)
-                time += s.check_s if event is None else s.spacing_s
+            for k in range(_up(max(start, earliest) / s.check_s), _down(stop / s.check_s) + 1):
+                time = k * s.check_s
+                span = range(_up((time - s.before_s) / s.check_s), _down((time + s.after_s) / s.check_s) + 1)
+                first = leader(k) if time >= earliest else None
+                if first is not None and all(leader(j) == first for j in span):
+                    found.append(self._event(motion, time, first))
+                    earliest = time + s.spacing_s
         return found
+
+    def _event(self, motion: RoadMotion, time: float, leader: str) -> Event:
+        s = self.settings
+        inside = motion.a[(motion.times >= time - s.before_s) & (motion.times <= time + s.after_s)]
+        peak = float(inside[np.abs(inside).argmax()]) if len(inside) else 0.0
+        return Event(motion.vehicle, Intention.FOLLOWING, time, time, time + s.after_s, peak, leader)
 
     def _clear(self, motion: RoadMotion, others: Sequence[Event]) -> list[tuple[float, float]]:
         """The stretches in which no other event, and no end of the track, is within `clear_s`."""
-        clear = self.settings.clear_s
-        start, stretches = float(motion.times[0]) + clear, []
+        # Room for the leader's check, also where the settings clear less than that.
+        before, after = (
+            max(self.settings.clear_s, self.settings.before_s),
+            max(self.settings.clear_s, self.settings.after_s),
+        )
+        start, stretches = float(motion.times[0]) + before, []
         crossed = [(crossing.time, crossing.time) for crossing in motion.crossings]
         for onset, end in sorted([(event.onset, event.end) for event in others] + crossed):
-            stretches.append((start, onset - clear))
-            start = max(start, end + clear)
-        stretches.append((start, float(motion.times[-1]) - clear))
+            stretches.append((start, onset - after))
+            start = max(start, end + before)
+        stretches.append((start, float(motion.times[-1]) - after))
         return [(a, b) for a, b in stretches if b >= a]
-
-    def _at(self, around: Surroundings, motion: RoadMotion, time: float) -> Event | None:
-        """The window around an instant, if it is one."""
-        s = self.settings
-        first = self._leader(around, motion, time)
-        if first is None:
-            return None
-        checks = np.arange(time - s.before_s, time + s.after_s + s.check_s / 2, s.check_s)
-        if any(self._leader(around, motion, float(t)) != first for t in checks):
-            return None
-        inside = motion.a[(motion.times >= checks[0]) & (motion.times <= checks[-1])]
-        peak = float(inside[np.abs(inside).argmax()]) if len(inside) else 0.0
-        return Event(motion.vehicle, Intention.FOLLOWING, time, time, time + s.after_s, peak, first)
 
     def _leader(self, around: Surroundings, motion: RoadMotion, time: float) -> str | None:
         """The vehicle followed at an instant within the headway."""
         within = self.settings.headway_s * float(np.interp(time, motion.times, motion.v))
         leader = around.leader(motion.vehicle, time, within)
         return None if leader is None else leader.vehicle
+
+
+def _up(ratio: float) -> int:
+    """The next whole number, rounding errors aside."""
+    return ceil(ratio - 1e-6)
+
+
+def _down(ratio: float) -> int:
+    return floor(ratio + 1e-6)

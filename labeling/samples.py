@@ -39,7 +39,7 @@ class RecordSettings(Settings):
     def _holds_onset(self) -> Self:
         if self.before_onset_s - self.jitter_s < 0 or self.before_onset_s + self.jitter_s > self.duration_s:
             raise ValueError(
-                f"onset, {self.before_onset_s:g} s into the record and jittered by {self.jitter_s:g} s, can fall outside"
+                f"onset, {self.before_onset_s:g} s into the record, jittered by {self.jitter_s:g} s, can fall outside"
                 f" its {self.duration_s:g} s; lower jitter_s"
             )
         return self

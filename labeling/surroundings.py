@@ -35,7 +35,7 @@ class Surroundings:
         self._tracks = list(recording.tracks.values())
         self._first = np.array([track.first_step for track in self._tracks])
         self._after = self._first + np.array([len(track) for track in self._tracks])
-        self._in_lanes = lru_cache(maxsize=256)(self._sorted_into_lanes)
+        self._in_lanes = lru_cache(maxsize=1024)(self._sorted_into_lanes)
         self._path = lru_cache(maxsize=256)(self._new_path)
         self._driven = lru_cache(maxsize=256)(self._new_driven)
 
