@@ -56,12 +56,14 @@ class Labels:
     """The events of one recording.
 
     events: after precedence, by onset. changes: of each vehicle all its completed lane changes in order, those within
-    swerves and overtakes too. counts: of what is not an event: `dithering` crossings, lane changes `within_swerve`.
+    swerves and overtakes too. jumps: of each vehicle the times of lateral steps that are no motion, s. counts: of what
+    is not an event: crossings that were `dithering` or `cut_off` by the track's end, lane changes `within_swerve`.
     """
 
     settings: LabelSettings
     events: tuple[Event, ...]
     changes: dict[str, tuple[Event, ...]]
+    jumps: dict[str, tuple[float, ...]]
     counts: dict[str, int]
 
     def of(self, intention: Intention) -> list[Event]:
@@ -78,20 +80,23 @@ def label(recording: Recording, settings: LabelSettings, around: Surroundings | 
     around = Surroundings(recording) if around is None else around
     events: list[Event] = []
     changes: dict[str, tuple[Event, ...]] = {}
-    counts: Counter[str] = Counter(dithering=0, within_swerve=0)
+    jumps: dict[str, tuple[float, ...]] = {}
+    counts: Counter[str] = Counter(dithering=0, cut_off=0, within_swerve=0)
+    lane_change = LaneChange(settings.lane_change)
     for track in recording.tracks.values():
         if len(track) * recording.step_s < MIN_TRACK_S:
             continue
         motion = road_motion(recording, track, around.graph, settings.width_s)
-        changes[track.vehicle] = tuple(LaneChange(settings.lane_change).detect(motion))
-        counts["dithering"] += len(motion.crossings) - len(changes[track.vehicle])
+        jumps[track.vehicle] = motion.jumps
+        changes[track.vehicle] = tuple(lane_change.detect(motion))
+        crossings = lane_change.crossings(motion)
+        counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off)
         own = _events_of(around, track, motion, changes[track.vehicle], settings)
         events += own
         kept = sum(event.intention in _CROSSING for event in own)
         counts["within_swerve"] += len(changes[track.vehicle]) - kept
-    return Labels(
-        settings, tuple(sorted(events, key=lambda e: (e.onset, e.vehicle, e.intention))), changes, dict(counts)
-    )
+    events.sort(key=lambda e: (e.onset, e.vehicle, e.intention))
+    return Labels(settings, tuple(events), changes, jumps, dict(counts))
 
 
 _CROSSING = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pydantic import Field
 
 from isacsim.settings import Settings
 from labeling.intentions import Event, Intention
 from labeling.road_motion import Crossing, RoadMotion
-from labeling.signals import spells
+from labeling.signals import first_below, spells
 
 
 class LaneChangeSettings(Settings):
@@ -22,11 +22,24 @@ class LaneChangeSettings(Settings):
 
 
 @dataclass(frozen=True)
+class Crossings:
+    """completed: after which the centre stays across, in order. dithering: how many others there were.
+
+    cut_off: how many were followed by the track's end before they could be told.
+    """
+
+    completed: list[Crossing]
+    dithering: int
+    cut_off: int
+
+
+@dataclass(frozen=True)
 class LaneChange:
     """The vehicle's centre crosses a lane marking and stays across it for at least `stay_s`.
 
     Each marking is looked at by itself: a move over two lanes is two changes, and a vehicle that pokes across for less
-    than `stay_s` and comes back made none (it dithered).
+    than `stay_s` and comes back made none (it dithered). Where two are one motion, the middle of the lane between
+    parts them.
     onset: the lateral speed passes `onset_mps`, traced back from the crossing; commit: the centre crosses;
     end: the lateral speed is under `onset_mps` again. peak: the lateral acceleration of greatest size, m/s2, left
     positive.
@@ -39,22 +52,36 @@ class LaneChange:
 
     def detect(self, motion: RoadMotion) -> list[Event]:
         """The lane changes of one vehicle, in order of crossing."""
-        return [self._event(motion, crossing) for crossing in self.completed(motion)]
+        done = self.crossings(motion).completed
+        events = [self._event(motion, crossing) for crossing in done]
+        for k in range(1, len(done)):
+            if done[k - 1].left == done[k].left and events[k].onset < done[k - 1].time:
+                turn = _middle(motion, done[k - 1], done[k])
+                events[k - 1] = replace(events[k - 1], end=turn)
+                events[k] = replace(events[k], onset=turn)
+        return events
 
-    def completed(self, motion: RoadMotion) -> list[Crossing]:
-        """The crossings after which the centre stays across, in order."""
+    def crossings(self, motion: RoadMotion) -> Crossings:
+        """The crossings of one vehicle, told apart by whether its centre stayed across."""
         of_marking: dict[int, list[Crossing]] = defaultdict(list)
         for crossing in motion.crossings:
             of_marking[crossing.marking].append(crossing)
-        done: list[Crossing] = []
+        completed: list[Crossing] = []
+        cut_off = 0
+        last = float(motion.times[-1])
         for crossings in of_marking.values():
             settled_left = not crossings[0].left
-            until = [crossing.time for crossing in crossings[1:]] + [float(motion.times[-1])]
-            for crossing, left_again in zip(crossings, until, strict=True):
-                if left_again - crossing.time >= self.settings.stay_s and crossing.left != settled_left:
+            until = [crossing.time for crossing in crossings[1:]] + [last]
+            for crossing, stop in zip(crossings, until, strict=True):
+                if crossing.left == settled_left:
+                    continue
+                if stop - crossing.time >= self.settings.stay_s:
                     settled_left = crossing.left
-                    done.append(crossing)
-        return sorted(done, key=lambda crossing: crossing.time)
+                    completed.append(crossing)
+                elif stop == last:
+                    cut_off += 1
+        dithering = len(motion.crossings) - len(completed) - cut_off
+        return Crossings(sorted(completed, key=lambda crossing: crossing.time), dithering, cut_off)
 
     def _event(self, motion: RoadMotion, crossing: Crossing) -> Event:
         sign = 1.0 if crossing.left else -1.0
@@ -63,6 +90,14 @@ class LaneChange:
         peak = float(during[abs(during).argmax()]) if len(during) else 0.0
         intention = Intention.LEFT_LANE_CHANGE if crossing.left else Intention.RIGHT_LANE_CHANGE
         return Event(motion.vehicle, intention, onset, crossing.time, end, peak)
+
+
+def _middle(motion: RoadMotion, first: Crossing, second: Crossing) -> float:
+    """When a vehicle is halfway, across the lane, between two crossings to one side, s."""
+    sign = 1.0 if first.left else -1.0
+    halfway = sign * (motion.lateral_at(first.time) + motion.lateral_at(second.time)) / 2
+    there = first_below(motion.times, -sign * motion.q, -halfway, first.time)
+    return second.time if there is None else min(there, second.time)
 
 
 def moving_span(motion: RoadMotion, sign: float, time: float, speed_mps: float, pause_s: float) -> tuple[float, float]:

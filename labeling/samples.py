@@ -68,7 +68,7 @@ class Candidates:
     """The samples that a recording offers, by onset, and how many events were left out, by reason.
 
     Reasons: `tv_kind`, `no_uv`, `ambiguous`, `passed_did_not_return`, `unresolved`, `tv_outside_track`,
-    `uv_outside_track`.
+    `uv_outside_track`, `jump` (a lateral step within the record that is no motion of a vehicle).
     """
 
     samples: tuple[Candidate, ...]
@@ -121,6 +121,8 @@ def _candidate(
         return "no_uv"
     if not around.has(pair.uv, *span):
         return "uv_outside_track"
+    if any(span[0] <= t <= span[1] for vehicle in (event.vehicle, pair.uv) for t in labels.jumps.get(vehicle, ())):
+        return "jump"
     if event.intention in PULLING_OUT:
         event = _for_pair(around, labels, event, pair.uv)
         if event.mark is not None:
