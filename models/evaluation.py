@@ -1,0 +1,196 @@
+"""A run on the windows of a dataset: metrics.json and the figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from pydantic import Field
+from sklearn.metrics import roc_curve
+
+from isacsim.errors import InputError
+from isacsim.settings import Settings
+from labeling.intentions import KNOWN, Intention
+from models import figures, metrics, openset
+from models.run import HISTORY_FILE, Outputs, Run, replace, versions
+from models.windows import Array, Ends, Ints, Records, WindowSettings, batches, draw_ends
+
+if TYPE_CHECKING:
+    from labeling.dataset import Dataset
+
+METRICS_FILE = "metrics.json"
+BATCH = 64
+
+
+class EvaluateSettings(Settings):
+    """Which windows a predictor is measured on."""
+
+    ends_per_record: int = Field(4, ge=1, description="fixed windows of each record")
+    seed: int = Field(0, description="of the window ends")
+    end_after_s: tuple[float, float] | None = Field(None, description="range of window ends, s; none: as in training")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a run said about the windows of records no choice was made on.
+
+    known, unknown: rows of `outputs` that belong to a known intention and to `following`.
+    """
+
+    outputs: Outputs
+    label: Ints
+    group: npt.NDArray[np.object_]
+    lead_s: Array
+    snr_db: Array
+
+    @property
+    def known(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.isin(self.label, KNOWN))
+
+    @property
+    def unknown(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(self.label == Intention.FOLLOWING)
+
+    @property
+    def predicted(self) -> Ints:
+        return np.asarray(self.outputs.logits.argmax(axis=1), dtype=np.int64)
+
+
+def evaluate(
+    run: Run, dataset: Dataset, out: str | Path, settings: EvaluateSettings | None = None, against: Sequence[Run] = ()
+) -> dict[str, Any]:
+    """Measure a run on the seeds of a dataset that it was not trained or chosen on; writes metrics.json and figures.
+
+    against: other runs on the same windows, e.g. floors, each with its paired difference. Returns the metrics.
+    InputError where no such seed is left, the rates differ, or `out` holds something else.
+    """
+    made_of = {"digest": dataset.digest, "study": dataset.meta.study}
+    return evaluate_records(run, Records.of(dataset), made_of, out, settings or EvaluateSettings(), against)
+
+
+def evaluate_records(
+    run: Run,
+    records: Records,
+    made_of: dict[str, Any],
+    out: str | Path,
+    settings: EvaluateSettings,
+    against: Sequence[Run] = (),
+) -> dict[str, Any]:
+    """`evaluate` on records in memory."""
+    folder = Path(out)
+    claim(folder, METRICS_FILE)
+    records = unseen(records, [run, *against])
+    windows = run.card.settings.windows
+    if settings.end_after_s is not None:
+        windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
+    ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
+    mine = answers(run, records, ends)
+    result = measure(run, mine)
+    result["compared"] = []
+    for other in against:
+        theirs = answers(other, records, ends)
+        difference = metrics.paired_difference(
+            mine.label[mine.known],
+            mine.predicted[mine.known],
+            theirs.predicted[mine.known],
+            mine.group[mine.known],
+            run.card.classes,
+        )
+        result["compared"].append({**measure(other, theirs), "paired_difference": difference})
+    result["windows"] = {**windows.model_dump(mode="json"), **settings.model_dump(mode="json", exclude={"end_after_s"})}
+    result["made_by"] = {
+        "dataset": made_of,
+        "seeds": sorted(set(records.groups)),
+        "runs": [each.card.model_dump(mode="json") for each in (run, *against)],
+        "versions": versions(),
+    }
+    replace(folder / METRICS_FILE, lambda path: path.write_text(json.dumps(result, indent=1) + "\n"))
+    _draw(run, mine, result, folder)
+    return result
+
+
+def answers(run: Run, records: Records, ends: Ends) -> Answers:
+    """The run's outputs on those windows."""
+    if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
+        raise InputError(
+            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, the dataset has "
+            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset of the same rates"
+        )
+    parts = [run.predictor(w) for w in batches(records, ends, run.card.settings.windows, BATCH)]
+    outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
+    table = records.table.iloc[ends.row]
+    lead = table["t_commit"].to_numpy(dtype=np.float64) - ends.times(records)
+    return Answers(
+        outputs, records.label[ends.row], records.groups[ends.row], lead, table["snr_db"].to_numpy(dtype=np.float64)
+    )
+
+
+def measure(run: Run, given: Answers) -> dict[str, Any]:
+    """The metrics of one run's answers, by the contract's names."""
+    classes, known = run.card.classes, given.known
+    label, predicted = given.label[known], given.predicted[known]
+    result: dict[str, Any] = {"model": run.card.settings.model, "name": run.name, "classes": list(classes)}
+    result |= metrics.summary(label, predicted, classes)
+    result |= unknown_metrics(run, given)
+    result["by_lead_time"] = metrics.by_lead_time(given.lead_s[known], label, predicted, len(classes))
+    result["by_snr"] = metrics.by_snr(given.snr_db[known], label, predicted, len(classes))
+    return result
+
+
+def unknown_metrics(run: Run, given: Answers) -> dict[str, Any]:
+    """AUROC and false-positive rate at 95 % recall of every score; `auroc_unknown` is of the run's chosen score."""
+    each = {}
+    for name, score in openset.scores(run.reference).items():
+        value = score(given.outputs)
+        known, unknown = value[given.known], value[given.unknown]
+        each[name] = {
+            "auroc": openset.auroc(known, unknown),
+            "fpr_at_95_recall": openset.accepted_unknown(known, unknown),
+        }
+    return {
+        "n_unknown": int(given.unknown.sum()),
+        "auroc_unknown": each[run.card.unknown_score]["auroc"],
+        "unknown_score": run.card.unknown_score,
+        "unknown_scores": each,
+    }
+
+
+def unseen(records: Records, runs: Sequence[Run]) -> Records:
+    """The records of scenario seeds that none of the runs was trained or chosen on."""
+    seen = {group for run in runs for side in ("train", "validation") for group in run.card.split[side]}
+    left = ~np.isin(records.groups, list(seen))
+    if not (left & np.isin(records.label, KNOWN)).any():
+        raise InputError("every scenario seed of the dataset was used in training: evaluate on other seeds")
+    return records.take(left)
+
+
+def claim(folder: Path, mark: str) -> None:
+    """Make a folder of results. InputError where it exists and holds no file of that name, i.e. something else."""
+    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / mark).exists())):
+        raise InputError(f"{folder}: exists and holds no {mark}; choose a new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None:
+    """The figures of an evaluation."""
+    figures.confusion(np.array(result["confusion"]), run.card.classes, folder / "confusion.png", run.name)
+    rows = {result["name"]: result["by_lead_time"]} | {
+        each["name"]: each["by_lead_time"] for each in result["compared"]
+    }
+    figures.lead_time(rows, folder / "lead_time.png")
+    if (run.path / HISTORY_FILE).exists():
+        figures.loss_curves(pd.read_csv(run.path / HISTORY_FILE), folder / "loss.png")
+    if mine.unknown.any():
+        curves = {}
+        for name in dict.fromkeys((run.card.unknown_score, openset.PLAIN)):
+            value = openset.of_run(run, name)(mine.outputs)
+            pick = mine.known | mine.unknown
+            false, true, _ = roc_curve(mine.known[pick], value[pick])
+            curves[f"{name.replace('_', ' ')} (AUROC {result['unknown_scores'][name]['auroc']:.3f})"] = (false, true)
+        figures.unknown_roc(curves, folder / "unknown_roc.png")

@@ -1,0 +1,136 @@
+"""Figures of an evaluation, as PNG files. Colours are Okabe and Ito's, which the colour-blind tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from models.run import replace
+
+Array = npt.NDArray[Any]
+
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#6b7280",
+)  # fmt: skip
+CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, "#000000")
+STYLE: Any = {
+    "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
+    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#9ca3af", "axes.labelcolor": "#1f2937",
+    "xtick.color": "#4b5563", "ytick.color": "#4b5563", "axes.grid": True, "grid.color": "#e5e7eb",
+    "axes.axisbelow": True, "legend.frameon": False, "lines.linewidth": 1.8, "axes.prop_cycle": cycler(color=CYCLE),
+}  # fmt: skip
+
+
+@contextmanager
+def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
+    """A figure of that size, inches, written to `path` at the end."""
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(drawn)
+        yield drawn
+        replace(path, lambda partial: drawn.savefig(partial, dpi=140, metadata={"Software": None}))
+
+
+def spoken(name: str) -> str:
+    """`left_lane_change` as people write it."""
+    return name.replace("_", " ")
+
+
+def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> None:
+    """A confusion matrix (G, G), rows true: shares of a row in colour, counts of windows in the cells."""
+    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    with figure(path, 6.6, 5.6) as drawn:
+        axes = drawn.subplots()
+        image = axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
+        for i, j in np.ndindex(*counts.shape):
+            if counts[i, j]:
+                colour = "white" if share[i, j] > 0.55 else "#1f2937"
+                cell = f"{100 * share[i, j]:.0f} %\n{counts[i, j]}"
+                axes.text(j, i, cell, ha="center", va="center", color=colour, fontsize=8.5)
+        ticks = range(len(classes))
+        axes.set_xticks(ticks, [spoken(c) for c in classes], rotation=35, ha="right", rotation_mode="anchor")
+        axes.set_yticks(ticks, [spoken(c) for c in classes])
+        axes.set(xlabel="predicted intention", ylabel="true intention")
+        axes.set_title(f"{name}: confusion on unseen seeds")
+        axes.grid(visible=False)
+        axes.tick_params(length=0)
+        bar = drawn.colorbar(image, ax=axes, shrink=0.8, label="share of the true intention's windows")
+        bar.outline.set_visible(False)
+
+
+def loss_curves(history: pd.DataFrame, path: Path) -> None:
+    """Focal loss and validation scores against epochs; history: the columns of a run's history.csv."""
+    epoch = history["epoch"] + 1
+    best = int(history["validation_macro_f1"].to_numpy().argmax())
+    with figure(path, 9, 3.6) as drawn:
+        left, right = drawn.subplots(1, 2)
+        left.plot(epoch, history["train_loss"], label="training")
+        left.plot(epoch, history["validation_loss"], label="validation")
+        left.set(xlabel="epoch", ylabel="focal loss (Eq. 6)", ylim=(0, None))
+        left.set_title("Loss")
+        right.plot(epoch, history["validation_macro_f1"], color=GREEN, label="macro-F1")
+        right.plot(epoch, history["validation_accuracy"], color=PURPLE, label="accuracy", alpha=0.8)
+        score = history["validation_macro_f1"].iloc[best]
+        right.plot(
+            epoch[best], score, "o", color=GREEN, mec="white", ms=8, label=f"kept: epoch {epoch[best]}, {score:.3f}"
+        )
+        right.set(xlabel="epoch", ylabel="validation score", ylim=(0, 1.02))
+        right.set_title("Validation seeds")
+        for axes in (left, right):
+            axes.xaxis.get_major_locator().set_params(integer=True)
+            axes.legend(loc="best")
+
+
+def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
+    """ROC of telling known intentions from `following`; curves: false- and true-positive rates by score."""
+    with figure(path, 5.2, 4.8) as drawn:
+        axes = drawn.subplots()
+        for name, (false, true) in curves.items():
+            axes.plot(false, true, label=name)
+        axes.plot([0, 1], [0, 1], ":", color=GREY, lw=1.2, label="chance")
+        axes.set(xlabel="share of following taken for known", ylabel="share of known kept")
+        axes.set(xlim=(0, 1), ylim=(0, 1.01), aspect="equal")
+        axes.set_title("The unknown class: following")
+        axes.legend(loc="lower right")
+
+
+def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
+    """Macro-F1 against lead time, a line a predictor; bins of fewer than `least` windows are left out."""
+    with figure(path, 7, 4.2) as drawn:
+        axes, below = drawn.subplots(2, 1, sharex=True, height_ratios=[4, 1])
+        for name, bins in rows.items():
+            kept = [b for b in bins if b["n"] >= least and b["macro_f1"] is not None]
+            axes.plot(_middles(kept), [b["macro_f1"] for b in kept], "o-", ms=4, label=name)
+        bins = list(next(iter(rows.values())))
+        width = bins[0]["to_s"] - bins[0]["from_s"] if bins else 0.2
+        below.bar(_middles(bins), [b["n"] for b in bins], 0.9 * width, color="#cbd5e1")
+        axes.axvline(0, color=GREY, lw=1, ls="--")
+        axes.text(0, 0.04, " commit ", color=GREY, transform=axes.get_xaxis_transform(), ha="left", fontsize=9)
+        axes.set(ylabel="macro-F1", ylim=(0, 1.02))
+        axes.set_title("How early: score against lead time")
+        axes.legend(loc="lower left")
+        below.set(xlabel="lead time: commit minus end of window, s", ylabel="windows")
+        # Time runs to the right: windows that end long before the commit come first.
+        axes.invert_xaxis()
+
+
+def _middles(bins: Sequence[Mapping[str, Any]]) -> list[float]:
+    return [(b["from_s"] + b["to_s"]) / 2 for b in bins]
+
+
+def despine(axes: Axes) -> None:
+    """Axes of a map: no frame, no grid."""
+    axes.grid(visible=False)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,120 @@
+"""What a predictor's answers are worth: F1, confusion, dependence on lead time and SNR, paired differences.
+
+Everything is counted from confusion matrices, rows true and columns predicted. The F1 of a class without a true sample
+is undefined: it is None, and a macro-F1 is the mean over the classes that have one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from isacsim.seeding import stream
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+LEAD_BIN_S = 0.2
+SNR_BIN_DB = 2.0
+
+
+def confusion(label: Ints, predicted: Ints, n_classes: int) -> Ints:
+    """Counts (n_classes, n_classes), rows true, columns predicted."""
+    flat = np.bincount(label * n_classes + predicted, minlength=n_classes**2)
+    return flat.reshape(n_classes, n_classes).astype(np.int64)
+
+
+def f1_scores(counts: npt.NDArray[Any]) -> Array:
+    """F1 of each class of confusion matrices (..., G, G): (..., G), NaN without a true sample. ASI-BIP, Eq. (7)."""
+    hit = np.diagonal(counts, axis1=-2, axis2=-1).astype(np.float64)
+    true, predicted = counts.sum(axis=-1), counts.sum(axis=-2)
+    return np.where(true > 0, 2 * hit / np.maximum(true + predicted, 1), np.nan)
+
+
+def macro_f1(counts: npt.NDArray[Any]) -> Array:
+    """Mean F1 over the classes with a true sample, (...) of (..., G, G); NaN where no class has one."""
+    f1 = f1_scores(counts)
+    n = np.isfinite(f1).sum(axis=-1)
+    return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
+
+
+def summary(label: Ints, predicted: Ints, classes: tuple[str, ...]) -> dict[str, Any]:
+    """`n`, `accuracy`, `macro_f1`, `per_class_f1` and `confusion` of answers (n,)."""
+    counts = confusion(label, predicted, len(classes))
+    return {
+        "n": len(label),
+        "accuracy": number(np.mean(label == predicted)) if len(label) else None,
+        "macro_f1": number(macro_f1(counts)),
+        "per_class_f1": dict(zip(classes, map(number, f1_scores(counts)), strict=True)),
+        "confusion": counts.tolist(),
+    }
+
+
+def by_bin(value: Array, width: float, unit: str, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
+    """`n`, `accuracy`, `macro_f1` in bins of a quantity (n,), multiples of `width`, `from_<unit>` to `to_<unit>`."""
+    # The tiny shift keeps values that are multiples of the width, but for rounding, in the bin they open.
+    place = np.floor(value / width + 1e-6).astype(np.int64)
+    rows = []
+    for k in np.unique(place):
+        here = place == k
+        counts = confusion(label[here], predicted[here], n_classes)
+        rows.append(
+            {
+                f"from_{unit}": round(k * width, 6),
+                f"to_{unit}": round((k + 1) * width, 6),
+                "n": int(here.sum()),
+                "accuracy": number(np.mean(label[here] == predicted[here])),
+                "macro_f1": number(macro_f1(counts)),
+            }
+        )
+    return rows
+
+
+def by_lead_time(lead_s: Array, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
+    """Scores against lead time (commit minus window end, s), in steps of LEAD_BIN_S."""
+    return by_bin(lead_s, LEAD_BIN_S, "s", label, predicted, n_classes)
+
+
+def by_snr(snr_db: Array, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
+    """Scores against the records' mean per-element SNR, in steps of SNR_BIN_DB; records without one are left out."""
+    has = np.isfinite(snr_db)
+    return by_bin(snr_db[has], SNR_BIN_DB, "db", label[has], predicted[has], n_classes)
+
+
+def paired_difference(
+    label: Ints, first: Ints, second: Ints, groups: npt.NDArray[Any], classes: tuple[str, ...], draws: int = 2000
+) -> dict[str, Any]:
+    """Macro-F1 and per-class F1 of the first predictor minus the second's on the same windows, with 95 % intervals.
+
+    The interval is a bootstrap over the groups (scenario seeds), each drawn with all its windows: windows of one
+    traffic are not independent.
+    """
+    names, of_window = np.unique(groups.astype(str), return_inverse=True)
+    n, g = len(classes), len(names)
+    counts = np.zeros((2, g, n, n))
+    for k, predicted in enumerate((first, second)):
+        np.add.at(counts[k], (of_window, label, predicted), 1)
+    weights = stream("bootstrap", g).multinomial(g, np.full(g, 1 / g), draws)
+    drawn = np.einsum("dg,kgij->kdij", weights, counts)
+    whole = counts.sum(axis=1)
+    macro = macro_f1(drawn)[0] - macro_f1(drawn)[1]
+    each = f1_scores(drawn)[0] - f1_scores(drawn)[1]
+    here = f1_scores(whole)[0] - f1_scores(whole)[1]
+    return {
+        "groups": g,
+        "macro_f1": _interval(float(macro_f1(whole)[0] - macro_f1(whole)[1]), macro),
+        "per_class_f1": {name: _interval(float(here[k]), each[:, k]) for k, name in enumerate(classes)},
+    }
+
+
+def number(value: Any) -> float | None:
+    """A plain float for JSON, None for NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _interval(difference: float, drawn: Array) -> dict[str, float | None]:
+    drawn = drawn[np.isfinite(drawn)]
+    low, high = np.quantile(drawn, [0.025, 0.975]) if len(drawn) else (np.nan, np.nan)
+    return {"difference": number(difference), "low": number(low), "high": number(high)}

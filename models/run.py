@@ -1,0 +1,258 @@
+"""A run: the folder of one trained predictor, and the predictor loaded from it.
+
+    RUN/run.json          what made it: settings, split, classes, dataset, versions
+    RUN/weights.pt        tensors only (or trees.skops), of the best epoch
+    RUN/reference.npz     features of training windows, for the scores that compare with them
+    RUN/history.csv       loss and scores of every epoch
+    RUN/checkpoints/      what training resumes from
+
+Nothing in it executes code when it is loaded.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import skops.io
+import torch
+from pydantic import Field, ValidationError
+from torch import nn
+
+from isacsim.errors import InputError
+from isacsim.settings import Settings
+from models.asi_bip import AsiBip, AsiBipSettings
+from models.floors import TreesSettings, statistics
+from models.losses import LossSettings
+from models.windows import Array, Float32, SplitSettings, Windows, WindowSettings
+
+CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
+    "run.json", "weights.pt", "trees.skops", "reference.npz", "history.csv",
+)  # fmt: skip
+CHECKPOINTS = "checkpoints"
+PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
+TRUSTED = (
+    "numpy.dtype",
+    "sklearn._loss.link.Interval",
+    "sklearn._loss.link.LogLink",
+    "sklearn._loss.link.MultinomialLogit",
+    "sklearn._loss.loss.HalfMultinomialLoss",
+    "sklearn.ensemble._hist_gradient_boosting.binning._BinMapper",
+    "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
+)
+"""The only types, beside plain ones, that a file of trees may hold."""
+
+
+class OptimiserSettings(Settings):
+    """Adam and its schedule; the paper gives learning rate, betas and batch size."""
+
+    epochs: int = Field(60, ge=1, description="epochs at most")
+    batch: int = Field(32, ge=1, description="windows a step")
+    learning_rate: float = Field(1e-4, gt=0, description="of Adam; the peak where the schedule is cosine")
+    betas: tuple[float, float] = Field((0.9, 0.999), description="of Adam")
+    weight_decay: float = Field(0.0, ge=0, description="decoupled weight decay")
+    schedule: Literal["constant", "cosine"] = Field(
+        "constant", description="cosine: linear warm-up, then half a cosine to 0"
+    )
+    warmup_share: float = Field(0.1, ge=0, lt=1, description="share of all steps that the learning rate rises over")
+    clip_norm: float = Field(1.0, ge=0, description="gradients are scaled down to this norm; 0 leaves them")
+    patience: int = Field(12, ge=1, description="epochs without a better validation macro-F1 before training stops")
+    precision: Literal["32-true", "bf16-mixed"] = Field(
+        "32-true", description="of training; predictions are always float32"
+    )
+    threads: int = Field(2, ge=1, description="CPU threads; the last digits of a result depend on it")
+
+
+class TrainSettings(Settings):
+    """What a predictor is, what it sees, and how it is trained."""
+
+    model: Literal["asi-bip", "trees"] = Field("asi-bip", description="the predictor")
+    seed: int = Field(0, description="of initial weights, window ends and batches")
+    windows: WindowSettings = WindowSettings()
+    split: SplitSettings = SplitSettings()
+    ends_per_record: int = Field(1, ge=1, description="windows drawn anew of each record in an epoch")
+    validation_ends: int = Field(2, ge=1, description="fixed windows of each validation record")
+    asi_bip: AsiBipSettings = AsiBipSettings()
+    trees: TreesSettings = TreesSettings()
+    loss: LossSettings = LossSettings()
+    optimiser: OptimiserSettings = OptimiserSettings()
+
+
+class RunCard(Settings):
+    """`run.json`.
+
+    classes: in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training records a class.
+    tv_length, uv_length: samples of a window. dataset: its digest and study. unknown_score: of the scores in
+    `models.openset`, the one that told `following` apart best on the validation seeds (`validation_auroc`); what is
+    below unknown_threshold is rejected: 95 % of the known validation windows are above it.
+    """
+
+    schema_version: Literal[1] = 1
+    complete: bool
+    settings: TrainSettings
+    classes: tuple[str, ...]
+    split: dict[str, list[str]]
+    counts: dict[str, int]
+    tv_length: int
+    uv_length: int
+    tv_rate_hz: float
+    uv_rate_hz: float
+    dataset: dict[str, Any]
+    versions: dict[str, str]
+    best_epoch: int | None = None
+    validation_macro_f1: float | None = None
+    unknown_score: str = "msp"
+    unknown_threshold: float | None = None
+    validation_auroc: dict[str, float] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Of a batch of windows: logits (n, G), and features (n, F) of the layer before them."""
+
+    logits: Array
+    features: Array
+
+    @property
+    def probabilities(self) -> Array:
+        """(n, G), rows sum to 1."""
+        e = np.exp(self.logits - self.logits.max(axis=1, keepdims=True))
+        return np.asarray(e / e.sum(axis=1, keepdims=True))
+
+
+class Predictor(Protocol):
+    """Anything that answers windows with logits."""
+
+    def __call__(self, windows: Windows) -> Outputs: ...
+
+
+@dataclass(frozen=True)
+class NetworkPredictor:
+    """A trained network on the CPU, in float32."""
+
+    network: AsiBip
+
+    def __call__(self, windows: Windows) -> Outputs:
+        with torch.inference_mode():
+            features = self.network.features(torch.from_numpy(windows.tv), torch.from_numpy(windows.uv))
+            logits = self.network.classify(features)
+        return Outputs(logits.double().numpy(), features.double().numpy())
+
+
+@dataclass(frozen=True)
+class TreesPredictor:
+    """Trained trees; their features are the window's statistics."""
+
+    trees: Any
+
+    def __call__(self, windows: Windows) -> Outputs:
+        features = statistics(windows)
+        return Outputs(np.asarray(self.trees.decision_function(features)), features.astype(np.float64))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run: its folder, its card, the predictor, and features (n, F) and labels (n,) of training windows."""
+
+    path: Path
+    card: RunCard
+    predictor: Predictor
+    reference: tuple[Float32, npt.NDArray[np.int64]]
+
+    @property
+    def name(self) -> str:
+        return {"asi-bip": "ASI-BIP", "trees": "boosted trees"}[self.card.settings.model]
+
+
+def load_run(path: str | Path) -> Run:
+    """The predictor of a run's folder. InputError where it is none, unfinished or damaged."""
+    folder = Path(path)
+    card = read_card(folder)
+    if card is None:
+        raise InputError(f"{folder}: not a run (no {CARD_FILE} in it); make one with `cosim train`")
+    if not card.complete:
+        raise InputError(f"{folder}: training is not finished; run the same `cosim train` again to finish it")
+    return open_run(folder, card)
+
+
+def open_run(folder: Path, card: RunCard) -> Run:
+    """The run in a folder whose card is known. InputError where it is damaged."""
+    try:
+        predictor: Predictor = _load_trees(folder) if card.settings.model == "trees" else _load_network(folder, card)
+        with np.load(folder / REFERENCE_FILE, allow_pickle=False) as stored:
+            reference = (stored["features"], stored["label"])
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+        KeyError,
+        EOFError,
+        zipfile.BadZipFile,
+        skops.io.exceptions.SkopsException,
+    ) as error:
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"{folder}: the run is damaged ({reason}); train it again") from None
+    return Run(folder, card, predictor, reference)
+
+
+def build_network(card: RunCard) -> AsiBip:
+    """The untrained network of a run."""
+    return AsiBip(card.settings.asi_bip, len(card.classes), card.tv_length, card.uv_length)
+
+
+def read_card(folder: Path) -> RunCard | None:
+    """A folder's `run.json`, or None where it has none. InputError where it is damaged or of another version."""
+    path = folder / CARD_FILE
+    try:
+        return RunCard.model_validate_json(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(f"{path}: {where}: {first['msg']}; it was damaged or made by another version") from None
+
+
+def write_card(folder: Path, card: RunCard) -> None:
+    """Write `run.json`."""
+    replace(folder / CARD_FILE, lambda path: path.write_text(json.dumps(card.model_dump(mode="json"), indent=1) + "\n"))
+
+
+def replace(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file by temporary file and rename; `write` gets the temporary path, with the same suffix."""
+    partial = path.with_name(f".{os.getpid()}-{path.name}")
+    try:
+        write(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that a result depends on; those that are not installed are left out."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _load_network(folder: Path, card: RunCard) -> NetworkPredictor:
+    network = build_network(card)
+    state: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS_FILE, map_location="cpu", weights_only=True)
+    nn.Module.load_state_dict(network, state)
+    return NetworkPredictor(network.eval())
+
+
+def _load_trees(folder: Path) -> TreesPredictor:
+    return TreesPredictor(skops.io.load(folder / TREES_FILE, trusted=list(TRUSTED)))
