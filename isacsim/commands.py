@@ -21,6 +21,8 @@ DEFAULT_LANE_CHANGE_MODE = 1621
 COMMANDED_LANE_CHANGE_MODE = 512 + 1024
 """No changes of the driver's own but to the middle of the lane; commanded ones only where the gap allows."""
 OWN_LATERAL_MODE = 0
+LEAST_ACCEL = 0.1
+"""What a driver who has just been let go may accelerate by, m/s2."""
 SETTLE_S = 3.0
 """What a vehicle needs, once its middle has crossed a marking, to reach the middle of the new lane, s."""
 
@@ -54,24 +56,40 @@ def aside_and_back(offset_m: float, peak: float, hold_s: float, step_s: float) -
     return np.concatenate([out, np.full(round(hold_s / step_s), offset_m), out[::-1], [0.0]])
 
 
-def let_go(sumo: Any, vehicle: str, step_s: float, over_s: float = 1.0, hold_speed: bool = False) -> Steps:
+def let_go(sumo: Any, vehicle: str, step_s: float) -> Steps:
     """Give the speed back to the driver without a jump.
 
-    Released at once, a driver below the desired speed takes the full acceleration in one step, and one above it
-    brakes in one step. So the driver gets next to no acceleration at first, then what was theirs over a second, and
-    a desired speed no lower than the present one (with hold_speed: just the present one).
+    Released at once, a driver below the desired speed takes the full acceleration in one step. So the driver gets
+    next to none at first, coasts down to the desired speed if above it, and then the acceleration comes back over a
+    second.
     """
     own = sumo.vehicle.getAccel(vehicle)
-    # This first: it gives the vehicle a type of its own, which resets its speed factor.
-    sumo.vehicle.setAccel(vehicle, 0.05)
-    if hold_speed or sumo.vehicle.getSpeed(vehicle) > sumo.vehicle.getAllowedSpeed(vehicle):
-        match_speed_factor(sumo, vehicle)
+    factor = sumo.vehicle.getSpeedFactor(vehicle)
+    # This gives the vehicle a type of its own, which resets its speed factor.
+    sumo.vehicle.setAccel(vehicle, LEAST_ACCEL)
     sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
-    sumo.vehicle.setSpeed(vehicle, -1)
-    for share in np.linspace(0.0, 1.0, round(over_s / step_s))[1:]:
+    yield from coast(sumo, vehicle, factor, step_s)
+    for share in np.linspace(0.0, 1.0, round(1.0 / step_s))[1:]:
         yield
-        sumo.vehicle.setAccel(vehicle, max(0.05, share * own))
-    sumo.vehicle.setAccel(vehicle, own)
+        sumo.vehicle.setAccel(vehicle, max(LEAST_ACCEL, share * own))
+
+
+def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
+    """Give a driver a speed factor, and bring a vehicle above the desired speed of it down at 0.3 m/s2.
+
+    Left to itself, a driver above the desired speed brakes hard, as before an obstacle. The leader is minded.
+    """
+    sumo.vehicle.setSpeedFactor(vehicle, factor)
+    desired = sumo.vehicle.getAllowedSpeed(vehicle)
+    speed = sumo.vehicle.getSpeed(vehicle)
+    if speed > desired:
+        match_speed_factor(sumo, vehicle)
+    while speed > desired:
+        speed = min(speed, sumo.vehicle.getSpeed(vehicle)) - 0.3 * step_s
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+    sumo.vehicle.setSpeedFactor(vehicle, factor)
+    sumo.vehicle.setSpeed(vehicle, -1)
 
 
 def drive(sumo: Any, vehicle: str, accelerations: np.ndarray, step_s: float, floor: float, top: float) -> Steps:
@@ -114,7 +132,7 @@ class HardBrake:
 
 @dataclass
 class HardAccel:
-    """Accelerate at `peak` m/s2 for a while, up to `top` m/s; the higher desired speed fades over 30 s."""
+    """Accelerate at `peak` m/s2 for a while, up to `top` m/s, and coast back to the desired speed."""
 
     vehicle: str
     peak: float
@@ -127,15 +145,12 @@ class HardAccel:
     def steps(self, sumo: Any, step_s: float) -> Steps:
         profile = ramp_hold_ramp(self.peak, self.rise_jerk, self.hold_s, self.fall_jerk, step_s)
         yield from drive(sumo, self.vehicle, profile, step_s, floor=0.0, top=self.top)
-        own = sumo.vehicle.getSpeedFactor(self.vehicle)
         yield from let_go(sumo, self.vehicle, step_s)
-        reached = sumo.vehicle.getSpeedFactor(self.vehicle)
-        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 30.0, step_s)
 
 
-def fade_speed_factor(sumo: Any, vehicle: str, start: float, end: float, over_s: float, step_s: float) -> Steps:
-    """Move a driver's speed factor from one value to another, a little a step."""
-    for factor in np.linspace(start, end, round(over_s / step_s)):
+def fade_speed_factor(sumo: Any, vehicle: str, end: float, over_s: float, step_s: float) -> Steps:
+    """Move a driver's speed factor to another value, a little a step."""
+    for factor in np.linspace(sumo.vehicle.getSpeedFactor(vehicle), end, 1 + round(over_s / step_s))[1:]:
         sumo.vehicle.setSpeedFactor(vehicle, factor)
         yield
 
@@ -197,14 +212,14 @@ class Overtake:
         match_speed_factor(sumo, self.other)  # the one in front keeps its speed and lane meanwhile
         try:
             if (yield from change_lane(sumo, self.vehicle, +1, 8.0, step_s)):
-                yield from fade_speed_factor(sumo, self.vehicle, own, own * self.speed_gain, 2.0, step_s)
+                yield from fade_speed_factor(sumo, self.vehicle, own * self.speed_gain, 2.0, step_s)
                 for _ in range(round(self.patience_s / step_s)):
                     if self._ahead(sumo) > self.clearance_m:
                         yield from change_lane(sumo, self.vehicle, -1, 12.0, step_s)
                         yield from wait(SETTLE_S, step_s)
                         break
                     yield
-                yield from fade_speed_factor(sumo, self.vehicle, own * self.speed_gain, own, 6.0, step_s)
+                yield from coast(sumo, self.vehicle, own, step_s)
             vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
         finally:  # also when this vehicle leaves the network on the way
             if self.other in vehicle.getIDList():
@@ -261,10 +276,10 @@ class SlowVehicle:
         speed = sumo.vehicle.getSpeed(self.vehicle)
         profile = ramp_hold_ramp(-1.0, 1.0, (1.0 - self.share) * speed - 1.0, 1.0, step_s)
         yield from drive(sumo, self.vehicle, profile, step_s, floor=self.share * speed, top=np.inf)
-        yield from let_go(sumo, self.vehicle, step_s, hold_speed=True)
-        reached = sumo.vehicle.getSpeedFactor(self.vehicle)
+        match_speed_factor(sumo, self.vehicle)
+        yield from let_go(sumo, self.vehicle, step_s)
         yield from wait(self.for_s, step_s)
-        yield from fade_speed_factor(sumo, self.vehicle, reached, own, 8.0, step_s)
+        yield from fade_speed_factor(sumo, self.vehicle, own, 8.0, step_s)
 
 
 def wait(for_s: float, step_s: float) -> Steps:
@@ -274,7 +289,7 @@ def wait(for_s: float, step_s: float) -> Steps:
 
 
 def match_speed_factor(sumo: Any, vehicle: str) -> None:
-    """Make the present speed the desired one."""
+    """Make the desired speed one hundredth more than the present one, so that the driver stays below it."""
     own = sumo.vehicle.getSpeedFactor(vehicle)
     present = sumo.vehicle.getSpeed(vehicle) / sumo.vehicle.getAllowedSpeed(vehicle)
-    sumo.vehicle.setSpeedFactor(vehicle, float(present * own))
+    sumo.vehicle.setSpeedFactor(vehicle, float(1.01 * present * own))

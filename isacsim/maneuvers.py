@@ -132,7 +132,7 @@ class Director:
             peak = draw(3.0, 4.5) if speed < 25.0 else draw(2.8, 3.5)
             ahead = sumo.vehicle.getSpeed(leader[0]) if leader else np.inf
             # What is left of the gap has to do for the driver to close in without braking hard.
-            top = min(44.0, max(speed + 4.0, ahead + 0.05 * (room - 1.5 * speed)))
+            top = max(speed + 1.7 * peak, min(44.0, ahead + 0.05 * (room - 1.5 * speed)))
             return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.2, 2.5), draw(4.0, 8.0), top)
         if kind in ("left_change", "right_change"):
             direction = 1 if kind == "left_change" else -1

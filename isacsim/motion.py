@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter1d
 from isacsim.recording import Array, Recording, Track
 from isacsim.settings import Settings
 
-REACH = 6.0
-"""Half-width of the kernel in standard deviations: what is cut off weighs 2e-9."""
+REACH = 8.0
+"""Half-width of the kernel in standard deviations: what is cut off weighs 1e-15."""
 
 
 class MotionSettings(Settings):

@@ -1,0 +1,44 @@
+"""Small roads for tests: built by netconvert, with single vehicles put on them."""
+
+import subprocess
+from pathlib import Path
+
+import sumo
+
+SITE = (
+    '<poi id="s0" x="100" y="20" type="isac_site"><param key="height" value="15"/>'
+    '<param key="azimuth" value="180"/></poi>'
+)
+
+
+def straight_road(folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3, shift: float = 0.0) -> Path:
+    """A straight road of 3 km in two edges; returns the folder, a scenario."""
+    folder.mkdir(parents=True, exist_ok=True)
+    nodes = "".join(f'<node id="n{k}" x="{shift + 1500.0 * k}" y="{shift}"/>' for k in range(3))
+    edges = "".join(
+        f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="{lanes}" speed="36.11" width="3.6"/>' for k in range(2)
+    )
+    (folder / "r.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (folder / "r.edg.xml").write_text(f"<edges>{edges}</edges>")
+    subprocess.run(
+        [Path(sumo.SUMO_HOME) / "bin" / "netconvert", "--node-files=r.nod.xml", "--edge-files=r.edg.xml",
+         "--output-file=r.net.xml", "--offset.disable-normalization", "--no-turnarounds"],
+        cwd=folder, check=True, capture_output=True,
+    )
+    (folder / "r.rou.xml").write_text(
+        '<routes><vType id="car" carFollowModel="IDM" sigma="0" accel="2" decel="4" emergencyDecel="9" speedFactor="0.8" '
+        f'speedDev="0" latAlignment="center" lcKeepRight="0" lcSpeedGain="0"/><route id="all" edges="e0 e1"/>{vehicles}</routes>'
+    )
+    (folder / "sites.add.xml").write_text(f"<additional>{sites}</additional>")
+    (folder / "r.sumocfg").write_text(
+        '<configuration><input><net-file value="r.net.xml"/><route-files value="r.rou.xml"/>'
+        '<additional-files value="sites.add.xml"/></input></configuration>'
+    )
+    return folder
+
+
+def vehicle(name: str, depart: float = 0.0, lane: int = 1, position: float = 10.0, speed: float = 25.0) -> str:
+    return (
+        f'<vehicle id="{name}" type="car" route="all" depart="{depart}" departLane="{lane}" '
+        f'departPos="{position}" departSpeed="{speed}"/>'
+    )

@@ -1,0 +1,143 @@
+"""Contracts of commanded maneuvers, on lone vehicles: what is asked is done, and letting go is no jump."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from roads import straight_road, vehicle
+
+from isacsim.commands import (
+    DEFAULT_LANE_CHANGE_MODE,
+    DEFAULT_SPEED_MODE,
+    HardAccel,
+    HardBrake,
+    LaneChange,
+    Maneuver,
+    Overtake,
+    SlowVehicle,
+    Swerve,
+    aside_and_back,
+    ramp_hold_ramp,
+)
+from isacsim.motion import condition
+from isacsim.scenario import Scenario, load
+from isacsim.traffic import TrafficSettings, session
+
+STEP = 0.01
+
+
+@pytest.fixture(scope="module")
+def lone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
+    return load(straight_road(tmp_path_factory.mktemp("lone"), vehicle("a")))
+
+
+def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[str, Any]:
+    """Drive 5 s, do the maneuver, drive on; returns the raw series and the state of the vehicle before and after."""
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for _ in range(500):
+            sumo.simulationStep()
+
+        def settings() -> tuple[Any, ...]:
+            return (
+                sumo.vehicle.getSpeedMode("a"),
+                sumo.vehicle.getLaneChangeMode("a"),
+                round(sumo.vehicle.getSpeedFactor("a"), 9),
+                round(sumo.vehicle.getAccel("a"), 9),
+            )
+
+        before, rows, steps = settings(), [], maneuver.steps(sumo, STEP)
+        count = 0
+        while next(steps, "over") != "over":
+            sumo.simulationStep()
+            count += 1
+            rows.append((sumo.vehicle.getSpeed("a"), sumo.vehicle.getPosition("a")[1]))
+        after = settings()
+        for _ in range(round(after_s / STEP)):
+            sumo.simulationStep()
+            rows.append((sumo.vehicle.getSpeed("a"), sumo.vehicle.getPosition("a")[1]))
+    speed, y = np.array(rows).T
+    return {"speed": speed, "y": y, "before": before, "after": after, "n": count}
+
+
+@pytest.mark.parametrize(
+    ("maneuver", "peak"),
+    [
+        (HardBrake("a", -7.5, 15.0, 1.0, 10.0), -7.5),
+        (HardBrake("a", -5.0, 10.0, 1.5, 6.0), -5.0),
+        (HardAccel("a", 3.5, 8.0, 2.0, 6.0, 44.0), 3.5),
+    ],
+)
+def test_speed_is_obeyed_and_let_go_without_a_jump(lone: Scenario, maneuver: Maneuver, peak: float) -> None:
+    seen = play(lone, maneuver)
+    smooth = condition(seen["speed"], STEP, 0.15, 1)
+    assert smooth[np.abs(smooth).argmax()] == pytest.approx(peak, rel=0.08)
+    raw = np.diff(seen["speed"]) / STEP
+    # From the end of the hold on: the ramp down, the letting go, and what the driver does by itself afterwards.
+    released = np.flatnonzero(np.abs(raw) > 0.98 * abs(peak))[-1]
+    assert np.abs(np.diff(raw[released:])).max() < 0.5
+    assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
+    assert seen["before"] == seen["after"]
+    assert seen["after"][:2] == (DEFAULT_SPEED_MODE, DEFAULT_LANE_CHANGE_MODE)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_lane_change_ends_in_the_middle_of_the_next_lane(lone: Scenario, direction: int) -> None:
+    seen = play(lone, LaneChange("a", direction, 8.0))
+    moved = seen["y"] - seen["y"][0]
+    assert np.sign(moved[seen["n"]]) == direction
+    assert np.abs(moved).max() == pytest.approx(3.6, abs=0.1)
+    assert np.abs(np.diff(seen["y"])).max() < 1.5 * STEP
+    assert seen["before"] == seen["after"]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_swerve_goes_aside_and_comes_back(lone: Scenario, side: float) -> None:
+    seen = play(lone, Swerve("a", side * 1.4, 5.5, 0.3))
+    moved = side * (seen["y"] - seen["y"][0])
+    assert moved.max() == pytest.approx(1.4, abs=0.02)
+    assert abs(moved[-1]) < 0.05
+    lateral = condition(seen["y"], STEP, 0.15, 2)
+    assert 3.5 < np.abs(lateral).max() < 5.6
+    assert np.abs(np.diff(lateral)).max() / STEP < 25.0
+    assert seen["before"] == seen["after"]
+
+
+def test_an_overtake_passes_and_comes_back(tmp_path: Path) -> None:
+    scenario = load(
+        straight_road(tmp_path / "two", vehicle("a", lane=0) + vehicle("slow", lane=0, position=60.0, speed=18.0))
+    )
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        sumo.simulationStep()
+        sumo.vehicle.setSpeedFactor("slow", 0.5)
+        for _ in range(400):
+            sumo.simulationStep()
+        lanes = []
+        for _ in Overtake("a", "slow", 1.1, 12.0, 30.0).steps(sumo, STEP):
+            sumo.simulationStep()
+            lanes.append(sumo.vehicle.getLaneIndex("a"))
+        ahead = sumo.vehicle.getPosition("a")[0] - sumo.vehicle.getLength("a") - sumo.vehicle.getPosition("slow")[0]
+        assert max(lanes) == 1
+        assert lanes[-1] == 0
+        assert ahead > 12.0
+        assert sumo.vehicle.getSpeedFactor("slow") == pytest.approx(0.5)
+        assert sumo.vehicle.getLaneChangeMode("slow") == DEFAULT_LANE_CHANGE_MODE
+
+
+def test_a_slow_vehicle_slows_gently_and_recovers(lone: Scenario) -> None:
+    seen = play(lone, SlowVehicle("a", 0.7, 5.0), after_s=6.0)
+    assert seen["speed"].min() == pytest.approx(0.7 * seen["speed"][0], rel=0.05)
+    assert condition(seen["speed"], STEP, 0.15, 1).min() > -1.2
+    assert seen["before"] == seen["after"]
+
+
+def test_profiles_have_the_jerk_and_the_peak_they_are_given() -> None:
+    profile = ramp_hold_ramp(-6.0, 12.0, 1.0, 8.0, STEP)
+    assert profile.min() == -6.0
+    assert np.diff(profile).min() / STEP == pytest.approx(-12.0)
+    assert np.diff(profile).max() / STEP == pytest.approx(8.0)
+    offsets = aside_and_back(-1.2, 5.0, 0.5, STEP)
+    acceleration = np.diff(offsets, 2) / STEP**2
+    assert np.abs(acceleration).max() == pytest.approx(5.0, rel=0.01)
+    assert offsets.min() == pytest.approx(-1.2)
+    assert offsets[-1] == 0.0

@@ -1,0 +1,101 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from roads import straight_road, vehicle
+
+from isacsim.errors import InputError
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.motion import condition
+from isacsim.recording import COLUMNS, Recording
+from isacsim.scenario import load
+from isacsim.traffic import TrafficSettings, record, session
+
+NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
+SHORT = TrafficSettings(run_in_s=40.0, duration_s=15.0)
+BRAKING = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, rest_s=1.0)
+
+
+@pytest.fixture(scope="module")
+def motorway() -> Recording:
+    return record(load("motorway"), 3, SHORT, BRAKING)
+
+
+def same(a: Recording, b: Recording) -> bool:
+    return (
+        a.commands == b.commands
+        and a.incidents == b.incidents
+        and list(a.tracks) == list(b.tracks)
+        and all(np.array_equal(getattr(a.tracks[v], c), getattr(b.tracks[v], c)) for v in a.tracks for c in COLUMNS)
+    )
+
+
+def test_the_same_seed_gives_the_same_recording_and_another_seed_another(motorway: Recording) -> None:
+    assert same(motorway, record(load("motorway"), 3, SHORT, BRAKING))
+    assert not same(motorway, record(load("motorway"), 4, SHORT, BRAKING))
+
+
+def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_path: Path) -> None:
+    motorway.save(tmp_path / "r.npz")
+    back = Recording.load(tmp_path / "r.npz")
+    assert same(motorway, back)
+    assert [lane.id for lane in back.lanes] == [lane.id for lane in motorway.lanes]
+    assert back.lanes[5].successors == motorway.lanes[5].successors
+
+
+def test_states_are_every_10_ms_and_agree_with_each_other(motorway: Recording) -> None:
+    """Distance between positions is what the speed says, on every edge, curve and ramp included."""
+    assert motorway.step_s == 0.01
+    moved, said = [], []
+    for track in motorway.tracks.values():
+        if len(track) > 1000:
+            moved.append(np.hypot(np.diff(track.x), np.diff(track.y)).sum())
+            said.append(0.5 * (track.speed[1:] + track.speed[:-1]).sum() * 0.01)
+    assert len(moved) > 15
+    np.testing.assert_allclose(moved, said, rtol=0.01)
+
+
+def test_commands_show_in_the_motion(motorway: Recording) -> None:
+    """Commands are provenance; that vehicles obeyed is read off the states."""
+    peaks = []
+    for command in motorway.commands:
+        track = motorway.tracks.get(command.vehicle)
+        if command.maneuver == "hard_brake" and track and command.start > 41.0 and command.end < 54.0:
+            rows = np.arange(command.start, command.end, 0.01) / 0.01 - track.first_step
+            if rows[0] >= 0 and rows[-1] < len(track):
+                peaks.append(condition(track.speed, 0.01, 0.15, 1, rows).min())
+    assert len(peaks) >= 5
+    assert max(peaks) < -4.0
+
+
+def test_collided_vehicles_have_no_track(tmp_path: Path) -> None:
+    """A stopped vehicle and one made to drive into it: both are named and left out."""
+    stopped = vehicle("wall", lane=1, position=300.0, speed=0.0).replace(
+        "/>", '><stop lane="e0_1" startPos="290" endPos="310" duration="1000"/></vehicle>'
+    )
+    blind = (
+        '<vType id="blind" carFollowModel="IDM" decel="0.3" emergencyDecel="0.3" speedFactor="0.8" speedDev="0" '
+        'lcStrategic="-1" lcSpeedGain="0" lcKeepRight="0" lcCooperative="0" lcSublane="0"/>'
+        '<vehicle id="blind" type="blind" route="all" depart="2" departLane="1" departPos="150" departSpeed="28" '
+        'insertionChecks="none"/>'
+    )
+    scenario = load(straight_road(tmp_path / "road", stopped + vehicle("free", lane=0) + blind))
+    recording = record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=15.0), NONE)
+    assert set(recording.incidents.collided) == {"blind", "wall"}
+    assert set(recording.tracks) == {"free"}
+
+
+def test_a_step_that_sumo_cannot_hold_is_refused(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a")))
+    with (
+        pytest.raises(InputError, match="steps at"),
+        session(scenario, 1, TrafficSettings(step_s=0.0025)),
+    ):
+        pass
+
+
+def test_broken_demand_is_told_in_one_line(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a").replace('route="all"', 'route="nowhere"')))
+    with pytest.raises(InputError, match="nowhere") as caught:
+        record(scenario, 1, SHORT, NONE)
+    assert "\n" not in str(caught.value)
