@@ -73,59 +73,59 @@ def maximum_likelihood(moments: Moments, waveform: Waveform) -> tuple[Array, Arr
     Fisher scoring on |s(t)|^2, s the matched filter at the scaled offset t, t_i <- t_i + Re(s* ds/dt_i) / |s|^2:
     the step Im(s'/s) 12/(N^2-1) in scaled units. Started at the truth, it ends where scoring on the full echo ends.
     """
-    counts = waveform.shape
-    fourth = np.array([fourth_moment(n) for n in counts])[:, None]
-    curve = np.sqrt(fourth - 1)
-    value, slope, curvature = moments.noise[0], moments.noise[1:4], _symmetric(moments.noise[4:], curve[:, 0])
+    value = moments.amplitude + moments.noise[0]
+    fourth = np.array([fourth_moment(n) for n in waveform.shape])[:, None]
     scaled = np.zeros((3, len(value)))
     power = np.zeros(len(value))
     for _ in range(SCORING_STEPS):
-        filtered, slopes = _matched_filter(scaled, moments.amplitude, value, slope, curvature, fourth)
+        filtered, slopes = _matched_filter(scaled, value, moments.noise[1:], fourth)
         power = filtered.real**2 + filtered.imag**2
         step = (filtered.real * slopes.real + filtered.imag * slopes.imag) / power
         # A deep fade of the matched filter would throw the iteration out of the main lobe.
         scaled = np.clip(scaled + step, -1.5, 1.5)
-    cells_per_scaled = np.array([n / (2 * np.pi * spread(n)) for n in counts])
+    cells_per_scaled = np.array([n / (2 * np.pi * spread(n)) for n in waveform.shape])
     return (scaled * cells_per_scaled[:, None]).T, power
 
 
-def _symmetric(curvatures: ComplexArray, curve: Array) -> list[list[ComplexArray]]:
-    """Noise of the six second derivatives as a symmetric 3 x 3 table, undoing their normalisation."""
-    first, second = np.triu_indices(3)
-    table: list[list[ComplexArray]] = [[curvatures[0]] * 3 for _ in range(3)]
-    for row, i, j in zip(curvatures, first, second, strict=True):
-        table[i][j] = table[j][i] = row * curve[i] if i == j else row
-    return table
-
-
 def _matched_filter(
-    scaled: Array,
-    amplitude: Array,
-    value: ComplexArray,
-    slope: ComplexArray,
-    curvature: list[list[ComplexArray]],
-    fourth: Array,
+    scaled: Array, value: ComplexArray, noise: ComplexArray, fourth: Array
 ) -> tuple[ComplexArray, ComplexArray]:
     """The matched filter at scaled offsets (3, B) and its three slopes: (B,) and (3, B).
 
-    The target's part is the product of three Dirichlet kernels (to the fourth order), the noise's the second-order
-    expansion about the truth.
+    A steering vector moved by t along an axis is c0(t) p0 + c1(t) p1 + c2(t) p2 in the axis' polynomials (and higher
+    ones, left out): c0 is the Dirichlet kernel, c1 = -c0', both to the fourth order, and c2 to the second.
+    value: the target and the noise of degree zero, (B,). noise: of the other nine moments, (9, B).
     """
     square = scaled**2
-    kernel = 1 - square / 2 + fourth / 24 * square**2
-    kernel_slope = scaled * (fourth / 6 * square - 1)
-    # Second derivatives of the noise about the truth: the constant part of each pure one is -value.
-    turn = [
-        curvature[i][0] * scaled[0] + curvature[i][1] * scaled[1] + curvature[i][2] * scaled[2] - value * scaled[i]
-        for i in range(3)
-    ]
-    noise = value.copy()
+    flat = 1 - square / 2 + fourth / 24 * square**2
+    tilt = scaled * (1 - fourth / 6 * square)
+    tilt_slope = 1 - fourth / 2 * square
+    curve = np.sqrt(fourth - 1)
+    bend, bend_slope = curve / 2 * square, curve * scaled
+    filtered = value * (flat[0] * flat[1] * flat[2])
     slopes = np.empty((3, len(value)), dtype=np.complex128)
-    for i in range(3):
-        noise += scaled[i] * (slope[i] + 0.5 * turn[i])
-        others = amplitude * kernel[(i + 1) % 3] * kernel[(i + 2) % 3]
-        slopes[i] = others * kernel_slope[i] + slope[i] + turn[i]
-    return amplitude * kernel[0] * kernel[1] * kernel[2] + noise, slopes
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        own = noise[i] * tilt[i] + noise[3 + _PURE[i]] * bend[i]
+        across = noise[3 + _MIXED[i]]
+        others = flat[j] * flat[k]
+        filtered += own * others + across * (tilt[j] * tilt[k] * flat[i])
+        slopes[i] = (noise[i] * tilt_slope[i] + noise[3 + _PURE[i]] * bend_slope[i] - value * tilt[i]) * others
+        # The other axes' first and second degrees, and their product, fall off along this axis as the target does.
+        slopes[i] -= tilt[i] * (
+            (noise[j] * tilt[j] + noise[3 + _PURE[j]] * bend[j]) * flat[k]
+            + (noise[k] * tilt[k] + noise[3 + _PURE[k]] * bend[k]) * flat[j]
+            + across * (tilt[j] * tilt[k])
+        )
+        slopes[i] += tilt_slope[i] * (
+            noise[3 + _MIXED[k]] * (tilt[j] * flat[k]) + noise[3 + _MIXED[j]] * (tilt[k] * flat[j])
+        )
+    return filtered, slopes
+
+
+_PURE = (0, 3, 5)
+"""Place of the second degree of each axis among the six curvatures of DEGREES."""
+_MIXED = (4, 2, 1)
+"""Place of the product of the other two axes' first degrees."""
 
 
 def _with_search(cells: Array, snr: Array, waveform: Waveform, rng: np.random.Generator) -> Estimates:
@@ -142,6 +142,7 @@ def _with_search(cells: Array, snr: Array, waveform: Waveform, rng: np.random.Ge
 
 
 def _beaten_by_rival(found: Estimates, height: Array, bins: Bins) -> Estimates:
+    """The estimates, replaced by the rival where it exceeds the peak of the drawn cells, `height` (B,)."""
     lost = bins.rival.power > height
     return Estimates(
         np.where(lost[:, None], bins.rival.cells, found.cells), np.where(lost, bins.rival.power, found.power)
@@ -185,7 +186,8 @@ def _from_bins(
     index, height = _strongest(bins.values)
     place = bins.first + index * bins.spacing
     if estimator == "candan":
-        place = place + _candan(bins, index, waveform)
+        offset = _candan(bins, index, waveform)
+        return _beaten_by_rival(Estimates(place + offset, height / _kept(offset, waveform)), height, bins)
     return _beaten_by_rival(Estimates(place, height), height, bins)
 
 
@@ -206,6 +208,14 @@ def _candan(bins: Bins, index: npt.NDArray[np.int64], waveform: Waveform) -> Arr
     return offset
 
 
+def _kept(offset: Array, waveform: Waveform) -> Array:
+    """Share of a target's power that the cell at `offset` (B, 3) from it keeps: Dirichlet kernels squared, (B,)."""
+    kept = np.ones(len(offset))
+    for axis, count in enumerate(waveform.shape):
+        kept *= (np.sinc(offset[:, axis]) / np.sinc(offset[:, axis] / count)) ** 2
+    return kept
+
+
 def candan_offset(low: ComplexArray, peak: ComplexArray, high: ComplexArray, count: int) -> Array:
     """Candan's offset in cells from three neighbouring cells of an axis of `count`, phases about the centre."""
     turn = np.exp(1j * np.pi / count)
@@ -214,7 +224,7 @@ def candan_offset(low: ComplexArray, peak: ComplexArray, high: ComplexArray, cou
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.nan_to_num(((low - high) / (2 * peak - low - high)).real)
     offset = count / np.pi * np.arctan(np.tan(np.pi / count) * ratio)
-    return np.asarray(np.clip(offset, -1, 1))
+    return np.asarray(np.clip(offset, -0.7, 0.7))
 
 
 def estimate_deviation(power: Array, estimator: Estimator, waveform: Waveform) -> Array:
