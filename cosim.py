@@ -51,6 +51,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """The main job: generate, train, evaluate, report."""
+    from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
     from models import report
     from models.main_job import run_study
@@ -62,7 +63,7 @@ def run(
 
     def make(where: Path) -> Dataset:
         with _bar(console, content.dataset) as progress:
-            made = generate_dataset(content.dataset, where, jobs or _cores(), progress)
+            made = generate_dataset(content.dataset, where, LocalEngine(jobs or _cores()), progress)
         _show_dataset(made, console)
         return made
 
@@ -100,12 +101,13 @@ def generate(
     quiet: Quiet = False,
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
+    from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
     from labeling.summary import summary
 
     study, console = _dataset_study(scenarios, windows, seeds, snr), _console(quiet)
     with _bar(console, study) as progress:
-        made = generate_dataset(study, out, jobs or _cores(), progress)
+        made = generate_dataset(study, out, LocalEngine(jobs or _cores()), progress)
     _show_dataset(made, console)
     if as_json:
         print(json.dumps(summary(made)))

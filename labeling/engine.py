@@ -5,10 +5,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import dask
 from distributed import Client, Future, LocalCluster, as_completed
@@ -32,40 +31,51 @@ class Outcome(Generic[Item, Result]):
     error: BaseException | None = None
 
 
-@contextmanager
-def local_cluster(jobs: int) -> Iterator[Client]:
-    """A client of `jobs` worker processes on this machine, one thread each, that end with the context.
+class Engine(Protocol):
+    """What runs tasks."""
 
-    A worker that dies is replaced. Numerical libraries get one thread a worker: results do not depend on `jobs`.
+    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+        """Outcomes of task(item), as they come.
+
+        Items are taken from the iterable only as workers come free. Closing the iterator ends what is under way.
+        """
+
+
+@dataclass(frozen=True)
+class LocalEngine:
+    """`jobs` worker processes on this machine, one thread each; a worker that dies is replaced.
+
+    Numerical libraries get one thread a worker: results do not depend on `jobs`.
     """
-    settings = {
-        "distributed.scheduler.allowed-failures": RETRIES,
-        "distributed.scheduler.worker-saturation": 1.0,
-        "distributed.worker.daemon": False,
-        "distributed.nanny.pre-spawn-environ": dict.fromkeys(ONE_THREAD, "1"),
-    }
-    with (
-        dask.config.set(settings),
-        LocalCluster(
-            n_workers=jobs,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+
+    jobs: int
+
+    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+        settings = {
+            "distributed.scheduler.allowed-failures": RETRIES,
+            "distributed.scheduler.worker-saturation": 1.0,
+            "distributed.worker.daemon": False,
+            "distributed.nanny.pre-spawn-environ": dict.fromkeys(ONE_THREAD, "1"),
+        }
+        with (
+            dask.config.set(settings),
+            LocalCluster(
+                n_workers=self.jobs,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield from run_on(client, task, items, self.jobs)
 
 
-def run_all(
+def run_on(
     client: Client, task: Callable[[Item], Result], items: Iterable[Item], at_once: int
-) -> Iterator[Outcome[Item, Result]]:
-    """Outcomes of task(item), as they come; items are taken from the iterable only as workers come free.
-
-    at_once: tasks under way at a time. Closing the iterator cancels what is under way.
-    """
+) -> Generator[Outcome[Item, Result]]:
+    """Run tasks on a cluster, `at_once` of them at a time."""
     waiting = enumerate(items)
     pending: dict[Future[Result], Item] = {}
     finished = as_completed()

@@ -9,7 +9,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from labeling.dataset import (
     write_meta,
     write_roads,
 )
-from labeling.engine import local_cluster, run_all
+from labeling.engine import Engine, LocalEngine
 from labeling.episode import Source, SumoSource, make_shard
 from labeling.plan import Job, Plan
 from labeling.study import DatasetStudy
@@ -47,11 +47,16 @@ Progress = Callable[[int, int], None]
 
 
 def generate(
-    study: DatasetStudy, out: Path, jobs: int = 1, progress: Progress | None = None, source: Source | None = None
+    study: DatasetStudy,
+    out: Path,
+    engine: Engine | None = None,
+    progress: Progress | None = None,
+    source: Source | None = None,
 ) -> Dataset:
     """Make a study's dataset in a folder, or finish it where it was begun, and open it.
 
-    jobs: worker processes; the samples do not depend on it. source: where motion comes from, SUMO when absent.
+    engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
+    source: where motion comes from, SUMO when absent.
     Raises InputError where the study, a scenario or the folder is at fault, RuntimeError where every episode failed.
     """
     source = source or SumoSource(study.traffic, study.maneuvers)
@@ -64,32 +69,22 @@ def generate(
         for job, shard in _standing(out, started, plan.jobs):
             plan.add(job, shard)
         if not plan.done:
-            _make_missing(study, source, started.fingerprint, out, jobs, plan, progress)
+            task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
+            _make_missing(task, plan, engine or LocalEngine(1), progress or (lambda done, total: None))
         _finish(out, started, plan)
     return Dataset.open(out)
 
 
-def _make_missing(
-    study: DatasetStudy,
-    source: Source,
-    fingerprint: str,
-    out: Path,
-    jobs: int,
-    plan: Plan,
-    progress: Progress | None,
-) -> None:
+def _make_missing(task: Callable[[Job], Shard | InputError], plan: Plan, engine: Engine, progress: Progress) -> None:
     """Make the episodes that the plan still needs."""
-    report = progress or (lambda done, total: None)
-    task = partial(_work, study, source, fingerprint, (out / SHARDS).resolve())
-    workers = min(jobs, sum(1 for _ in plan.missing()))
-    report(*plan.progress())
-    with local_cluster(workers) as client:
-        for outcome in run_all(client, task, plan.missing(), at_once=workers):
+    progress(*plan.progress())
+    with closing(engine.run(task, plan.missing())) as outcomes:
+        for outcome in outcomes:
             if isinstance(outcome.result, InputError):
                 raise outcome.result
             job = outcome.item
             plan.add(job, outcome.result or Lost(scenario=job.scenario, seed=job.seed, reason=_reason(outcome.error)))
-            report(*plan.progress())
+            progress(*plan.progress())
             if plan.done:
                 return
 
@@ -147,7 +142,7 @@ def _describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     if twice := [name for name, times in Counter(names).items() if times > 1]:
         raise InputError(f"two scenarios are called {twice[0]}; rename the folder or configuration of one")
     content = study.model_dump(mode="json")
-    versions = {name: importlib.metadata.version(name) for name in VERSIONED}
+    versions = _versions()
     described = tuple(
         _describe_scenario(source, scenario)
         for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
@@ -163,6 +158,15 @@ def _describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
         versions=versions,
         scenarios=described,
     )
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the packages in VERSIONED; the tool itself may run from its source tree without being installed."""
+    found = {}
+    for name in VERSIONED:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
 
 
 def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
