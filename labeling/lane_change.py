@@ -95,7 +95,7 @@ class LaneChange:
 def _middle(motion: RoadMotion, first: Crossing, second: Crossing) -> float:
     """When a vehicle is halfway, across the lane, between two crossings to one side, s."""
     sign = 1.0 if first.left else -1.0
-    halfway = sign * (motion.lateral_at(first.time) + motion.lateral_at(second.time)) / 2
+    halfway = sign * (first.at_m + second.at_m) / 2
     there = first_below(motion.times, -sign * motion.q, -halfway, first.time)
     return second.time if there is None else min(there, second.time)
 

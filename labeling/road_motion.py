@@ -30,12 +30,13 @@ class Crossing:
     """The vehicle's centre crosses one marking.
 
     time: of the first row beyond it, s. marking: its number, counted leftwards from the right edge of the lane the
-    track starts in. left: the way it is crossed.
+    track starts in. left: the way it is crossed. at_m: its lateral position in the vehicle's `RoadMotion.q`, m.
     """
 
     time: float
     marking: int
     left: bool
+    at_m: float
 
 
 @dataclass(frozen=True)
@@ -115,20 +116,23 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
     rows = np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1
     shifts = np.zeros(len(rows))
     crossings: list[Crossing] = []
-    level = 0
+    level, centre = 0, 0.0
     limit = JUMP_MPS * step_s
-    for k, row in enumerate(rows):
+    for n, row in enumerate(rows):
         a, b = int(track.lane[row - 1]), int(track.lane[row])
         change = float(track.lane_lat[row] - track.lane_lat[row - 1])
         step = _likeliest(graph.steps(a, b), change)
         same_edge = graph.lanes[a].edge == graph.lanes[b].edge
         # Where an edge ends the centre line itself may be offset: that is the road's, not the vehicle's, motion.
         continued = step is not None and (same_edge or abs(change + step.shift_m) <= limit)
-        shifts[k] = step.shift_m if step is not None and continued else -change
-        for _ in range(abs(step.levels) if step is not None else 0):
-            left = step is not None and step.levels > 0
-            crossings.append(Crossing(float(times[row]), level if left else level - 1, left))
-            level += 1 if left else -1
+        shifts[n] = step.shift_m if step is not None and continued else -change
+        if step is not None:
+            left = step.levels > 0
+            for k in range(abs(step.levels)):
+                at = centre + step.shift_m * (k + 0.5) / abs(step.levels)
+                crossings.append(Crossing(float(times[row]), level if left else level - 1, left, at))
+                level += 1 if left else -1
+        centre += shifts[n]
     offset = np.zeros(len(track))
     offset[rows] = shifts
     lateral = track.lane_lat + np.cumsum(offset)
