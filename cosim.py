@@ -10,7 +10,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -185,16 +185,14 @@ def evaluate(
         print(json.dumps({"report": str(folder), **found}))
 
 
-def main() -> None:
-    """The console script: exit 0 done, 1 failed, 2 wrong input, 130 interrupted."""
-    sys.exit(_exit_code(lambda: app(standalone_mode=False)))
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The console script. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted.
 
-
-def _exit_code(command: Callable[[], Any]) -> int:
-    """Run a command; what went wrong goes to standard error, in one line where the user can mend it."""
+    What went wrong goes to standard error, in one line where the user can mend it.
+    """
     usage_error: Any = typer.BadParameter.__base__
     try:
-        return int(command() or 0)
+        return int(app(arguments, standalone_mode=False) or 0)
     except InputError as error:
         return _complain(str(error), 2)
     except usage_error as error:
@@ -316,4 +314,4 @@ def _cores() -> int:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
