@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from isacsim.fusion import Panels, information_of
 from isacsim.waveform import LIGHT_SPEED_MPS, Array, Waveform
 
 
@@ -39,3 +40,11 @@ def delay_bound(snr: Array, waveform: Waveform) -> Array:
 def doppler_bound(snr: Array, waveform: Waveform) -> Array:
     """Bound of the Doppler shift: standard deviation in Hz, shape (...)."""
     return np.asarray(measured_bound(snr, waveform)[..., 2] * 2 / waveform.wavelength_m)
+
+
+def fix_bound(state: Array, snr: Array, panels: Panels, waveform: Waveform) -> Array:
+    """Bound of x, y (m), vx, vy (m/s) estimated together from all sites' echoes of one instant.
+
+    state: true x, y, vx, vy, (S, 4). snr: per-element SNR of each echo, linear, (S, I). Returns covariances, (S, 4, 4).
+    """
+    return np.asarray(np.linalg.inv(information_of(state, measured_bound(snr, waveform), panels)))

@@ -29,13 +29,19 @@ BoolArray = npt.NDArray[np.bool_]
 class FusionSettings(Settings):
     """How several sites' measurements become one fix."""
 
-    method: Literal["information"] = Field("information", description="Joint maximum likelihood.")
-    steps: int = Field(2, ge=1, le=10, description="Gauss-Newton steps.")
+    method: Literal["information", "eq5"] = Field(
+        "information", description="Joint maximum likelihood; the paper's linear equations (isacsim.eq5)."
+    )
+    steps: int = Field(2, ge=1, le=10, description="Gauss-Newton steps of `information`.")
+    eq5_weights: Literal["paper", "covariance"] = Field(
+        "paper",
+        description="Weights of `eq5`: one variance a site for its range and its angle; the rows' true covariance.",
+    )
     speed_prior_mps: float = Field(
         60.0,
         gt=0,
-        description="Standard deviation of a vehicle's velocity along either axis, so that lines of sight that "
-        "are parallel leave a fix with a wide, finite covariance.",
+        description="Standard deviation of a vehicle's velocity along either axis, so that lines of sight that are "
+        "parallel leave a fix with a wide, finite covariance.",
     )
 
 
@@ -43,7 +49,8 @@ class FusionSettings(Settings):
 class Panels:
     """Geometry of the sites of each echo. Arrays (S, I), or (I,), of m and unit vectors.
 
-    height_m: of the panel above the target's reflecting point. right: along the array, (..., 2); front: where it faces.
+    height_m: of the panel above the target's reflecting point, which is target_height_m above the road.
+    right: along the array, (..., 2). front: where the panel faces, (..., 2).
     """
 
     x: Array
@@ -51,6 +58,7 @@ class Panels:
     height_m: Array
     right: Array
     front: Array
+    target_height_m: float
 
     @staticmethod
     def of(sites: Sequence[Site], target_height_m: float) -> Panels:
@@ -62,11 +70,19 @@ class Panels:
             np.array([site.height_m for site in sites], dtype=np.float64) - target_height_m,
             np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=-1),
             np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1),
+            target_height_m,
         )
 
     def take(self, index: npt.NDArray[np.int64]) -> Panels:
         """The panels of each echo, by number of the site."""
-        return Panels(self.x[index], self.y[index], self.height_m[index], self.right[index], self.front[index])
+        x, y, height = self.x[index], self.y[index], self.height_m[index]
+        return Panels(x, y, height, self.right[index], self.front[index], self.target_height_m)
+
+    def reordered(self, order: npt.NDArray[np.int64]) -> Panels:
+        """Panels (S, I) of each instant in another order (S, I)."""
+        x, y, height = (np.take_along_axis(a, order, axis=1) for a in (self.x, self.y, self.height_m))
+        right, front = (np.take_along_axis(a, order[..., None], axis=1) for a in (self.right, self.front))
+        return Panels(x, y, height, right, front, self.target_height_m)
 
     def measured(self, state: Array) -> Array:
         """Sine, slant range (m) and radial velocity (m/s) of a vehicle, (S, I, 3). state: x, y, vx, vy, (S, 4)."""
@@ -91,24 +107,39 @@ class Fixes:
 
 
 def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:
-    """Fuse the measurements of each instant.
+    """Joint maximum likelihood of position and velocity at each instant, by Gauss-Newton.
 
     measured: sine, range (m), radial velocity (m/s), (S, I, 3). deviation: their standard deviations, same shape.
     used: which echoes take part, (S, I). panels: of each echo.
-    Instants without any echo give a fix that is not valid, at the origin, with a covariance of (1e4 m)^2.
+    One echo is enough for a position; the velocity across its line of sight is then the prior's. Instants without any
+    echo give a fix that is not valid, at the origin, with a covariance of (1e4 m)^2.
     """
     weight = np.where(used[..., None], deviation, np.inf) ** -2.0
     state = np.zeros((len(measured), 4))
     state[:, :2] = _first_position(measured, weight, used, panels)
     information, gradient = _normal_equations(state, measured, weight, panels, settings)
     for _ in range(settings.steps):
-        state = state + _solve(information, gradient)
+        state = state + np.linalg.solve(information, gradient[..., None])[..., 0]
         information, gradient = _normal_equations(state, measured, weight, panels, settings)
-    valid = np.asarray(used.any(axis=1))
-    state[~valid] = 0.0
-    covariance = _inverse(information)
-    covariance[~valid] = 1e8 * np.eye(4)
-    return Fixes(state, covariance, valid)
+    return checked(state, np.asarray(np.linalg.inv(information)), np.asarray(used.any(axis=1)))
+
+
+def checked(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
+    """Fixes with symmetric covariances, and those that are not valid set to the origin and (1e4 m)^2."""
+    valid = valid & np.isfinite(state).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+    return Fixes(
+        np.where(valid[:, None], state, 0.0), np.where(valid[:, None, None], covariance, 1e8 * np.eye(4)), valid
+    )
+
+
+def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
+    """Fisher information of (x, y, vx, vy) in the sites' measurements, (S, 4, 4).
+
+    state: (S, 4). deviation: of sine, range and radial velocity, (S, I, 3).
+    """
+    rows = _jacobian(state, panels.measured(state), panels).reshape(len(state), -1, 4)
+    return np.asarray((rows * deviation.reshape(len(state), -1, 1) ** -2.0).transpose(0, 2, 1) @ rows)
 
 
 def single_site(measured: Array, panels: Panels) -> tuple[Array, Array]:
@@ -141,23 +172,27 @@ def _first_position(measured: Array, weight: Array, used: BoolArray, panels: Pan
     return np.asarray(np.stack([first, second], axis=-1) / (a * c - b**2)[:, None])
 
 
-def _normal_equations(
-    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionSettings
-) -> tuple[Array, Array]:
-    """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
+def _jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
+    """Derivatives of sine, range and radial velocity over x, y, vx, vy at a state (S, 4): (S, I, 3, 4)."""
     dx, dy, distance = panels.sight(state[:, 0, None], state[:, 1, None])
-    predicted = panels.measured(state)
-    jacobian = np.zeros((*distance.shape, 3, 4))
     unit = np.stack([dx / distance, dy / distance], axis=-1)
+    jacobian = np.zeros((*distance.shape, 3, 4))
     jacobian[..., 0, :2] = (panels.right - predicted[..., 0, None] * unit) / distance[..., None]
     jacobian[..., 1, :2] = unit
     jacobian[..., 2, :2] = (state[:, None, 2:] - predicted[..., 2, None] * unit) / distance[..., None]
     jacobian[..., 2, 2:] = unit
-    rows = jacobian.reshape(len(state), -1, 4)
-    weighted = rows * weight.reshape(len(state), -1, 1)
-    information = weighted.transpose(0, 2, 1) @ rows
-    residual = (measured - predicted).reshape(len(state), -1, 1)
-    gradient = (weighted.transpose(0, 2, 1) @ residual)[..., 0]
+    return jacobian
+
+
+def _normal_equations(
+    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionSettings
+) -> tuple[Array, Array]:
+    """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
+    predicted = panels.measured(state)
+    rows = _jacobian(state, predicted, panels).reshape(len(state), -1, 4)
+    weighted = (rows * weight.reshape(len(state), -1, 1)).transpose(0, 2, 1)
+    information = weighted @ rows
+    gradient = (weighted @ (measured - predicted).reshape(len(state), -1, 1))[..., 0]
     prior = settings.speed_prior_mps**-2
     information[:, 2, 2] += prior
     information[:, 3, 3] += prior
@@ -166,12 +201,3 @@ def _normal_equations(
     idle = weight.sum(axis=(1, 2)) == 0
     information[idle, :2, :2] += np.eye(2)
     return information, gradient
-
-
-def _solve(information: Array, gradient: Array) -> Array:
-    return np.asarray(np.linalg.solve(information, gradient[..., None])[..., 0])
-
-
-def _inverse(information: Array) -> Array:
-    inverse = np.linalg.inv(information)
-    return np.asarray((inverse + inverse.transpose(0, 2, 1)) / 2)

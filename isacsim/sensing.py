@@ -14,7 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from isacsim.blockage import Blockers
 from isacsim.channel import ChannelSettings, snr_db
+from isacsim.eq5 import fuse_eq5
 from isacsim.errors import InputError
 from isacsim.estimation import Estimator, estimate_deviation, observe
 from isacsim.fusion import Fixes, FusionSettings, Panels, fuse
@@ -65,7 +67,7 @@ class SensedRecord:
     detected, the fix before is repeated. n_sites: sites assigned, the least over the record. snr_db: mean per-element
     SNR over the record and its sites. detected: share of the echoes that were detected.
 
-    A record with n_sites below LEAST_SITES cannot be fused and is not usable: its state and fixes are all zero.
+    A record with n_sites below LEAST_SITES cannot be fused: it is not `usable`, and its state and fixes are all zero.
     """
 
     state: Array
@@ -73,11 +75,7 @@ class SensedRecord:
     n_sites: int
     snr_db: float
     detected: float
-
-    @property
-    def usable(self) -> bool:
-        """Whether at least LEAST_SITES sites saw the vehicle all the time."""
-        return self.n_sites >= LEAST_SITES
+    usable: bool
 
 
 @dataclass(frozen=True)
@@ -96,11 +94,13 @@ def sense(
     sites: Sequence[Site],
     settings: SensingSettings,
     keys: Sequence[tuple[str | int, ...]],
+    blockers: Sequence[Blockers | None] | None = None,
 ) -> list[SensedRecord]:
     """Sense B records.
 
     truth: x, y, vx, vy, ax, ay of the reflecting point, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one a record.
-    Raises InputError where the truth does not fit the keys or there is no site.
+    blockers: the other vehicles of each record, where the channel has blockage.
+    Raises InputError where the truth does not fit the keys, there is no site, or blockage is asked without vehicles.
     """
     if truth.ndim != 3 or truth.shape[1] != 6 or truth.shape[0] != len(keys):
         raise InputError(
@@ -110,7 +110,8 @@ def sense(
         raise InputError("no sites to sense with: add POIs of type isac_site to the scenario")
     count = prelude_snapshots(rate_hz, settings.tracking)
     motion = np.concatenate([before(truth, rate_hz, count), truth], axis=2)
-    observed = [fix(motion[k], rate_hz, sites, settings, key) for k, key in enumerate(keys)]
+    others = blockers if blockers is not None else [None] * len(keys)
+    observed = [fix(motion[k], rate_hz, sites, settings, key, others[k]) for k, key in enumerate(keys)]
     good = [k for k, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
     states = {}
     if good:
@@ -131,7 +132,12 @@ def sense(
 def _record(observed: Observed, state: Array, count: int) -> SensedRecord:
     fixes = observed.fixes.state[count:].T
     return SensedRecord(
-        np.ascontiguousarray(state.T), np.ascontiguousarray(fixes), observed.n_sites, observed.snr_db, observed.detected
+        state=np.ascontiguousarray(state.T),
+        fixes=np.ascontiguousarray(fixes),
+        n_sites=observed.n_sites,
+        snr_db=observed.snr_db,
+        detected=observed.detected,
+        usable=observed.n_sites >= LEAST_SITES,
     )
 
 
@@ -155,7 +161,12 @@ def before(truth: Array, rate_hz: float, count: int) -> Array:
 
 
 def fix(
-    motion: Array, rate_hz: float, sites: Sequence[Site], settings: SensingSettings, key: tuple[str | int, ...]
+    motion: Array,
+    rate_hz: float,
+    sites: Sequence[Site],
+    settings: SensingSettings,
+    key: tuple[str | int, ...],
+    blockers: Blockers | None = None,
 ) -> Observed:
     """Echoes, estimates and fixes of one record. motion: (6, S) at rate_hz, prelude included."""
     everyone = Panels.of(sites, settings.target_height_m)
@@ -170,11 +181,13 @@ def fix(
     number = np.where(assigned, slots, slots[:, :1])
     panels = everyone.take(number)
     true = panels.measured(motion[:4].T)
-    level = snr_db(settings.channel, settings.waveform, true[..., 1], number, key)
+    time_s = (np.arange(motion.shape[1]) - prelude_snapshots(rate_hz, settings.tracking)) / rate_hz
+    level = snr_db(settings.channel, settings.waveform, motion[:2].T, number, panels, time_s, blockers, key)
     measured, deviation, power = _measure(true, level, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = assigned & (power > threshold)
-    fixes = _filled(fuse(measured, deviation, used, panels, settings.fusion))
+    method = fuse if settings.fusion.method == "information" else fuse_eq5
+    fixes = _filled(method(measured, deviation, used, panels, settings.fusion))
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
 
 
