@@ -41,8 +41,8 @@ class LaneChange:
     than `stay_s` and comes back made none (it dithered). Where two are one motion, the middle of the lane between
     parts them.
     onset: the lateral speed passes `onset_mps`, traced back from the crossing; commit: the centre crosses;
-    end: the lateral speed is under `onset_mps` again. peak: the lateral acceleration of greatest size, m/s2, left
-    positive.
+    end: the lateral speed is under `onset_mps` again. peak: the greatest size of the lateral acceleration, m/s2,
+    positive for a change to the left.
     Fails where: a driver drifts over at less than `onset_mps` (onset is then the crossing); lanes are not modelled as
     lanes (two-wheelers side by side); a lane's own bend or a fork is used to change, which is no motion across the
     lane.
@@ -87,7 +87,7 @@ class LaneChange:
         sign = 1.0 if crossing.left else -1.0
         onset, end = moving_span(motion, sign, crossing.time, self.settings.onset_mps, self.settings.pause_s)
         during = motion.aq[(motion.times >= onset) & (motion.times <= end)]
-        peak = float(during[abs(during).argmax()]) if len(during) else 0.0
+        peak = sign * float(abs(during).max(initial=0.0))
         intention = Intention.LEFT_LANE_CHANGE if crossing.left else Intention.RIGHT_LANE_CHANGE
         return Event(motion.vehicle, intention, onset, crossing.time, end, peak)
 
