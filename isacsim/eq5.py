@@ -49,7 +49,7 @@ def _position(
     projected = matrix.transpose(0, 2, 1) @ weight
     normal = projected @ matrix
     # Two sites in line with the vehicle leave the equations singular: keep them solvable, the covariance says the rest.
-    ridge = 1e-13 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
+    ridge = 1e-15 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
     solved = np.linalg.solve(
         normal + ridge * np.eye(3), np.concatenate([projected @ right[..., None], projected], axis=2)
     )

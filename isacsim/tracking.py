@@ -35,10 +35,15 @@ class TrackingSettings(Settings):
 
 @dataclass(frozen=True)
 class Tracks:
-    """Filtered states (B, S, 6) and their covariances after the last step (B, 6, 6)."""
+    """What the filter made of B records.
+
+    state: (B, S, 6). covariance: after the last step, (B, 6, 6). innovation: of each fix, its distance from the
+    prediction squared in units of their covariance, (B, S); zero at the first fix and where there is none.
+    """
 
     state: Array
     covariance: Array
+    innovation: Array
 
 
 def transition(step_s: float) -> Array:
@@ -77,17 +82,21 @@ def track(fixes: Array, covariances: Array, valid: BoolArray, step_s: float, set
     move, noise = transition(step_s), process_noise(step_s, settings.jerk_density)
     state, spread = start(fixes[:, 0], covariances[:, 0], settings)
     states = np.empty((*fixes.shape[:2], 6))
+    innovations = np.zeros(fixes.shape[:2])
     states[:, 0] = state
     worthless = ~valid
     for k in range(1, fixes.shape[1]):
         state = (move @ state[..., None])[..., 0]
         spread = move @ spread @ move.T + noise
         # An invalid fix weighs nothing: its gain is set to zero.
-        gain = spread[:, :, :4] @ np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
-        gain[worthless[:, k]] = 0.0
-        state = state + (gain @ (fixes[:, k] - state[:, :4])[..., None])[..., 0]
+        weight = np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
+        weight[worthless[:, k]] = 0.0
+        gain = spread[:, :, :4] @ weight
+        surprise = (fixes[:, k] - state[:, :4])[..., None]
+        innovations[:, k] = (surprise.transpose(0, 2, 1) @ (weight @ surprise))[:, 0, 0]
+        state = state + (gain @ surprise)[..., 0]
         spread = spread - gain @ spread[:, :4]
         # Rounding makes the covariance drift from symmetry, and the filter from its reference with it.
         spread = (spread + spread.transpose(0, 2, 1)) / 2
         states[:, k] = state
-    return Tracks(states, spread)
+    return Tracks(states, spread, innovations)

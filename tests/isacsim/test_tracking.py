@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
+from scipy import stats
 
 from isacsim.tracking import TrackingSettings, process_noise, start, track, transition
 
@@ -69,3 +70,35 @@ def test_missing_fixes_are_coasted_over() -> None:
     assert state[20:] == pytest.approx(
         np.stack([np.linalg.matrix_power(transition(STEP_S), k + 1) @ state[19] for k in range(20)])
     )
+
+
+def consistent_fixes(states: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Fixes of true states (B, S, 6) and their covariance, of the size that four sites give."""
+    rng = np.random.default_rng(seed)
+    factor = np.array([[0.03, 0, 0, 0], [0.01, 0.04, 0, 0], [0, 0, 0.05, 0], [0.005, 0, 0.02, 0.1]])
+    covariance = np.broadcast_to(factor @ factor.T, (*states.shape[:2], 4, 4))
+    return states[..., :4] + rng.normal(size=(*states.shape[:2], 4)) @ factor.T, covariance
+
+
+def assert_in_chi_square_band(values: np.ndarray, freedom: int) -> None:
+    """The mean of independent values lies in its 95 % band."""
+    low, high = stats.chi2.ppf([0.025, 0.975], freedom * values.size) / values.size
+    assert low < values.mean() < high
+
+
+@pytest.mark.parametrize(("density", "true_density"), [(10.0, 10.0), (1e-6, 0.0)])
+def test_errors_are_as_large_as_the_filter_says(density: float, true_density: float) -> None:
+    """Truth of the filter's own kind: white jerk; and constant acceleration, with a filter that expects it."""
+    records, snapshots = 150, 300
+    rng = np.random.default_rng(7)
+    settings = TrackingSettings(jerk_density=density, start_acceleration_mps2=2.0)
+    states = np.zeros((records, snapshots, 6))
+    states[:, 0] = np.concatenate([rng.normal(0, 30, (records, 4)), rng.normal(0, 2, (records, 2))], axis=1)
+    jerk = np.linalg.cholesky(process_noise(STEP_S, 1.0)) * np.sqrt(true_density)
+    for k in range(1, snapshots):
+        states[:, k] = states[:, k - 1] @ transition(STEP_S).T + rng.normal(size=(records, 6)) @ jerk.T
+    fixes, covariance = consistent_fixes(states, 8)
+    tracks = track(fixes, covariance, np.ones((records, snapshots), dtype=bool), STEP_S, settings)
+    error = tracks.state[:, -1] - states[:, -1]
+    assert_in_chi_square_band(np.einsum("na,nab,nb->n", error, np.linalg.inv(tracks.covariance), error), 6)
+    assert_in_chi_square_band(tracks.innovation[:, 1:], 4)
