@@ -95,8 +95,9 @@ class Director:
         self._step += 1
 
     def finish(self, time: float) -> None:
-        """Close what is still going when the simulation ends."""
-        for vehicle in list(self._active):
+        """Close what is still going when the simulation ends, while SUMO still answers."""
+        for vehicle, active in list(self._active.items()):
+            active.steps.close()
             self._finish(vehicle, time)
 
     def _finish(self, vehicle: str, time: float) -> None:

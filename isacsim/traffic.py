@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
                     log.states(step + 1)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {' '.join(str(error).split())}") from error
-        director.finish(last * traffic.step_s)
+        finally:
+            director.finish(last * traffic.step_s)
         return Recording(
             scenario=scenario.name,
             seed=seed,
@@ -109,17 +111,26 @@ def session(scenario: Scenario, seed: int, traffic: TrafficSettings) -> Iterator
 
 
 class _Log:
-    """What the simulation shows, step by step: one flat buffer of rows, split by vehicle at the end."""
-
-    COLUMNS = 8
+    """What the simulation shows, step by step: one flat buffer a column, split by vehicle at the end."""
 
     def __init__(self, scenario: Scenario, sumo: Any) -> None:
+        vehicle = sumo.vehicle
+        lane_number = {lane.id: k for k, lane in enumerate(scenario.lanes)}
         self._sumo = sumo
         self._origin = scenario.origin
-        self._lane_number = {lane.id: k for k, lane in enumerate(scenario.lanes)}
         self._vehicle_number: dict[str, int] = {}
         self._kinds: list[tuple[str, float, float]] = []
-        self._rows = array("d")
+        self._steps = array("q")
+        self._counts = array("q")
+        # One C-level loop a column is three times as fast as a Python loop over vehicles.
+        self._columns: dict[str, tuple[array[Any], Callable[[tuple[str, ...]], Iterable[Any]]]] = {
+            "vehicle": (array("q"), self._numbers),
+            "position": (array("d"), lambda ids: chain.from_iterable(map(vehicle.getPosition, ids))),
+            "speed": (array("d"), lambda ids: map(vehicle.getSpeed, ids)),
+            "lane": (array("i"), lambda ids: map(lane_number.__getitem__, map(vehicle.getLaneID, ids))),
+            "lane_pos": (array("d"), lambda ids: map(vehicle.getLanePosition, ids)),
+            "lane_lat": (array("d"), lambda ids: map(vehicle.getLateralLanePosition, ids)),
+        }
         self.collided: set[str] = set()
         self.teleported: set[str] = set()
 
@@ -131,50 +142,46 @@ class _Log:
 
     def states(self, step: int) -> None:
         """Note the state of every vehicle on the road after this step."""
+        ids = self._sumo.vehicle.getIDList()
+        self._steps.append(step)
+        self._counts.append(len(ids))
+        for buffer, read in self._columns.values():
+            buffer.extend(read(ids))
+
+    def _numbers(self, ids: tuple[str, ...]) -> Iterable[int]:
+        """Numbers of vehicles by first appearance; the fixed facts of a new one are noted."""
         vehicle = self._sumo.vehicle
-        numbers, lanes, extend = self._vehicle_number, self._lane_number, self._rows.extend
-        for name in vehicle.getIDList():
-            number = numbers.get(name)
-            if number is None:
-                number = numbers[name] = len(numbers)
+        for name in ids:
+            if name not in self._vehicle_number:
+                self._vehicle_number[name] = len(self._kinds)
                 self._kinds.append((vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name)))
-            x, y = vehicle.getPosition(name)
-            extend(
-                (
-                    number,
-                    step,
-                    x,
-                    y,
-                    vehicle.getSpeed(name),
-                    lanes[vehicle.getLaneID(name)],
-                    vehicle.getLanePosition(name),
-                    vehicle.getLateralLanePosition(name),
-                )
-            )
+        return map(self._vehicle_number.__getitem__, ids)
 
     def tracks(self) -> dict[str, Track]:
         """Tracks by vehicle, in order of first appearance, without those that had an incident."""
-        rows = np.frombuffer(self._rows, dtype=np.float64).reshape(-1, self.COLUMNS)
-        order = np.argsort(rows[:, 0], kind="stable")
-        ends = np.cumsum(np.bincount(rows[:, 0].astype(np.int64), minlength=len(self._kinds)))
+        columns = {name: np.frombuffer(buffer, buffer.typecode) for name, (buffer, _) in self._columns.items()}
+        vehicle = columns.pop("vehicle")
+        columns["x"], columns["y"] = columns.pop("position").reshape(-1, 2).T
+        step = np.repeat(np.array(self._steps), np.array(self._counts))
+        order = np.argsort(vehicle, kind="stable")
+        ends = np.cumsum(np.bincount(vehicle, minlength=len(self._kinds)))
         tracks = {}
         for name, number in self._vehicle_number.items():
             if name in self.collided or name in self.teleported:
                 continue
             kind, length, width = self._kinds[number]
-            mine = rows[order[ends[number - 1] if number else 0 : ends[number]]]
-            _, step, x, y, speed, lane, position, lateral = mine.T.copy()
+            mine = order[ends[number - 1] if number else 0 : ends[number]]
             tracks[name] = Track(
                 vehicle=name,
                 kind=kind,
                 length_m=length,
                 width_m=width,
-                first_step=int(step[0]),
-                x=x - self._origin[0],
-                y=y - self._origin[1],
-                speed=speed,
-                lane=lane.astype(np.int32),
-                lane_pos=position,
-                lane_lat=lateral,
+                first_step=int(step[mine[0]]),
+                x=columns["x"][mine] - self._origin[0],
+                y=columns["y"][mine] - self._origin[1],
+                speed=columns["speed"][mine],
+                lane=columns["lane"][mine],
+                lane_pos=columns["lane_pos"][mine],
+                lane_lat=columns["lane_lat"][mine],
             )
         return tracks
