@@ -50,7 +50,7 @@ def blockage_db(
     record's start the vehicles stand where they were at its start. The loss of a vehicle to a site is drawn once
     a record.
     """
-    row = np.clip(np.round(time_s / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
+    row = _row(blockers, time_s)
     worst = np.zeros(site.shape)
     for vehicle, name in enumerate(blockers.ids):
         hidden = _between(blockers, vehicle, row, position, panels)
@@ -64,6 +64,20 @@ def blockage_db(
             mine = hidden & (site == number)
             worst[mine] = np.maximum(worst[mine], np.maximum(mean + deviation * draw, 0.0)[mine])
     return worst
+
+
+def hides(blockers: Blockers, position: Array, panels: Panels, time_s: Array) -> BoolArray:
+    """Whether any vehicle cuts the line from each panel to the target, (S, I). Arguments as `blockage_db`."""
+    row = _row(blockers, time_s)
+    hidden = np.zeros(panels.x.shape, dtype=bool)
+    for vehicle in range(len(blockers.ids)):
+        hidden |= _between(blockers, vehicle, row, position, panels)
+    return hidden
+
+
+def _row(blockers: Blockers, time_s: Array) -> IntArray:
+    """Row of the blockers' arrays at each instant, (S,)."""
+    return np.clip(np.round(time_s / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
 
 
 def mean_loss_db(distance_m: Array, low_m: Array, top_m: Array, blocker_m: float) -> tuple[Array, Array]:

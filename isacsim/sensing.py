@@ -187,7 +187,7 @@ def fix(
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = assigned & (power > threshold)
     method = fuse if settings.fusion.method == "information" else fuse_eq5
-    fixes = _filled(method(measured, deviation, used, panels, settings.fusion))
+    fixes = filled(method(measured, deviation, used, panels, settings.fusion))
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
 
 
@@ -203,9 +203,13 @@ def _measure(
     return waveform.measured(found.cells).reshape(shape), deviation.reshape(shape), found.power.reshape(shape[:2])
 
 
-def _filled(fixes: Fixes) -> Fixes:
-    """Fixes with the one before in the place of each that is missing; `valid` still says which are real."""
-    latest = np.maximum.accumulate(np.where(fixes.valid, np.arange(len(fixes.valid)), 0))
+def filled(fixes: Fixes) -> Fixes:
+    """Fixes with the one before (at the start, the first one) in the place of each that is missing.
+
+    Their covariance, and `valid`, still say that nothing was measured there.
+    """
+    latest = np.maximum.accumulate(np.where(fixes.valid, np.arange(len(fixes.valid)), -1))
+    latest = np.where(latest < 0, int(np.argmax(fixes.valid)), latest)
     return Fixes(fixes.state[latest], fixes.covariance, fixes.valid)
 
 
