@@ -12,7 +12,7 @@ from isacsim.settings import Settings
 from labeling.intentions import Event, Intention
 from labeling.lane_change import moving_span
 from labeling.road_motion import RoadMotion
-from labeling.signals import spells
+from labeling.signals import last_below, spells
 
 Threat = Callable[[float], bool]
 """Whether something ahead threatens the vehicle at an instant, s."""
@@ -29,6 +29,7 @@ class EvasiveSwerveSettings(Settings):
     return_s: float = Field(5.0, gt=0.0, le=30.0, description="longest time from the lateral peak to the return, s")
     threat_ttc_s: float = Field(4.0, gt=0.0, le=20.0, description="time to collision that makes a leader a threat, s")
     motion_mps: float = Field(0.2, gt=0.0, le=2.0, description="lateral speed of the first motion, m/s")
+    rest_mps2: float = Field(0.5, ge=0.0, le=4.0, description="lateral acceleration that is not yet the swerve's, m/s2")
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,8 @@ class EvasiveSwerve:
 
     It moves at least `aside_m` aside, and either there is a threat ahead (a leader it would reach within `threat_ttc_s`
     at the present speeds) or it comes back to within `return_m` of where it left.
-    onset: the lateral speed passes `motion_mps`, traced back from the acceleration's threshold; commit: the outward
-    motion ends (the lateral peak); end: the return is complete, or the commit where there is none.
+    onset: the lateral speed passes `motion_mps`, and the acceleration `rest_mps2`, traced back from its threshold;
+    commit: the outward motion ends (the lateral peak); end: the return is complete, or the commit where there is none.
     peak: the first peak of lateral acceleration, m/s2, left positive.
     Fails where: what is evaded is no vehicle and the driver stays aside (no threat is seen); a racing driver's lane
     change.
@@ -70,6 +71,8 @@ class EvasiveSwerve:
         if any(start - 1.0 <= jump <= stop + 1.0 for jump in motion.jumps):
             return None
         onset, commit = moving_span(motion, sign, stop, s.motion_mps, 0.0)
+        # A vehicle may be moving that way already, changing lanes: the swerve begins with its acceleration.
+        onset = max(onset, last_below(motion.times, sign * motion.aq, s.rest_mps2, start) or onset)
         left_from = motion.lateral_at(onset)
         if sign * (motion.lateral_at(commit) - left_from) < s.aside_m:
             return None

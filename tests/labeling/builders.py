@@ -121,7 +121,7 @@ def record(road: Road, *drives: Drive, commands: Sequence[Command] = (), step_s:
 
 
 def sweep(start: float, duration: float, distance: float) -> Callable[[Array], Array]:
-    """A move aside by `distance` (m) from `start` on (s): a period of a sine of acceleration, peak 2 pi distance / T^2."""
+    """A move aside by `distance` (m) from `start` on (s): a sine of acceleration, its peak 2 pi distance / T^2."""
 
     def move(t: Array) -> Array:
         u = np.clip((t - start) / duration, 0.0, 1.0)

@@ -47,6 +47,12 @@ def test_an_ordinary_lane_change_is_no_swerve_even_under_threat() -> None:
     assert swerves(sweep(10.0, 4.0, WIDTH_M), threat=True) == []
 
 
+def test_a_swerve_on_top_of_a_lane_change_begins_with_the_swerve() -> None:
+    drift = lambda t: np.clip(t - 8.5, 0.0, 1.5)  # noqa: E731
+    (event,) = swerves(total(drift, sweep(10.0, 1.2, 1.2), sweep(12.0, 1.2, -1.2)))
+    assert event.onset == pytest.approx(10.0, abs=0.2)
+
+
 def test_a_hard_move_to_the_next_lane_is_a_swerve_only_under_threat() -> None:
     move = sweep(10.0, 2.0, WIDTH_M)
     assert swerves(move, threat=False) == []
