@@ -1,0 +1,93 @@
+"""Draws docs/figures/labels.png: one event of each intention from a recording, with its onset, commit and end.
+
+    python docs/label_figures.py [RECORDING.npz]
+
+Without a recording the bundled motorway is simulated.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.recording import Recording
+from isacsim.scenario import load
+from isacsim.traffic import TrafficSettings, record
+from labeling.events import LabelSettings, label
+from labeling.intentions import Event, Intention
+from labeling.pairs import PairSettings
+from labeling.road_motion import RoadMotion, road_motion
+from labeling.samples import RecordSettings, candidates
+from labeling.surroundings import Surroundings
+
+ALONG = (Intention.HARD_BRAKE, Intention.HARD_ACCEL, Intention.FOLLOWING)
+TIMES = (("onset", "tab:green"), ("commit", "black"), ("end", "tab:red"))
+SEED = 2
+
+
+def draw_event(ax: Axes, event: Event, motion: RoadMotion, settings: LabelSettings) -> None:
+    """Acceleration along the road, or position and acceleration across it, around one event."""
+    shown = (motion.times > event.onset - 4) & (motion.times < max(event.end, event.onset + 4) + 2)
+    t = motion.times[shown] - event.onset
+    if event.intention in ALONG:
+        ax.plot(t, motion.a[shown], label="acceleration, m/s²")
+        ax.plot(t, motion.v[shown] - motion.v[shown][0], label="speed gained, m/s")
+        levels = {
+            Intention.HARD_BRAKE: -settings.hard_brake.threshold_mps2,
+            Intention.HARD_ACCEL: settings.hard_accel.threshold_mps2,
+        }
+        if event.intention in levels:
+            ax.axhline(levels[event.intention], color="0.7", lw=0.8, ls="--")
+    else:
+        ax.plot(t, motion.q[shown] - motion.lateral_at(event.onset), label="lateral position, m")
+        ax.plot(t, motion.vq[shown], label="lateral speed, m/s", lw=1)
+        ax.plot(t, motion.aq[shown], label="lateral acceleration, m/s²", lw=1, color="tab:purple")
+    for name, color in TIMES:
+        ax.axvline(getattr(event, name) - event.onset, color=color, lw=1, label=name)
+    ax.set_title(event.intention.text.replace("_", " "))
+    ax.set_xlabel("time from onset, s")
+
+
+def draw(recording: Recording, path: Path) -> None:
+    """One panel an intention; of the events that become samples the one of median peak stands for its class."""
+    settings, around = LabelSettings(), Surroundings(recording)
+    labels = label(recording, settings, around)
+    samples = candidates(recording, labels, PairSettings(), RecordSettings(), around).samples
+    taken = {(sample.tv, sample.t_onset) for sample in samples}
+    figure, axes = plt.subplots(2, 4, figsize=(16, 7), constrained_layout=True)
+    for ax, intention in zip(axes.flat, Intention, strict=False):
+        own = (e for e in labels.of(intention) if (e.vehicle, e.onset) in taken)
+        events = sorted(own, key=lambda e: abs(e.peak))
+        if not events:
+            ax.set_title(f"{intention.text}: none in this recording")
+            continue
+        event = events[len(events) // 2]
+        track = recording.tracks[event.vehicle]
+        draw_event(ax, event, road_motion(recording, track, around.graph, settings.width_s), settings)
+    handles = {}
+    for ax in axes.flat[:-1]:
+        handles.update({text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+    axes.flat[-1].axis("off")
+    axes.flat[-1].legend(list(handles.values()), list(handles), loc="center", frameon=False)
+    figure.savefig(path, dpi=90, metadata={"Software": None})
+
+
+def main(paths: Sequence[str]) -> None:
+    recording = (
+        Recording.load(Path(paths[0]))
+        if paths
+        else record(load("motorway"), SEED, TrafficSettings(), ManeuverSettings())
+    )
+    draw(recording, Path(__file__).with_name("figures") / "labels.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,203 @@
+"""Labels against what does not come from the labels: SUMO's own lane-change output, and the commands that were given.
+
+Minutes long. The commanded maneuvers count where the raw states show that the vehicle really moved so, by other means
+than the detectors': plain differences over 0.2 s, no conditioning.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.recording import Command, Recording, Track
+from isacsim.scenario import bundled, load
+from isacsim.traffic import TrafficSettings, record
+from labeling.events import Labels, LabelSettings, label
+from labeling.intentions import Event, Intention
+
+pytestmark = pytest.mark.slow
+
+LATERAL = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE)
+
+
+@pytest.fixture(scope="module", params=sorted(bundled()))
+def witnessed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Path]:
+    """Ten minutes of a bundled scenario with SUMO's own account of lane changes."""
+    import libsumo
+
+    output = tmp_path_factory.mktemp("witness") / "changes.xml"
+    start: Callable[[list[str]], Any] = libsumo.start
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(libsumo, "start", lambda args: start([*args, "--lanechange-output", str(output)]))
+        recording = record(load(request.param), 11, TrafficSettings(duration_s=600.0), ManeuverSettings())
+    return recording, output
+
+
+def accounts(output: Path, recording: Recording) -> list[tuple[str, float, bool]]:
+    """SUMO's changes of recorded vehicles in the recorded time: vehicle, time (s), leftwards."""
+    found = []
+    for change in ET.parse(output).getroot().iter("change"):
+        vehicle, time = change.get("id", ""), float(change.get("time", "nan"))
+        track = recording.tracks.get(vehicle)
+        if track is not None and recording.times(track)[0] < time < recording.times(track)[-1]:
+            found.append((vehicle, time, int(change.get("dir", "0")) > 0))
+    return found
+
+
+def stays_across(track: Track, recording: Recording, time: float, left: bool) -> bool | None:
+    """Whether the lane index is on the new side for a second after a change; None if the track ends within it.
+
+    On one edge alone: an edge that ends within the second is taken to number its lanes as before if no change is near.
+    """
+    times = recording.times(track)
+    k = int(np.searchsorted(times, time - 1e-6))
+    after = track.lane[k + 1 : k + 1 + round(1.0 / recording.step_s)]
+    if len(after) < round(1.0 / recording.step_s):
+        return None
+    here = recording.lanes[int(after[0])]
+    for lane in map(recording.lanes.__getitem__, np.unique(after).tolist()):
+        if lane.edge == here.edge and (lane.index < here.index if left else lane.index > here.index):
+            return False
+    return True
+
+
+def test_lane_changes_against_sumo_s_own_account(witnessed: tuple[Recording, Path]) -> None:
+    recording, output = witnessed
+    labels = label(recording, LabelSettings())
+    told = accounts(output, recording)
+    matched: set[tuple[str, float]] = set()
+    completed = missed = dithering = cut_off = 0
+    for vehicle, time, left in told:
+        hit = [
+            e for e in labels.changes[vehicle] if abs(e.commit - time) < 0.06 and (e.intention is LATERAL[0]) is left
+        ]
+        matched |= {(vehicle, e.commit) for e in hit}
+        stays = stays_across(recording.tracks[vehicle], recording, time, left)
+        if stays is None:
+            cut_off += 1
+        elif stays:
+            completed += 1
+            missed += not hit
+        else:
+            dithering += 1
+            missed += bool(hit)
+    events = [(e.vehicle, e.commit) for own in labels.changes.values() for e in own]
+    invented = [e for e in events if e not in matched]
+    print(f"\n{recording.scenario}: {completed} completed, {missed} missed, {len(invented)} invented, ", end="")
+    print(f"{dithering} dithering, {cut_off} cut off; labels: {labels.counts}")
+    assert completed > 200
+    assert missed <= 0.005 * completed
+    assert not invented
+
+
+def band_left(track: Track, recording: Recording, event: Event) -> float | None:
+    """When the raw lateral position leaves the 5 cm around where it rested for a second before the change, s."""
+    times = recording.times(track)
+    crossing = int(np.searchsorted(times, event.commit - 1e-6))
+    same = np.flatnonzero(track.lane[:crossing] != track.lane[crossing - 1])
+    first = int(same[-1]) + 1 if len(same) else 0
+    lateral = track.lane_lat[first:crossing]
+    for end in range(len(lateral) - 1, 100, -1):
+        if np.ptp(lateral[end - 100 : end]) < 0.01:
+            away = np.flatnonzero(np.abs(lateral[end:] - lateral[end - 1]) > 0.05)
+            return float(times[first + end + away[0]]) if len(away) else None
+    return None
+
+
+def test_onset_against_the_raw_lateral_position(witnessed: tuple[Recording, Path]) -> None:
+    recording, _ = witnessed
+    labels = label(recording, LabelSettings())
+    errors = []
+    for own in labels.changes.values():
+        for event in own:
+            left_at = band_left(recording.tracks[event.vehicle], recording, event)
+            if left_at is not None:
+                errors.append(event.onset - left_at)
+    print(f"\n{recording.scenario}: onset error over {len(errors)}: quartiles {np.percentile(errors, [25, 50, 75])}")
+    assert len(errors) > 150
+    assert np.median(np.abs(errors)) <= 0.15
+
+
+def longest(mask: np.ndarray, step_s: float) -> float:
+    """The longest stretch in which a mask holds, s."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return float((edges[1::2] - edges[::2]).max(initial=0) * step_s)
+
+
+def moved_so(recording: Recording, command: Command) -> Intention | None:
+    """What the raw states show of a commanded maneuver, with some room to the definitions."""
+    track = recording.tracks[command.vehicle]
+    times = recording.times(track)
+    span = (times >= command.start) & (times <= command.end)
+    n = round(0.1 / recording.step_s)
+    speed = track.speed[span]
+    if times[0] > command.start - 1.0 or times[-1] < command.end + 1.0 or len(speed) < 4 * n:
+        return None
+    accel = (speed[2 * n :] - speed[: -2 * n]) / (2 * n * recording.step_s)
+    if command.maneuver == "hard_brake" and longest(accel <= -4.2, recording.step_s) >= 0.7:
+        return Intention.HARD_BRAKE
+    if command.maneuver == "hard_accel" and longest(accel >= 2.6, recording.step_s) >= 1.2:
+        return Intention.HARD_ACCEL
+    lane, lateral = track.lane[span], track.lane_lat[span]
+    if command.maneuver == "evasive_swerve" and (lane == lane[0]).all() and np.ptp(lateral) > 0.5:
+        mean = np.convolve(lateral, np.ones(n) / n, "valid")
+        across = (mean[2 * n :] - 2 * mean[n:-n] + mean[: -2 * n]) / (n * recording.step_s) ** 2
+        return Intention.EVASIVE_SWERVE if min(across.max(), -across.min()) >= 3.6 else None
+    if command.maneuver == "lane_change":
+        flips = [k for k in np.flatnonzero(lane[1:] != lane[:-1]) if _beside(recording, lane[k], lane[k + 1])]
+        if len(flips) == 1 and len(lane) - flips[0] > round(1.5 / recording.step_s):
+            left = recording.lanes[lane[flips[0] + 1]].index > recording.lanes[lane[flips[0]]].index
+            return LATERAL[0] if left else LATERAL[1]
+    return None
+
+
+def _beside(recording: Recording, a: int, b: int) -> bool:
+    return recording.lanes[a].edge == recording.lanes[b].edge
+
+
+RATES = ManeuverSettings(
+    hard_brake_per_vehicle_hour=20.0,
+    hard_accel_per_vehicle_hour=40.0,
+    left_change_per_vehicle_hour=15.0,
+    right_change_per_vehicle_hour=15.0,
+    swerve_per_vehicle_hour=20.0,
+)
+
+
+def test_what_was_commanded_and_driven_is_labelled() -> None:
+    """Recall of stimulated maneuvers, and that none is taken for another intention of the same direction of motion."""
+    wanted: dict[Intention, int] = defaultdict(int)
+    found: dict[Intention, int] = defaultdict(int)
+    misses: list[str] = []
+    for seed in range(101, 105):
+        recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), RATES)
+        labels = label(recording, LabelSettings())
+        for command in recording.commands:
+            intention = moved_so(recording, command) if command.vehicle in recording.tracks else None
+            if intention is None:
+                continue
+            wanted[intention] += 1
+            got = during(labels, command)
+            if intention in got or (intention is LATERAL[0] and Intention.OVERTAKE in got):
+                found[intention] += 1
+            else:
+                misses.append(f"{seed} {command} {sorted(i.text for i in got)}")
+    print("\n" + "\n".join([f"{i.text}: {found[i]} of {n}" for i, n in wanted.items()] + misses))
+    assert {Intention.HARD_BRAKE, Intention.HARD_ACCEL, Intention.EVASIVE_SWERVE, *LATERAL} == set(wanted)
+    assert all(found[i] >= 0.99 * n for i, n in wanted.items())
+
+
+def during(labels: Labels, command: Command) -> set[Intention]:
+    """What the commanded vehicle was found to do meanwhile."""
+    return {
+        e.intention
+        for e in labels.events
+        if e.vehicle == command.vehicle and e.onset <= command.end and e.end >= command.start
+    }
