@@ -153,7 +153,8 @@ def train(
     console = _console(quiet)
     made = train_predictor(Dataset.open(dataset), out, settings, console)
     card = made.card
-    console.print(f"{made.name} trained: best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1}")
+    if card.validation_macro_f1 is not None:
+        console.print(f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}")
     if as_json:
         result = {"run": str(out), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
         print(json.dumps(result))
@@ -255,9 +256,19 @@ def _bar(console: Console, study: DatasetStudy) -> Iterator[Callable[[int, int],
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, speed_estimate_period=300) as progress:
-        task = progress.add_task("", total=None)
-        yield lambda done, total: progress.update(task, completed=done, total=total)
+    progress = Progress(*columns, console=console, speed_estimate_period=300)
+    task = progress.add_task("", total=None)
+
+    def move(done: int, total: int) -> None:
+        # Drawn from the first move on: what is refused before any work begins shows no bar.
+        progress.start()
+        progress.update(task, completed=done, total=total)
+
+    try:
+        yield move
+    finally:
+        if progress.live.is_started:
+            progress.stop()
 
 
 def _show_dataset(dataset: Dataset, console: Console) -> None:

@@ -215,7 +215,7 @@ class Dataset:
         return found
 
     def roads(self, scenario: str) -> list[RoadLane]:
-        """The lanes of a scenario's road network, internal ones left out."""
+        """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon."""
         table = pq.read_table(self.path / ROADS / f"{scenario}.parquet")
         return [
             RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T)
@@ -293,8 +293,8 @@ def write_meta(folder: Path, meta: Meta) -> None:
 
 
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane]) -> None:
-    """Write a scenario's lanes, junction-internal ones left out, as `roads/<scenario>.parquet`."""
-    kept = [lane for lane in lanes if not lane.id.startswith(":")]
+    """Write a scenario's lanes as `roads/<scenario>.parquet`."""
+    kept = list(lanes)
     line = pa.list_(pa.float32())
     table = pa.table(
         {

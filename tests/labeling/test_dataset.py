@@ -129,8 +129,9 @@ def test_equal_samples_give_equal_bytes_and_digest(dataset: Dataset, tmp_path: P
 
 
 def test_roads_and_sites_come_back(dataset: Dataset) -> None:
-    (lane,) = dataset.roads("road")
+    lane, inside = dataset.roads("road")
     assert (lane.id, lane.shape.tolist()) == ("e_0", [[0.0, 1.0], [10.0, 2.5]])
+    assert inside.id == ":j_0"
     assert lane.width_m == pytest.approx(3.2)
     assert dataset.sites("road") == [Site("s", 1.0, 2.0, 25.0, 90.0)]
 

@@ -1,0 +1,225 @@
+"""The command line: exit codes, the one line of bad input, JSON, and a whole study through SUMO."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import cosim
+from isacsim.scenario import bundled
+
+ROOT = Path(cosim.__file__).parent
+TINY = """
+[dataset]
+scenarios = ["motorway"]
+seeds = { first = 1, last = 3 }
+traffic = { run_in_s = 45.0, duration_s = 50.0 }
+record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
+selection = { per_class = 4, following = 2 }
+
+[training]
+asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
+optimiser = { epochs = 1 }
+trees = { rounds = 5 }
+"""
+
+
+@pytest.fixture
+def bad(tmp_path: Path) -> Path:
+    """A folder of inputs that are wrong in one way each."""
+    motorway = bundled()["motorway"]
+    shutil.copytree(motorway, tmp_path / "siteless")
+    (tmp_path / "siteless" / "sites.add.xml").write_text("<additional/>")
+    shutil.copytree(motorway, tmp_path / "garbled")
+    (tmp_path / "garbled" / "motorway.net.xml").write_text("<net")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").write_text("years of work")
+    (tmp_path / "key.toml").write_text("[dataset]\nsede = 3\n")
+    (tmp_path / "range.toml").write_text("[dataset.sensing.channel]\nsnr_range_db = [9, 3]\n")
+    (tmp_path / "type.toml").write_text('[training.optimiser]\nepochs = "many"\n')
+    (tmp_path / "broken.toml").write_text("[dataset\n")
+    return tmp_path
+
+
+BAD = {
+    "run none.toml": "none.toml: no such study file",
+    "run key.toml": "key.toml: dataset.sede: unknown key",
+    "run range.toml": "range.toml: dataset.sensing.channel: snr_range_db 9:3 is no range",
+    "run type.toml": "type.toml: training.optimiser.epochs: ",
+    "run broken.toml": "broken.toml: not a readable TOML file",
+    "run -o full": "full: holds something that is no study's results",
+    "generate nowhere -o new": "no scenario nowhere",
+    "generate siteless -o new": "has no sites",
+    "generate garbled -o new": "cannot be read as a SUMO network",
+    "generate empty -o new": "empty holds 0 SUMO configurations",
+    "generate siteless/motorway.net.xml -o new": "siteless/motorway.net.xml",
+    "generate motorway -o full": "full: holds something that is no dataset",
+    "generate motorway -o key.toml": "key.toml: is a file",
+    "generate motorway -o new --snr 10:0": "--snr 10:0: is no range",
+    "generate motorway -o new --snr loud": "--snr loud: is no range",
+    "generate motorway -o new --snr 0:nan": "--snr 0:nan: is no range",
+    "generate motorway -o new --snr 0:900": "snr_range_db 0:900 is no range",
+    "generate motorway -o new --seeds 5": "--seeds 5: is no range",
+    "generate motorway -o new --seeds=-3:2": "seeds.first",
+    "generate motorway -o new --windows 0": "--windows",
+    "generate motorway -o new --jobs none": "--jobs",
+    "generate motorway": "Missing option '-o'",
+    "generate motorway -o new --colour red": "No such option: --colour",
+    "generate -o new": "Missing argument 'SCENARIO...'",
+    "fly": "No such command 'fly'",
+    "inspect empty": "empty: not a dataset",
+    "inspect nowhere": "nowhere: not a dataset",
+    "train full -o new": "full: not a dataset",
+    "evaluate empty --data empty": "empty: not a run",
+}
+
+
+@pytest.mark.parametrize("line", BAD)
+def test_bad_input_is_one_line_and_exit_2(
+    line: str, bad: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(bad)
+    before = sorted(bad.rglob("*"))
+    assert cosim.main(line.split()) == 2
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("cosim: ")
+    assert said.err.endswith("\n")
+    assert said.err.count("\n") == 1
+    assert BAD[line] in said.err
+    assert sorted(bad.rglob("*")) == before
+
+
+def test_an_unknown_model_is_bad_input(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert cosim.main(["train", str(tiny / "dataset"), "-o", str(tmp_path / "run"), "--model", "oracle"]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_help_answers_without_the_heavy_packages() -> None:
+    code = (
+        "import sys, cosim; cosim.main(['generate', '--help']); "
+        "print(sorted({'torch', 'dask', 'libsumo'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "--windows" in done.stdout
+
+
+def test_a_script_from_the_source_tree_gives_the_exit_code(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "cosim.py", "inspect", "nowhere"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a whole study through SUMO, as small as it goes; its own JSON lies beside it."""
+    folder = tmp_path_factory.mktemp("tiny")
+    (folder / "tiny.toml").write_text(TINY)
+    done = subprocess.run(
+        [sys.executable, ROOT / "cosim.py", "run", "tiny.toml", "--json"], cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    (folder / "results.json").write_text(done.stdout.splitlines()[-1])
+    (folder / "said.txt").write_text(done.stderr)
+    return folder / "results" / "tiny"
+
+
+def test_a_study_runs_from_a_network_to_a_report(tiny: Path) -> None:
+    result = json.loads((tiny.parents[1] / "results.json").read_text())
+    assert set(result) == {"dataset", "run", "report", "accuracy", "macro_f1", "floor_macro_f1", "seconds"}
+    metrics = json.loads((tiny / "report" / "metrics.json").read_text())
+    assert result["macro_f1"] == metrics["macro_f1"]
+    for name in ("index.html", "record.png", "confusion.png", "loss.png"):
+        assert (tiny / "report" / name).stat().st_size > 1000
+    said = (tiny.parents[1] / "said.txt").read_text()
+    assert "results/tiny/report/index.html" in said
+    assert "macro-F1" in said
+    assert "Traceback" not in said
+
+
+def test_a_finished_study_answers_again(
+    tiny: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tiny.parents[1])
+    shards = {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")}
+    assert cosim.main(["run", "tiny.toml", "--json", "--quiet"]) == 0
+    said = capfd.readouterr()
+    before = json.loads((tiny.parents[1] / "results.json").read_text())
+    after = json.loads(said.out.splitlines()[-1])
+    assert {**after, "seconds": 0} == {**before, "seconds": 0}
+    assert {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")} == shards
+    assert said.err == ""
+
+
+def test_another_study_in_the_same_folder_is_refused(
+    tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "other.toml").write_text(TINY.replace("epochs = 1", "epochs = 2"))
+    assert cosim.main(["run", str(tmp_path / "other.toml"), "-o", str(tiny)]) == 2
+    assert "another study" in capfd.readouterr().err
+
+
+def test_inspect_says_what_is_in_it(tiny: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert cosim.main(["inspect", str(tiny / "dataset"), "--verify", "--json"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert found["verified"] is True
+    assert found["samples"] == sum(found["by_intention"].values()) == sum(found["by_origin"].values()) > 20
+    assert found["seeds"] == {"motorway": [1, 2, 3]}
+    assert "hard_brake" in said.err
+
+
+def test_inspect_verify_notices_damage(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(tiny / "dataset", tmp_path / "data")
+    shard = next((tmp_path / "data" / "shards").iterdir())
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(content)
+    assert cosim.main(["inspect", str(tmp_path / "data")]) == 0
+    capfd.readouterr()
+    assert cosim.main(["inspect", str(tmp_path / "data"), "--verify"]) == 2
+    said = capfd.readouterr().err
+    assert shard.name in said
+    assert said.count("\n") == 1
+
+
+def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    assert cosim.main(["train", str(tiny / "dataset"), "-o", str(run), "--epochs", "1", "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["run"] == str(run)
+    assert cosim.main(["evaluate", str(run), "--data", str(tiny / "dataset"), "--json", "--quiet"]) == 0
+    found = json.loads(capfd.readouterr().out)
+    assert {"n", "accuracy", "macro_f1", "per_class_f1", "confusion", "auroc_unknown", "by_lead_time"} <= set(found)
+    assert (run / "evaluation" / "metrics.json").is_file()
+
+
+@pytest.mark.slow
+def test_an_interrupted_generate_keeps_what_is_finished(tmp_path: Path) -> None:
+    command = [sys.executable, ROOT / "cosim.py", "generate", "motorway", "-o", "data", "--seeds", "1:3", "--jobs", "1"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 300
+    while not list(tmp_path.glob("data/shards/motorway-*")) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1].startswith("cosim: interrupted")
+    assert "Traceback" not in said
+    first = (tmp_path / "data/shards/motorway-1.parquet").stat().st_mtime_ns
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    assert (tmp_path / "data/shards/motorway-1.parquet").stat().st_mtime_ns == first
+    subprocess.run([*command[:5], "again", *command[6:-1], "2"], cwd=tmp_path, check=True, capture_output=True)
+    for shard in (tmp_path / "data/shards").iterdir():
+        assert shard.read_bytes() == (tmp_path / "again/shards" / shard.name).read_bytes()
