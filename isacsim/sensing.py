@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,8 @@ from isacsim.waveform import Array, Waveform
 IntArray = npt.NDArray[np.int64]
 
 LEAST_SITES = 2
+TOGETHER = 64
+"""Records filtered at once: enough to make the filter cheap, few enough to keep their fixes' covariances small."""
 
 
 class ViewSettings(Settings):
@@ -46,6 +49,10 @@ class SensingSettings(Settings):
     waveform: Waveform = Field(default_factory=Waveform)
     view: ViewSettings = Field(default_factory=ViewSettings)
     channel: ChannelSettings = Field(default_factory=ChannelSettings)
+    echo: Literal["window", "tensor"] = Field(
+        "window", description="Draw what an estimate depends on (isacsim.echo), or every number (isacsim.tensor, slow)."
+    )
+    device: str = Field("cpu", description="Where torch works on `tensor` echoes: cpu, cuda, cuda:1.")
     estimator: Estimator = Field("ml", description="Maximum likelihood, Candan's, the DFT's cell, the padded DFT's.")
     false_alarm: float = Field(
         1e-3,
@@ -108,12 +115,28 @@ def sense(
         )
     if not sites:
         raise InputError("no sites to sense with: add POIs of type isac_site to the scenario")
+    others = blockers if blockers is not None else [None] * len(keys)
+    records: list[SensedRecord] = []
+    for begin in range(0, len(keys), TOGETHER):
+        part = slice(begin, begin + TOGETHER)
+        records += _sense_together(truth[part], rate_hz, sites, settings, keys[part], others[part])
+    return records
+
+
+def _sense_together(
+    truth: Array,
+    rate_hz: float,
+    sites: Sequence[Site],
+    settings: SensingSettings,
+    keys: Sequence[tuple[str | int, ...]],
+    blockers: Sequence[Blockers | None],
+) -> list[SensedRecord]:
+    """Sense a few records, whose fixes are held at once for the filter."""
     count = prelude_snapshots(rate_hz, settings.tracking)
     motion = np.concatenate([before(truth, rate_hz, count), truth], axis=2)
-    others = blockers if blockers is not None else [None] * len(keys)
-    observed = [fix(motion[k], rate_hz, sites, settings, key, others[k]) for k, key in enumerate(keys)]
+    observed = [fix(motion[k], rate_hz, sites, settings, key, blockers[k]) for k, key in enumerate(keys)]
     good = [k for k, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
-    states = {}
+    states = np.zeros((len(keys), 6, truth.shape[2]))
     if good:
         tracks = track(
             np.stack([observed[k].fixes.state for k in good]),
@@ -122,18 +145,14 @@ def sense(
             1 / rate_hz,
             settings.tracking,
         )
-        states = dict(zip(good, tracks.state, strict=True))
-    return [
-        _record(item, states[k][count:] if k in states else np.zeros((truth.shape[2], 6)), count)
-        for k, item in enumerate(observed)
-    ]
+        states[good] = tracks.state[:, count:].transpose(0, 2, 1)
+    return [_record(item, states[k], count) for k, item in enumerate(observed)]
 
 
 def _record(observed: Observed, state: Array, count: int) -> SensedRecord:
-    fixes = observed.fixes.state[count:].T
     return SensedRecord(
-        state=np.ascontiguousarray(state.T),
-        fixes=np.ascontiguousarray(fixes),
+        state=state,
+        fixes=np.ascontiguousarray(observed.fixes.state[count:].T),
         n_sites=observed.n_sites,
         snr_db=observed.snr_db,
         detected=observed.detected,
@@ -197,7 +216,15 @@ def _measure(
     """Estimates of every echo: measured and deviation, (S, I, 3), and power, (S, I)."""
     waveform = settings.waveform
     cells = waveform.cells(true.reshape(-1, 3))
-    found = observe(cells, 10 ** (level_db.ravel() / 10), settings.estimator, waveform, stream(*key, "echo"))
+    snr = 10 ** (level_db.ravel() / 10)
+    if settings.echo == "tensor":
+        # Here, so that workers that draw by the window need not load torch.
+        from isacsim.tensor import observe_tensor
+
+        seed = int(stream(*key, "echo").integers(2**62))
+        found = observe_tensor(cells, snr, settings.estimator, waveform, seed, settings.device)
+    else:
+        found = observe(cells, snr, settings.estimator, waveform, stream(*key, "echo"))
     deviation = estimate_deviation(found.power, settings.estimator, waveform) / np.abs(waveform.cells_per_unit)
     shape = true.shape
     return waveform.measured(found.cells).reshape(shape), deviation.reshape(shape), found.power.reshape(shape[:2])

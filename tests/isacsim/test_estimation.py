@@ -14,14 +14,7 @@ from isacsim.waveform import Waveform, centred, steering
 
 WAVEFORM = Waveform()
 
-
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """Small batches lose more by sharing than they gain."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def moments_of(noise: np.ndarray, amplitude: float) -> Moments:

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).parent))
 from sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
+from isacsim.blockage import TRUCK_HEIGHT_M, Blockers
 from isacsim.channel import ChannelSettings
 from isacsim.errors import InputError
-from isacsim.fusion import Panels
+from isacsim.fusion import FusionSettings, Panels
 from isacsim.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, assign, before, sense
 
@@ -112,6 +113,51 @@ def test_the_snr_can_be_set() -> None:
     assert (low.snr_db, high.snr_db) == (-10, 20)
     ratio = rms(low.fixes - truth[0, :4]) / rms(high.fixes - truth[0, :4])
     assert ratio == pytest.approx(10**1.5, rel=0.3)
+
+
+@pytest.mark.usefixtures("one_thread")
+@pytest.mark.parametrize("estimator", ["ml", "candan", "padded_grid", "grid"])
+def test_full_tensors_do_as_the_window_does(estimator: str) -> None:
+    truth = drive(12, 130.0, 1.0, 25.0)[None]
+    base = {"estimator": estimator, "tracking": {"prelude_s": 0.02}, "view": {"range_m": 450}}
+    window = SensingSettings.model_validate(base)
+    tensor = SensingSettings.model_validate({**base, "echo": "tensor"})
+    fast = [sense(truth, RATE_HZ, SITES, window, [("w", k)])[0] for k in range(20)]
+    slow = sense(truth, RATE_HZ, SITES, tensor, [("t", 0)])[0]
+    spread = rms(np.stack([r.fixes for r in fast]) - truth[:, :4])
+    assert 0.3 * spread < rms(slow.fixes - truth[0, :4]) < 3 * spread
+
+
+def test_eq5_and_the_link_budget_run_through_the_chain() -> None:
+    truth = drive(80, 130.0, 1.0, 25.0)[None]
+    link = {"kind": "link", "rain_mm_per_h": 20}
+    best = SensingSettings.model_validate({"view": {"range_m": 450}, "channel": link})
+    paper = best.model_copy(update={"fusion": FusionSettings(method="eq5")})
+    ours, theirs = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
+    assert ours.snr_db == theirs.snr_db
+    assert rms(ours.fixes - truth[0, :4]) < 0.5 * rms(theirs.fixes - truth[0, :4])
+
+
+def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
+    truth = np.stack([drive(80, 105.0, 0.0, 25.0)] * 2)
+    near = np.arange(20) * 0.25
+    ring = [(7.0, 0.0, 1.0, 0.0), (-7.0, 0.0, 1.0, 0.0), (0.0, 4.0, 1.0, 0.0), (0.0, -4.0, 1.0, 0.0)]
+    trucks = Blockers(
+        [str(k) for k in range(4)],
+        0.01,
+        np.stack([105 + dx + 6 + near for dx, *_ in ring]),
+        np.stack([np.full(20, dy) for _, dy, *_ in ring]),
+        np.tile([1.0, 0.0], (4, 20, 1)),
+        np.full(4, 12.0),
+        np.full(4, 2.5),
+        np.full(4, TRUCK_HEIGHT_M),
+    )
+    blocked = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=0, blockage=True)})
+    nobody = Blockers([], 0.01, *(np.zeros((0, 20)),) * 2, np.zeros((0, 20, 2)), *(np.zeros(0),) * 3)
+    hidden, free = sense(truth, RATE_HZ, SITES, blocked, [("b", 0), ("b", 1)], [trucks, nobody])
+    assert free.snr_db == 0
+    assert hidden.snr_db < -2
+    assert np.isfinite(hidden.state).all()
 
 
 def test_wrong_input_says_what_is_wrong() -> None:
