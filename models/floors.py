@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
+from threadpoolctl import threadpool_limits
 
 from isacsim.settings import Settings
 from models.windows import Array, Float32, Windows
@@ -54,11 +55,12 @@ def _of_stream(states: Float32) -> Array:
 
 
 def fit_trees(
-    features: Float32, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int
+    features: Float32, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int, threads: int
 ) -> HistGradientBoostingClassifier:
     """Trees on statistics (n, 120), classes weighted by inverse frequency."""
     trees = HistGradientBoostingClassifier(
         max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
         l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
     )  # fmt: skip
-    return trees.fit(features, label)
+    with threadpool_limits(threads):
+        return trees.fit(features, label)

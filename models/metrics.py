@@ -62,8 +62,8 @@ def by_bin(value: Array, width: float, unit: str, label: Ints, predicted: Ints, 
         counts = confusion(label[here], predicted[here], n_classes)
         rows.append(
             {
-                f"from_{unit}": round(k * width, 6),
-                f"to_{unit}": round((k + 1) * width, 6),
+                f"from_{unit}": round(float(k * width), 6),
+                f"to_{unit}": round(float((k + 1) * width), 6),
                 "n": int(here.sum()),
                 "accuracy": number(np.mean(label[here] == predicted[here])),
                 "macro_f1": number(macro_f1(counts)),

@@ -17,7 +17,7 @@ from models.evaluation import METRICS_FILE, unseen
 from models.figures import spoken
 from models.record_view import RecordView, draw_record
 from models.run import Run, replace
-from models.windows import Ends, Records, cut, lengths
+from models.windows import Ends, Records, cut, fitting
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
@@ -86,8 +86,8 @@ def record_view(run: Run, records: Records, truth: Any, row: int) -> RecordView:
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
-    first = lengths(records, run.card.settings.windows)[1] - 1
-    steps = np.arange(first, n_uv, max(1, round(SAID_STEP_S * records.uv_rate_hz)))
+    first, last = fitting(records, run.card.settings.windows)
+    steps = np.arange(first, last + 1, max(1, round(SAID_STEP_S * records.uv_rate_hz)))
     windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
     snr = float(table["snr_db"])
     note = f", {snr:.1f} dB a site and antenna element" if np.isfinite(snr) else ""

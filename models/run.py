@@ -14,6 +14,7 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import os
+import pickle
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -39,6 +40,10 @@ CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
 )  # fmt: skip
 CHECKPOINTS = "checkpoints"
 PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
+DAMAGE = (
+    OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
+)  # fmt: skip
+"""What the readers of weights, trees and arrays raise on files that are cut off or not theirs."""
 TRUSTED = (
     "numpy.dtype",
     "sklearn._loss.link.Interval",
@@ -189,15 +194,7 @@ def open_run(folder: Path, card: RunCard) -> Run:
         predictor: Predictor = _load_trees(folder) if card.settings.model == "trees" else _load_network(folder, card)
         with np.load(folder / REFERENCE_FILE, allow_pickle=False) as stored:
             reference = (stored["features"], stored["label"])
-    except (
-        OSError,
-        RuntimeError,
-        ValueError,
-        KeyError,
-        EOFError,
-        zipfile.BadZipFile,
-        skops.io.exceptions.SkopsException,
-    ) as error:
+    except DAMAGE as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{folder}: the run is damaged ({reason}); train it again") from None
     return Run(folder, card, predictor, reference)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,22 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import lightning
 import numpy as np
-import pandas as pd
 import skops.io
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from rich.console import Console
-from torch import Tensor
-from torch.utils.data import DataLoader
-from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.errors import InputError
-from isacsim.seeding import stream
 from labeling.intentions import KNOWN
 from models import openset
-from models.asi_bip import AsiBip
 from models.floors import fit_trees, statistics
-from models.losses import focal_loss, inverse_frequency
+from models.lesson import MONITOR, History, Lesson, WindowData, torch_seed
+from models.losses import inverse_frequency
 from models.progress import EpochProgress
 from models.run import (
     CHECKPOINTS,
@@ -50,14 +44,12 @@ from models.run import (
     versions,
     write_card,
 )
-from models.windows import Ends, Records, Windows, batches, cut, draw_ends, lengths, split
+from models.windows import Records, batches, draw_ends, lengths, split
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
 
-MONITOR = "validation_macro_f1"
 REFERENCE_WINDOWS = 4000
-Batch = tuple[Tensor, Tensor, Tensor]
 
 
 def train(dataset: Dataset, out: str | Path, settings: TrainSettings, progress: Console | None = None) -> Run:
@@ -143,7 +135,7 @@ def _train_trees(training: Records, folder: Path, card: RunCard) -> RunCard:
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.trees.ends_per_record)
     features = np.concatenate([statistics(w) for w in batches(training, ends, settings.windows, 256)])
     label = training.label[ends.row]
-    trees = fit_trees(features, label, settings.trees, settings.seed)
+    trees = fit_trees(features, label, settings.trees, settings.seed, settings.optimiser.threads)
     replace(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
     _write_reference(training, TreesPredictor(trees), folder, card)
     return card
@@ -156,7 +148,7 @@ def _train_network(
     threads = torch.get_num_threads()
     torch.set_num_threads(optimiser.threads)
     try:
-        torch.manual_seed(_torch_seed("weights", card.settings.seed))
+        torch.manual_seed(torch_seed("weights", card.settings.seed))
         network = build_network(card)
         data = WindowData(training, validation, card.settings)
         network.set_scale(*data.scale())
@@ -179,7 +171,13 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
     """Train to the end; returns the checkpoint of the best epoch."""
     optimiser, checkpoints = card.settings.optimiser, folder / CHECKPOINTS
     keeper = ModelCheckpoint(
-        checkpoints, "best", monitor=MONITOR, mode="max", save_last=True, enable_version_counter=False
+        checkpoints,
+        "best",
+        monitor=MONITOR,
+        mode="max",
+        save_last=True,
+        enable_version_counter=False,
+        save_on_train_epoch_end=True,
     )
     callbacks: list[Callback] = [
         History(folder / HISTORY_FILE),
@@ -192,7 +190,7 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
     with _quiet():
         trainer = lightning.Trainer(
             accelerator="cpu", max_epochs=optimiser.epochs, precision=optimiser.precision, callbacks=callbacks,
-            gradient_clip_val=optimiser.clip_norm or None, reload_dataloaders_every_n_epochs=1, logger=False,
+            gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
         )  # fmt: skip
         try:
@@ -213,136 +211,6 @@ def _write_reference(training: Records, predictor: Predictor, folder: Path, card
         folder / REFERENCE_FILE,
         lambda path: np.savez_compressed(path, features=features.astype(np.float32), label=label),
     )
-
-
-class WindowData(lightning.LightningDataModule):
-    """Training windows drawn anew each epoch, and fixed validation windows."""
-
-    def __init__(self, training: Records, validation: Records, settings: TrainSettings) -> None:
-        super().__init__()
-        self.training, self.validation, self.settings = training, validation, settings
-        self.fixed = draw_ends(
-            validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
-        )
-
-    def scale(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Mean and standard deviation of every channel of the TV's and of the UV's stream, over training windows."""
-        windows = cut(self.training, self.epoch_ends(0)[:2000], self.settings.windows)
-        return tuple(  # type: ignore[return-value]
-            torch.as_tensor(value, dtype=torch.float32)
-            for x in (windows.tv, windows.uv)
-            for value in (x.mean(axis=(0, 2), dtype=np.float64), x.std(axis=(0, 2), dtype=np.float64) + 1e-6)
-        )
-
-    def epoch_ends(self, epoch: int) -> Ends:
-        """The epoch's training windows, shuffled."""
-        settings = self.settings
-        ends = draw_ends(
-            self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
-        )
-        return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
-
-    def train_dataloader(self) -> DataLoader[Batch]:
-        assert self.trainer is not None
-        return self._loader(self.training, self.epoch_ends(self.trainer.current_epoch))
-
-    def val_dataloader(self) -> DataLoader[Batch]:
-        return self._loader(self.validation, self.fixed)
-
-    def _loader(self, records: Records, ends: Ends) -> DataLoader[Batch]:
-        return DataLoader(WindowBatches(records, ends, self.settings), batch_size=None)  # type: ignore[arg-type]
-
-
-class WindowBatches:
-    """Batches of windows with their labels, cut when they are asked for."""
-
-    def __init__(self, records: Records, ends: Ends, settings: TrainSettings) -> None:
-        self.records, self.ends, self.settings = records, ends, settings
-
-    def __len__(self) -> int:
-        return math.ceil(len(self.ends) / self.settings.optimiser.batch)
-
-    def __getitem__(self, k: int) -> Batch:
-        size = self.settings.optimiser.batch
-        if not 0 <= k < len(self):
-            raise IndexError(k)
-        ends = self.ends[k * size : (k + 1) * size]
-        windows: Windows = cut(self.records, ends, self.settings.windows)
-        label = torch.from_numpy(self.records.label[ends.row])
-        return torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), label
-
-
-class Lesson(lightning.LightningModule):
-    """Focal loss, Adam, and validation macro-F1 around a network."""
-
-    def __init__(self, network: AsiBip, settings: TrainSettings, alpha: Tensor | None) -> None:
-        super().__init__()
-        self.network, self.settings = network, settings
-        self.register_buffer("alpha", alpha)
-        self.f1 = MulticlassF1Score(network.n_classes, average="macro")
-
-    def on_train_epoch_start(self) -> None:
-        # Dropout starts from the epoch's own seed, so that a resumed training draws what an unbroken one would.
-        torch.manual_seed(_torch_seed("epoch", self.settings.seed, self.current_epoch))
-
-    def training_step(self, batch: Batch, _: int) -> Tensor:
-        loss = self._loss(self.network(batch[0], batch[1]), batch[2])
-        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(batch[2]))
-        return loss
-
-    def validation_step(self, batch: Batch, _: int) -> None:
-        logits = self.network(batch[0], batch[1]).float()
-        self.f1(logits, batch[2])
-        n = len(batch[2])
-        self.log("validation_loss", self._loss(logits, batch[2]), batch_size=n)
-        self.log("validation_accuracy", (logits.argmax(1) == batch[2]).float().mean(), batch_size=n)
-        self.log(MONITOR, self.f1, on_epoch=True, batch_size=n)
-
-    def configure_optimizers(self) -> Any:
-        settings = self.settings.optimiser
-        adam = torch.optim.AdamW(
-            self.parameters(), settings.learning_rate, settings.betas, weight_decay=settings.weight_decay
-        )
-        if settings.schedule == "constant":
-            return adam
-        total = int(self.trainer.estimated_stepping_batches)
-        rise = max(1, round(settings.warmup_share * total))
-
-        def factor(step: int) -> float:
-            if step < rise:
-                return (step + 1) / rise
-            return 0.5 * (1 + math.cos(math.pi * (step - rise) / max(1, total - rise)))
-
-        schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
-        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-    def _loss(self, logits: Tensor, label: Tensor) -> Tensor:
-        return focal_loss(logits.float(), label, self.get_buffer("alpha"), self.settings.loss.gamma)
-
-
-class History(Callback):
-    """One row an epoch, written to a CSV file and kept in the checkpoints."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.rows: list[dict[str, float]] = []
-
-    def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
-        row = {name: float(value) for name, value in trainer.callback_metrics.items()}
-        row["learning_rate"] = float(trainer.optimizers[0].param_groups[0]["lr"])
-        self.rows.append({"epoch": float(trainer.current_epoch), **row})
-        table = pd.DataFrame(self.rows).astype({"epoch": int})
-        replace(self.path, lambda path: table.to_csv(path, index=False))
-
-    def state_dict(self) -> dict[str, Any]:
-        return {"rows": self.rows}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        self.rows = list(state["rows"])
-
-
-def _torch_seed(*keys: str | int) -> int:
-    return int(stream("torch", *keys).integers(2**62))
 
 
 @contextmanager

@@ -150,15 +150,21 @@ def lengths(records: Records, settings: WindowSettings) -> tuple[int, int]:
     return tv, uv
 
 
+def fitting(records: Records, settings: WindowSettings) -> tuple[int, int]:
+    """First and last UV step at which a window that lies wholly inside a record may end."""
+    n_tv, n_uv = lengths(records, settings)
+    ratio = records.tv_rate_hz / records.uv_rate_hz
+    first = max(n_uv - 1, int(np.ceil((n_tv - 1) / ratio - 1e-9)))
+    last = min(records.uv.shape[2] - 1, int(np.floor((records.tv.shape[2] - 1) / ratio + 1e-9)))
+    return first, last
+
+
 def end_bounds(records: Records, settings: WindowSettings) -> tuple[Ints, Ints]:
     """First and last UV step at which a window of each record may end, both (N,); last < first where none fits.
 
     The settings' range, cut to the ends at which the window lies wholly inside the record.
     """
-    n_tv, n_uv = lengths(records, settings)
-    ratio = records.tv_rate_hz / records.uv_rate_hz
-    first_fit = max(n_uv - 1, int(np.ceil((n_tv - 1) / ratio - 1e-9)))
-    last_fit = min(records.uv.shape[2] - 1, int(np.floor((records.tv.shape[2] - 1) / ratio + 1e-9)))
+    first_fit, last_fit = fitting(records, settings)
     anchor = records.table[f"t_{settings.relative_to}"].to_numpy(dtype=np.float64)
     since_start = anchor - records.table["t_start"].to_numpy(dtype=np.float64)
     since_start = np.where(np.isfinite(since_start), since_start, np.inf)
@@ -193,8 +199,11 @@ def draw_ends(records: Records, settings: WindowSettings, *keys: str | int, per_
 
 
 def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
-    """The windows that end there, in the settings' frame."""
+    """The windows that end there, in the settings' frame. ValueError where one does not lie inside its record."""
     n_tv, n_uv = lengths(records, settings)
+    first, last = fitting(records, settings)
+    if len(ends) and not (first <= ends.step.min() and ends.step.max() <= last):
+        raise ValueError(f"windows end at UV samples {ends.step.min()} to {ends.step.max()}; {first} to {last} fit")
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
     tv = _gather(records.tv, ends.row, tv_end, n_tv)
     uv = _gather(records.uv, ends.row, ends.step, n_uv)

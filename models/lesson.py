@@ -1,0 +1,171 @@
+"""What Lightning runs: the windows of every epoch, the loss and its optimiser, the history."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import lightning
+import numpy as np
+import pandas as pd
+import torch
+from lightning.pytorch.callbacks import Callback
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset
+from torchmetrics.classification import MulticlassF1Score
+
+from isacsim.seeding import stream
+from models.asi_bip import AsiBip
+from models.losses import focal_loss
+from models.run import TrainSettings, replace
+from models.windows import Ends, Records, batches, cut, draw_ends
+
+MONITOR = "validation_macro_f1"
+Batch = tuple[Tensor, Tensor, Tensor]
+
+
+def torch_seed(*keys: str | int) -> int:
+    """A seed for torch's own generator, named by its purpose like a stream."""
+    return int(stream("torch", *keys).integers(2**62))
+
+
+class WindowData(lightning.LightningDataModule):
+    """Training windows drawn anew each epoch, and fixed validation windows."""
+
+    def __init__(self, training: Records, validation: Records, settings: TrainSettings) -> None:
+        super().__init__()
+        self.training, self.validation, self.settings = training, validation, settings
+        self.next_epoch = 0
+        self.fixed = draw_ends(
+            validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
+        )
+
+    def scale(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Mean and standard deviation of every channel of the TV's and of the UV's stream, over training windows."""
+        windows = cut(self.training, self.epoch_ends(0)[:2000], self.settings.windows)
+        return tuple(  # type: ignore[return-value]
+            torch.as_tensor(value, dtype=torch.float32)
+            for x in (windows.tv, windows.uv)
+            for value in (x.mean(axis=(0, 2), dtype=np.float64), x.std(axis=(0, 2), dtype=np.float64) + 1e-6)
+        )
+
+    def epoch_ends(self, epoch: int) -> Ends:
+        """The epoch's training windows, shuffled."""
+        settings = self.settings
+        ends = draw_ends(
+            self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
+        )
+        return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        return self._loader(self.training, lambda: self.epoch_ends(self._epoch()), len(self.epoch_ends(0)))
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        return self._loader(self.validation, lambda: self.fixed, len(self.fixed))
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"next_epoch": self._epoch() + 1}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.next_epoch = state["next_epoch"]
+
+    def _epoch(self) -> int:
+        # A resumed trainer counts itself forward only after it has asked for the first batch.
+        assert self.trainer is not None
+        return max(int(self.trainer.current_epoch), self.next_epoch)
+
+    def _loader(self, records: Records, ends: Callable[[], Ends], n: int) -> DataLoader[Batch]:
+        return DataLoader(WindowBatches(records, ends, n, self.settings), batch_size=None)
+
+
+class WindowBatches(IterableDataset[Batch]):
+    """Batches of windows with their labels, cut when they are asked for.
+
+    ends: asked anew whenever an iteration starts. n: how many they are.
+    """
+
+    def __init__(self, records: Records, ends: Callable[[], Ends], n: int, settings: TrainSettings) -> None:
+        self.records, self.ends, self.n, self.settings = records, ends, n, settings
+
+    def __len__(self) -> int:
+        return math.ceil(self.n / self.settings.optimiser.batch)
+
+    def __iter__(self) -> Iterator[Batch]:
+        ends, size = self.ends(), self.settings.optimiser.batch
+        label = torch.from_numpy(self.records.label[ends.row])
+        parts = batches(self.records, ends, self.settings.windows, size)
+        for windows, part in zip(parts, torch.split(label, size), strict=True):
+            yield torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), part
+
+
+class Lesson(lightning.LightningModule):
+    """Focal loss, Adam, and validation macro-F1 around a network."""
+
+    def __init__(self, network: AsiBip, settings: TrainSettings, alpha: Tensor | None) -> None:
+        super().__init__()
+        self.network, self.settings = network, settings
+        self.register_buffer("alpha", alpha)
+        self.f1 = MulticlassF1Score(network.n_classes, average="macro")
+
+    def training_step(self, batch: Batch, k: int) -> Tensor:
+        # Dropout has a seed of its own in every step, so that a resumed training draws what an unbroken one would.
+        torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
+        loss = self._loss(self.network(batch[0], batch[1]), batch[2])
+        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(batch[2]))
+        return loss
+
+    def validation_step(self, batch: Batch, _: int) -> None:
+        logits = self.network(batch[0], batch[1]).float()
+        self.f1(logits, batch[2])
+        n = len(batch[2])
+        self.log("validation_loss", self._loss(logits, batch[2]), batch_size=n)
+        self.log("validation_accuracy", (logits.argmax(1) == batch[2]).float().mean(), batch_size=n)
+        self.log(MONITOR, self.f1, on_epoch=True, batch_size=n)
+
+    def configure_optimizers(self) -> Any:
+        settings = self.settings.optimiser
+        adam = torch.optim.AdamW(
+            self.parameters(), settings.learning_rate, settings.betas, weight_decay=settings.weight_decay
+        )
+        if settings.schedule == "constant":
+            return adam
+        total = int(self.trainer.estimated_stepping_batches)
+        rise = max(1, round(settings.warmup_share * total))
+
+        def factor(step: int) -> float:
+            if step < rise:
+                return (step + 1) / rise
+            return 0.5 * (1 + math.cos(math.pi * (step - rise) / max(1, total - rise)))
+
+        schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
+        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def _loss(self, logits: Tensor, label: Tensor) -> Tensor:
+        return focal_loss(logits.float(), label, self.get_buffer("alpha"), self.settings.loss.gamma)
+
+
+class History(Callback):
+    """One row an epoch, written to a CSV file and kept in the checkpoints."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows: list[dict[str, float]] = []
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        row = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        row["learning_rate"] = float(trainer.optimizers[0].param_groups[0]["lr"])
+        self.rows.append({"epoch": float(trainer.current_epoch), **row})
+        table = pd.DataFrame(self.rows).astype({"epoch": int})
+        replace(self.path, lambda path: table.to_csv(path, index=False))
+
+    @property
+    def state_key(self) -> str:
+        return "History"
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        self.rows = list(state["rows"])

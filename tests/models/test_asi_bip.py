@@ -1,0 +1,106 @@
+"""The ASI-BIP network: tokens, standardisation, independence of the batch, gradients."""
+
+import pytest
+import torch
+from torch import nn
+
+from models.asi_bip import AsiBip, AsiBipSettings, Branch
+
+SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
+
+
+def network(settings: AsiBipSettings = SMALL, tv: int = 80, uv: int = 20) -> AsiBip:
+    torch.manual_seed(1)
+    return AsiBip(settings, 6, tv, uv).eval()
+
+
+def seen_tokens(net: AsiBip, tv: int, uv: int) -> int:
+    seen: list[int] = []
+    net.encoder.register_forward_pre_hook(lambda _, args: seen.append(args[0].shape[1]))
+    net(torch.randn(2, 6, tv), torch.randn(2, 6, uv))
+    return seen[0]
+
+
+def test_the_paper_s_window_gives_44_and_44_tokens_and_a_class_token() -> None:
+    assert seen_tokens(network(tv=880, uv=220), 880, 220) == 1 + 44 + 44
+
+
+def test_the_literal_reading_has_1101_tokens() -> None:
+    net = network(SMALL.model_copy(update={"tokens": "literal"}), tv=880, uv=220)
+    assert seen_tokens(net, 880, 220) == 1101
+
+
+def test_lengths_that_the_pools_do_not_divide_keep_their_tail() -> None:
+    net = network(tv=83, uv=22)
+    tv, uv = torch.randn(1, 6, 83), torch.randn(1, 6, 22)
+    changed = tv.clone()
+    changed[..., -1] += 5
+    assert seen_tokens(net, 83, 22) == 1 + 5 + 5
+    assert (net(tv, uv) - net(changed, uv)).abs().max() > 1e-6
+
+
+def test_a_branch_is_lstm_mean_projection_and_embeddings() -> None:
+    torch.manual_seed(2)
+    branch = Branch(SMALL, 40, 20).eval()
+    x = torch.randn(3, 6, 40)
+    cell = nn.LSTM(6, 6, batch_first=True, bidirectional=True)
+    cell.load_state_dict(branch.lstm.state_dict())
+    mean = cell(x.transpose(1, 2))[0].reshape(3, 2, 20, 12).mean(dim=2)
+    expected = mean @ branch.project.weight.T + branch.project.bias + branch.position + branch.stream
+    torch.testing.assert_close(branch(x), expected)
+
+
+def test_standardisation_is_part_of_the_network_and_of_its_state() -> None:
+    plain, scaled = network(), network()
+    mean, sd = torch.arange(6.0), torch.arange(1.0, 7.0)
+    scaled.set_scale(mean, sd, 2 * mean, 3 * sd)
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    expected = plain((tv - mean[:, None]) / sd[:, None], (uv - 2 * mean[:, None]) / (3 * sd[:, None]))
+    torch.testing.assert_close(scaled(tv, uv), expected)
+    again = network()
+    again.load_state_dict(scaled.state_dict())
+    torch.testing.assert_close(again(tv, uv), expected)
+
+
+def test_a_window_s_answer_does_not_depend_on_its_batch() -> None:
+    net = network()
+    tv, uv = torch.randn(5, 6, 80), torch.randn(5, 6, 20)
+    alone = torch.cat([net(tv[k : k + 1], uv[k : k + 1]) for k in range(5)])
+    torch.testing.assert_close(net(tv, uv), alone, atol=1e-5, rtol=1e-4)
+
+
+@pytest.mark.parametrize("tokens", ["pooled", "literal"])
+def test_every_parameter_and_both_streams_get_gradients(tokens: str) -> None:
+    net = network(SMALL.model_copy(update={"tokens": tokens, "dropout": 0.0})).train()
+    tv = torch.randn(3, 6, 80, requires_grad=True)
+    uv = torch.randn(3, 6, 20, requires_grad=True)
+    nn.functional.cross_entropy(net(tv, uv), torch.tensor([0, 1, 2])).backward()
+    for name, parameter in net.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.abs().sum() > 0, name
+    for stream in (tv, uv):
+        assert stream.grad is not None
+        assert (stream.grad.abs().sum(dim=(0, 2)) > 0).all()
+
+
+def test_logits_are_read_from_the_features() -> None:
+    net = network()
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    torch.testing.assert_close(net.classify(net.features(tv, uv)), net(tv, uv))
+
+
+def test_attention_dropout_is_a_setting_of_its_own() -> None:
+    net = network(SMALL.model_copy(update={"dropout": 0.3, "attention_dropout": 0.2}))
+    assert [layer.self_attn.dropout for layer in net.encoder.layers] == [0.2, 0.2]
+    assert [layer.dropout.p for layer in net.encoder.layers] == [0.3, 0.3]
+
+
+def test_the_strided_extension_averages_before_the_lstm() -> None:
+    strided = network(SMALL.model_copy(update={"tv_stride": 4}), tv=320)
+    tv, uv = torch.randn(2, 6, 320), torch.randn(2, 6, 20)
+    torch.testing.assert_close(strided(tv, uv), network(tv=80)(tv.reshape(2, 6, 80, 4).mean(dim=3), uv))
+
+
+def test_heads_divide_the_width() -> None:
+    with pytest.raises(ValueError, match="no multiple of heads"):
+        AsiBipSettings(width=100, heads=8)

@@ -1,0 +1,36 @@
+"""The statistics that the trees see, and the trees."""
+
+import numpy as np
+from made_up import make_records
+
+from models.floors import STATISTICS, TreesSettings, fit_trees, statistics
+from models.windows import Windows, WindowSettings, cut, draw_ends
+
+
+def test_statistics_by_hand() -> None:
+    rng = np.random.default_rng(0)
+    tv, uv = rng.normal(size=(2, 6, 90)).astype(np.float32), rng.normal(size=(2, 6, 30)).astype(np.float32)
+    found = statistics(Windows(tv, uv))
+    assert found.shape == (2, 12 * len(STATISTICS))
+    for stream, states in ((0, tv), (1, uv)):
+        for component in range(6):
+            x = states[1, component].astype(np.float64)
+            third = len(x) // 3
+            expected = [
+                x.mean(), x.std(), x.min(), x.max(), x[0], x[-1], np.polyfit(np.arange(len(x)), x, 1)[0],
+                x[:third].mean(), x[third : 2 * third].mean(), x[2 * third :].mean(),
+            ]  # fmt: skip
+            at = (6 * stream + component) * len(STATISTICS)
+            np.testing.assert_allclose(found[1, at : at + len(STATISTICS)], expected, atol=1e-5)
+
+
+def test_trees_learn_the_made_up_intentions_and_repeat_themselves() -> None:
+    records = make_records(6, 2)
+    records = records.take(records.label < 6)
+    ends = draw_ends(records, WindowSettings(end_after_s=(1.0, 2.2)), "test", per_record=2)
+    features, label = statistics(cut(records, ends, WindowSettings())), records.label[ends.row]
+    unseen = records.table["seed"].to_numpy()[ends.row] >= 4
+    few = TreesSettings(rounds=10)
+    trees, again = (fit_trees(features[~unseen], label[~unseen], few, seed=3, threads=1) for _ in range(2))
+    assert (trees.predict(features[unseen]) == label[unseen]).mean() > 0.6
+    np.testing.assert_array_equal(trees.decision_function(features), again.decision_function(features))

@@ -1,0 +1,75 @@
+"""Metrics against scikit-learn and against plain loops."""
+
+import numpy as np
+import pytest
+from sklearn.metrics import confusion_matrix, f1_score
+
+from models import metrics
+
+CLASSES = ("a", "b", "c", "d")
+
+
+def drawn(n: int = 300, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    label = rng.integers(0, 4, n)
+    return label, np.where(rng.random(n) < 0.6, label, rng.integers(0, 4, n))
+
+
+def test_summary_is_scikit_learn_s() -> None:
+    label, predicted = drawn()
+    found = metrics.summary(label, predicted, CLASSES)
+    assert found["accuracy"] == pytest.approx(np.mean(label == predicted))
+    assert found["macro_f1"] == pytest.approx(f1_score(label, predicted, average="macro"))
+    np.testing.assert_allclose(list(found["per_class_f1"].values()), f1_score(label, predicted, average=None))
+    np.testing.assert_array_equal(found["confusion"], confusion_matrix(label, predicted))
+
+
+def test_a_class_without_a_true_sample_is_left_out() -> None:
+    found = metrics.summary(np.array([0, 0, 1]), np.array([0, 2, 1]), CLASSES)
+    assert found["per_class_f1"] == {"a": pytest.approx(2 / 3), "b": 1.0, "c": None, "d": None}
+    assert found["macro_f1"] == pytest.approx((2 / 3 + 1) / 2)
+
+
+def test_bins_of_lead_time() -> None:
+    lead = np.array([-0.21, -0.2, -0.01, 0.0, 0.19, 0.6])
+    label = np.array([0, 1, 1, 0, 1, 1])
+    rows = metrics.by_lead_time(lead, label, np.array([0, 1, 0, 0, 0, 1]), 2)
+    assert [(r["from_s"], r["to_s"], r["n"], r["accuracy"]) for r in rows] == [
+        (-0.4, -0.2, 1, 1.0), (-0.2, 0.0, 2, 0.5), (0.0, 0.2, 2, 0.5), (0.6, 0.8, 1, 1.0),
+    ]  # fmt: skip
+
+
+def test_multiples_of_the_bin_open_their_own_bin() -> None:
+    lead = np.arange(-5, 6) * 0.2
+    rows = metrics.by_lead_time(lead, np.zeros(11, int), np.zeros(11, int), 2)
+    assert [r["n"] for r in rows] == [1] * 11
+
+
+def test_records_without_snr_are_in_no_bin() -> None:
+    rows = metrics.by_snr(np.array([np.nan, 1.0, 3.0]), np.array([0, 0, 1]), np.array([0, 0, 1]), 2)
+    assert [(r["from_db"], r["n"]) for r in rows] == [(0.0, 1), (2.0, 1)]
+
+
+def test_the_paired_difference_of_a_predictor_with_itself_is_nothing() -> None:
+    label, predicted = drawn()
+    found = metrics.paired_difference(label, predicted, predicted, np.arange(300) % 7, CLASSES)
+    assert found["macro_f1"] == {"difference": 0.0, "low": 0.0, "high": 0.0}
+
+
+def test_the_interval_is_the_bootstrap_over_groups() -> None:
+    label, first = drawn(400)
+    second = np.random.default_rng(9).integers(0, 4, 400)
+    groups = np.arange(400) % 8
+    found = metrics.paired_difference(label, first, second, groups, CLASSES)["macro_f1"]
+
+    def difference(rows: np.ndarray) -> float:
+        scores = [f1_score(label[rows], p[rows], average="macro") for p in (first, second)]
+        return float(scores[0] - scores[1])
+
+    rng = np.random.default_rng(4)
+    loops = [
+        difference(np.concatenate([np.flatnonzero(groups == g) for g in rng.integers(0, 8, 8)])) for _ in range(400)
+    ]
+    assert found["difference"] == pytest.approx(difference(np.arange(400)))
+    assert found["low"] == pytest.approx(np.quantile(loops, 0.025), abs=0.02)
+    assert found["high"] == pytest.approx(np.quantile(loops, 0.975), abs=0.02)

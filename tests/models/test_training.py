@@ -1,0 +1,145 @@
+"""Training: a run's folder, resuming, what it refuses, and that its files execute nothing."""
+
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from made_up import MADE_OF, SMALL_RUN
+
+from isacsim.errors import InputError
+from models import training
+from models.run import Run, TrainSettings, load_run
+from models.training import train_records
+from models.windows import Records, cut, draw_ends
+
+
+def windows_of(records: Records, run: Run):  # type: ignore[no-untyped-def]
+    ends = draw_ends(records, run.card.settings.windows, "test")[:16]
+    return cut(records, ends, run.card.settings.windows)
+
+
+@pytest.mark.parametrize("kind", ["network_run", "trees_run"])
+def test_a_loaded_run_answers_like_the_trained_one(kind: str, records: Records, request: pytest.FixtureRequest) -> None:
+    run: Run = request.getfixturevalue(kind)
+    windows = windows_of(records, run)
+    out = load_run(run.path).predictor(windows)
+    np.testing.assert_array_equal(out.logits, run.predictor(windows).logits)
+    assert out.logits.shape == (16, 6)
+    np.testing.assert_allclose(out.probabilities.sum(axis=1), 1)
+
+
+def test_the_network_learns(network_run: Run) -> None:
+    history = pd.read_csv(network_run.path / "history.csv")
+    assert list(history["epoch"]) == [0, 1, 2]
+    assert history["train_loss"].iloc[-1] < 0.8 * history["train_loss"].iloc[0]
+    best = int(history["validation_macro_f1"].to_numpy().argmax())
+    assert network_run.card.best_epoch == best
+    assert network_run.card.validation_macro_f1 == pytest.approx(history["validation_macro_f1"][best], abs=1e-6)
+
+
+def test_the_card_says_what_made_it(network_run: Run, records: Records) -> None:
+    card = json.loads((network_run.path / "run.json").read_text())
+    assert card["complete"] is True
+    assert card["dataset"] == MADE_OF
+    assert set(card["classes"]) == set(card["counts"])
+    assert "following" not in card["classes"]
+    assert sum(card["counts"].values()) == ((records.label < 6) & np.isin(records.groups, card["split"]["train"])).sum()
+
+
+class Stop(training.History):
+    """Stands for a kill in the second epoch."""
+
+    def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
+        if trainer.current_epoch == 1:
+            raise KeyboardInterrupt
+
+
+def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
+    records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "History", Stop)
+        with pytest.raises(KeyboardInterrupt):
+            train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+    with pytest.raises(InputError, match="not finished"):
+        load_run(tmp_path / "run")
+    resumed = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+    for name in ("history.csv", "run.json"):
+        assert (resumed.path / name).read_bytes() == (network_run.path / name).read_bytes()
+    here, there = (torch.load(r.path / "weights.pt", weights_only=True) for r in (network_run, resumed))
+    assert all(torch.equal(here[name], there[name]) for name in here)
+
+
+def test_a_finished_training_is_not_repeated(
+    records: Records, network_run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "_fit", None)
+    again = train_records(records, MADE_OF, network_run.path, SMALL_RUN)
+    assert again.card == network_run.card
+
+
+def test_foreign_folders_and_other_runs_are_left_alone(records: Records, network_run: Run, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="no run"):
+        train_records(records, MADE_OF, tmp_path, SMALL_RUN)
+    with pytest.raises(InputError, match="other settings"):
+        train_records(records, MADE_OF, network_run.path, SMALL_RUN.model_copy(update={"seed": 7}))
+    with pytest.raises(InputError, match="another dataset"):
+        train_records(records, {**MADE_OF, "digest": "other"}, network_run.path, SMALL_RUN)
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not a run"):
+        load_run(tmp_path / "nothing")
+    (tmp_path / "run.json").write_text('{"schema_version": 1}')
+    with pytest.raises(InputError, match=r"run\.json"):
+        load_run(tmp_path)
+
+
+class Evil:
+    """A pickle that would leave a file behind."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return Path.touch, (self.mark,)
+
+
+@pytest.mark.parametrize(("kind", "file"), [("network_run", "weights.pt"), ("trees_run", "trees.skops")])
+def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(request.getfixturevalue(kind).path, run)
+    for evil in (lambda: torch.save(Evil(tmp_path / "mark"), run / file), lambda: write_pickle(run / file, tmp_path)):
+        evil()
+        with pytest.raises(InputError, match="damaged"):
+            load_run(run)
+        assert not (tmp_path / "mark").exists()
+
+
+def write_pickle(path: Path, folder: Path) -> None:
+    path.write_bytes(pickle.dumps(Evil(folder / "mark")))
+
+
+def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(network_run.path, run)
+    (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
+    with pytest.raises(InputError, match="damaged"):
+        load_run(run)
+
+
+def test_a_dataset_without_known_intentions_is_refused(records: Records, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="known intentions"):
+        train_records(records.take(records.label == 6), MADE_OF, tmp_path / "run", TrainSettings())
+
+
+def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
+    rates = pd.read_csv(network_run.path / "history.csv")["learning_rate"].to_numpy()
+    assert rates[0] > rates[1] > rates[2]
+    assert rates[2] == pytest.approx(0, abs=1e-9)
