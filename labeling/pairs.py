@@ -19,6 +19,7 @@ class PairSettings(Settings):
     connected_share: float = Field(1.0, ge=0.0, le=1.0, description="share of vehicles that are connected")
     before_onset_s: float = Field(1.0, ge=0.0, le=10.0, description="when the UV is chosen, before onset, s")
     range_m: float = Field(100.0, gt=0.0, le=500.0, description="greatest distance between TV and UV then, m")
+    fall_back: bool = Field(True, description="whether the nearest connected vehicle stands in for a missing leader")
     tv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be targets; absent: all")
     uv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be connected; absent: all")
 
@@ -68,7 +69,8 @@ def choose_uv(around: Surroundings, tv: str, onset: float, settings: PairSetting
     """The UV of a sample, by one rule for every intention.
 
     The leader in the TV's lane `before_onset_s` before onset, if it is connected and within range; else the nearest
-    connected vehicle on the same carriageway; None where there is none, or the TV is not on the road yet.
+    connected vehicle on the same carriageway, unless `fall_back` is off; None where there is none, or the TV is not on
+    the road yet. Without a leader nothing can be overtaken: with the fallback, where the UV is tells that much.
     """
     time = onset - settings.before_onset_s
     if not around.has(tv, time, time):
@@ -78,5 +80,7 @@ def choose_uv(around: Surroundings, tv: str, onset: float, settings: PairSetting
         track = around.recording.tracks[leader.vehicle]
         if connected(around.recording, track, settings):
             return Pair(tv, leader.vehicle, "ahead", leader.gap_m + track.length_m)
+    if not settings.fall_back:
+        return None
     nearest = around_tv(around, tv, time, settings)
     return nearest[0] if nearest else None

@@ -33,6 +33,8 @@ def test_without_a_connected_leader_the_nearest_on_the_carriageway() -> None:
     pair = choose_uv(Surroundings(scene(leader="truck")), "tv", 5.0, cars)
     assert pair is not None
     assert (pair.uv, pair.relation, pair.gap_m) == ("near", "left", pytest.approx(-20.0))
+    strict = PairSettings(uv_kinds=("passenger",), fall_back=False)
+    assert choose_uv(Surroundings(scene(leader="truck")), "tv", 5.0, strict) is None
 
 
 def test_nobody_within_range() -> None:
