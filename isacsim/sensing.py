@@ -27,9 +27,12 @@ from isacsim.settings import Settings
 from isacsim.tracking import TrackingSettings, track
 from isacsim.waveform import Array, Waveform
 
+BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 LEAST_SITES = 2
+CONFIRMED = 0.25
+"""Share of the snapshots before a record that must have located the vehicle: a false alarm or two are no vehicle."""
 TOGETHER = 64
 """Records filtered at once: enough to make the filter cheap, few enough to keep their fixes' covariances small."""
 
@@ -40,6 +43,7 @@ class ViewSettings(Settings):
     sites: int = Field(4, ge=1, le=8, description="Sites used at once, at most.")
     range_m: float = Field(400.0, gt=0, description="Farthest vehicle a site senses.")
     half_width_deg: float = Field(60.0, gt=0, lt=90, description="A panel sees this far to either side of its azimuth.")
+    speed_mps: float = Field(100.0, gt=0, description="Fastest radial speed taken for a vehicle's.")
     hold_s: float = Field(0.1, gt=0, description="The sites of a vehicle are chosen anew after this time.")
 
 
@@ -75,6 +79,7 @@ class SensedRecord:
     SNR over the record and its sites. detected: share of the echoes that were detected.
 
     A record with n_sites below LEAST_SITES cannot be fused: it is not `usable`, and its state and fixes are all zero.
+    n_sites is 0, too, where fewer than CONFIRMED of the snapshots before the record located the vehicle.
     """
 
     state: Array
@@ -193,21 +198,36 @@ def fix(
     assigned = slots >= 0
     n_sites = int(assigned.sum(axis=1).min())
     if n_sites < LEAST_SITES:
-        count = motion.shape[1]
-        empty = Fixes(np.zeros((count, 4)), np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool))
-        return Observed(empty, n_sites, 0.0, 0.0)
+        return _unseen(motion.shape[1], n_sites)
     # An empty slot repeats the first site; what it measures is not used.
     number = np.where(assigned, slots, slots[:, :1])
     panels = everyone.take(number)
     true = panels.measured(motion[:4].T)
-    time_s = (np.arange(motion.shape[1]) - prelude_snapshots(rate_hz, settings.tracking)) / rate_hz
+    prelude = prelude_snapshots(rate_hz, settings.tracking)
+    time_s = (np.arange(motion.shape[1]) - prelude) / rate_hz
     level = snr_db(settings.channel, settings.waveform, motion[:2].T, number, panels, time_s, blockers, key)
     measured, deviation, power = _measure(true, level, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
-    used = assigned & (power > threshold)
+    used = assigned & (power > threshold) & plausible(measured, settings.view)
     method = fuse if settings.fusion.method == "information" else fuse_eq5
     fixes = filled(method(measured, deviation, used, panels, settings.fusion))
+    if fixes.valid[: prelude + 1].mean() < CONFIRMED:
+        return _unseen(motion.shape[1], 0)
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
+
+
+def plausible(measured: Array, settings: ViewSettings) -> BoolArray:
+    """Whether an estimate can be of a vehicle in view, (..., 3) -> (...): most peaks of noise lie elsewhere.
+
+    The range may exceed the view's by a fifth: vehicles drive on between assignments, and a grid errs by half a cell.
+    """
+    return np.asarray((measured[..., 1] <= 1.2 * settings.range_m) & (np.abs(measured[..., 2]) <= settings.speed_mps))
+
+
+def _unseen(count: int, n_sites: int) -> Observed:
+    """What is known of a vehicle that cannot be located: nothing, at each of `count` snapshots."""
+    fixes = Fixes(np.zeros((count, 4)), np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool))
+    return Observed(fixes, n_sites, 0.0, 0.0)
 
 
 def _measure(

@@ -24,6 +24,15 @@ class TrackingSettings(Settings):
     start_acceleration_mps2: float = Field(
         4.0, gt=0, description="Standard deviation of either acceleration before the first fix."
     )
+    gate: float = Field(
+        1000.0,
+        gt=0,
+        description="A fix whose normalised innovation squared exceeds this is an outlier and not used; far "
+        "above chi-square, so that a maneuver the model did not expect is never mistaken for one.",
+    )
+    reacquire_s: float = Field(
+        0.1, gt=0, description="After so long with nothing but outliers the filter starts anew from the next fix."
+    )
     prelude_s: float = Field(
         0.5,
         ge=0,
@@ -85,18 +94,26 @@ def track(fixes: Array, covariances: Array, valid: BoolArray, step_s: float, set
     innovations = np.zeros(fixes.shape[:2])
     states[:, 0] = state
     worthless = ~valid
+    refused = np.zeros(len(fixes), dtype=np.int64)
     for k in range(1, fixes.shape[1]):
         state = (move @ state[..., None])[..., 0]
         spread = move @ spread @ move.T + noise
         # An invalid fix weighs nothing: its gain is set to zero.
         weight = np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
         weight[worthless[:, k]] = 0.0
-        gain = spread[:, :, :4] @ weight
         surprise = (fixes[:, k] - state[:, :4])[..., None]
         innovations[:, k] = (surprise.transpose(0, 2, 1) @ (weight @ surprise))[:, 0, 0]
+        outlier = innovations[:, k] > settings.gate
+        refused = np.where(outlier, refused + 1, np.where(worthless[:, k], refused, 0))
+        weight[outlier] = 0.0
+        gain = spread[:, :, :4] @ weight
         state = state + (gain @ surprise)[..., 0]
         spread = spread - gain @ spread[:, :4]
         # Rounding makes the covariance drift from symmetry, and the filter from its reference with it.
         spread = (spread + spread.transpose(0, 2, 1)) / 2
+        lost = refused > settings.reacquire_s / step_s
+        if lost.any():
+            state[lost], spread[lost] = start(fixes[lost, k], covariances[lost, k], settings)
+            refused[lost] = 0
         states[:, k] = state
     return Tracks(states, spread, innovations)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from scipy import stats
 
+import benchmarks.echo
 from isacsim.echo import BLOCK, DEGREES, _kernel, draw_bins, draw_search, fourth_moment, spread
 from isacsim.estimation import observe
 from isacsim.tensor import observe_tensor, synthesise
@@ -124,3 +125,13 @@ def test_outlier_rates_agree_through_the_threshold(snr_db: int) -> None:
     )
     table = [[slow, count - slow], [fast, fast_count - fast]]
     assert stats.fisher_exact(table).pvalue > 1e-3
+
+
+@pytest.mark.slow
+def test_the_bench_reports_what_it_promises() -> None:
+    result = benchmarks.echo.run()
+    assert {"reference", "window", "tensor"} <= result["snapshots_per_s"].keys()
+    assert result["ratio_window"] > 0
+    for method in ("window", "tensor"):
+        assert set(result["rmse_over_bound"][method]) == {"-25 dB", "-20 dB", "-10 dB", "0 dB", "10 dB", "20 dB"}
+    assert np.max(list(result["rmse_over_bound"]["window"].values())) < 1.1

@@ -79,6 +79,19 @@ def test_a_vehicle_that_two_sites_do_not_see_is_not_usable() -> None:
     assert np.isfinite(unseen.snr_db)
 
 
+def test_a_vehicle_below_the_noise_is_not_usable_and_one_at_the_threshold_stays_finite() -> None:
+    truth = drive(80, 100.0, 0.0, 25.0)[None]
+    for level, usable in ((-60, False), (-31, True)):
+        faint = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=level)})
+        record = sense(truth, RATE_HZ, SITES, faint, [("faint", level)])[0]
+        assert record.usable == usable
+        assert record.n_sites == (4 if usable else 0)
+        assert np.isfinite(record.state).all()
+        if usable:
+            assert 0.8 < record.detected < 1
+            assert rms((record.state - truth[0])[:2]) < 0.5
+
+
 def test_a_panel_sees_only_what_is_before_it_and_a_mast_serves_once() -> None:
     panels = Panels.of([Site("n", 0, 0, 20, 0), Site("e", 0, 0, 20, 90), Site("far", 300, 0, 20, 270)], 0.8)
     view = ViewSettings(range_m=250)

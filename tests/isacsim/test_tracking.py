@@ -102,3 +102,20 @@ def test_errors_are_as_large_as_the_filter_says(density: float, true_density: fl
     error = tracks.state[:, -1] - states[:, -1]
     assert_in_chi_square_band(np.einsum("na,nab,nb->n", error, np.linalg.inv(tracks.covariance), error), 6)
     assert_in_chi_square_band(tracks.innovation[:, 1:], 4)
+
+
+def test_outliers_are_left_out_and_a_lost_vehicle_is_found_again() -> None:
+    states = np.zeros((1, 400, 6))
+    states[0, :, 0], states[0, :, 2] = 20 * np.arange(400) * STEP_S, 20.0
+    fixes, covariance = consistent_fixes(states, 9)
+    valid = np.ones((1, 400), dtype=bool)
+    clean = track(fixes, covariance, valid, STEP_S, TrackingSettings())
+    fixes[0, 100:400:25, :2] += 300.0
+    spoiled = track(fixes, covariance, valid, STEP_S, TrackingSettings())
+    assert np.abs(spoiled.state[0, 60:, :2] - clean.state[0, 60:, :2]).max() < 0.02
+    open_gate = track(fixes, covariance, valid, STEP_S, TrackingSettings(gate=1e12))
+    assert np.abs(open_gate.state[0, 60:, :2] - states[0, 60:, :2]).max() > 5
+    fixes[0, 200:, :2] += 300.0
+    moved = track(fixes, covariance, valid, STEP_S, TrackingSettings())
+    assert np.abs(moved.state[0, 238, :2] - states[0, 238, :2]).max() < 0.1
+    assert np.abs(moved.state[0, -1, :2] - 300 - states[0, -1, :2]).max() < 0.1
