@@ -7,16 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 sys.path.insert(0, str(Path(__file__).parent))
 from sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
 from isacsim.blockage import TRUCK_HEIGHT_M, Blockers
+from isacsim.bounds import fix_bound
 from isacsim.channel import ChannelSettings
 from isacsim.errors import InputError
 from isacsim.fusion import FusionSettings, Panels
 from isacsim.scenario import Site
-from isacsim.sensing import SensingSettings, ViewSettings, assign, before, sense
+from isacsim.sensing import SensingSettings, ViewSettings, assign, before, fix, sense
 
 SITES = road_sites()
 # Masts 200 m apart leave three within 400 m at times; these tests want four throughout.
@@ -59,6 +61,34 @@ def test_a_record_does_not_depend_on_batch_or_order(order: list[int], cut: int) 
             assert np.array_equal(record.state, reference[k].state)
             assert np.array_equal(record.fixes, reference[k].fixes)
             assert record.snr_db == reference[k].snr_db
+
+
+def test_a_record_does_not_depend_on_how_many_are_filtered_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = np.stack([drive(40, 150.0 * k, 1.0, 20.0) for k in range(5)])
+    keys = [("together", k) for k in range(5)]
+    reference = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
+    monkeypatch.setattr("isacsim.sensing.TOGETHER", 2)
+    again = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
+    assert all(np.array_equal(a.state, b.state) for a, b in zip(reference, again, strict=True))
+
+
+@pytest.mark.parametrize("snr_db", [-20, 0, 10])
+def test_fixes_are_on_the_bound_and_their_covariances_honest(snr_db: float) -> None:
+    """Echo to fix, four sites: errors against the bound at the true SNR and against the covariance that comes out."""
+    motion = hard_brake(2000)
+    level = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=snr_db)})
+    values, ratios = [], []
+    for k in range(3):
+        fixes = fix(motion, RATE_HZ, SITES, level, ("honest", k)).fixes
+        error = fixes.state - motion[:4].T
+        values.append(np.einsum("na,nab,nb->n", error, np.linalg.inv(fixes.covariance), error))
+        panels = Panels.of(SITES, level.target_height_m)
+        sites = assign(motion[:2].T, RATE_HZ, panels, level.view)
+        bound = fix_bound(motion[:4].T, np.full(sites.shape, 10 ** (snr_db / 10)), panels.take(sites), level.waveform)
+        ratios.append(error**2 / np.diagonal(bound, axis1=1, axis2=2))
+    low, high = stats.chi2.ppf([0.005, 0.995], 4 * 6000) / 6000
+    assert low < np.mean(values) < high
+    assert np.all(np.sqrt(np.mean(ratios, axis=(0, 1))) < 1.05)
 
 
 def test_another_key_is_another_draw_and_the_same_key_the_same() -> None:
