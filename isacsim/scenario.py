@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import importlib.resources
-import os
-import xml.etree.ElementTree as ET
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +12,17 @@ import sumolib.net
 
 from isacsim.errors import InputError
 from isacsim.recording import Lane
+from isacsim.sumo_files import (
+    CONFIG_ENDINGS,
+    NETWORK_ENDINGS,
+    Inputs,
+    has_demand,
+    one_line,
+    parse,
+    read_config,
+)
 
 SITE_TYPE = "isac_site"
-CONFIG_ENDINGS = (".sumocfg", ".sumo.cfg")
-NETWORK_ENDINGS = (".net.xml", ".net.xml.gz")
 PLANE_REACH_M = 10_000.0
 """A network that keeps within this of SUMO's origin keeps SUMO's coordinates."""
 
@@ -44,6 +49,8 @@ class Scenario:
     name: used in shard names and sample ids. network: the .net.xml; demand and additional: SUMO input files, in order.
     origin: (x, y) in SUMO's coordinates of this plane's origin, m: SUMO's coordinates may be UTM ones, which float32
     cannot hold to the centimetre. lanes and sites are in the plane.
+    begin_s: simulation time at which it starts, s. kept: options of its configuration that SUMO gets. overridden: those
+    that the tool sets itself (its time base) or leaves out (outputs, logs, windows).
     """
 
     name: str
@@ -53,6 +60,9 @@ class Scenario:
     origin: tuple[float, float]
     lanes: tuple[Lane, ...]
     sites: tuple[Site, ...]
+    begin_s: float = 0.0
+    kept: Mapping[str, str] = field(default_factory=dict)
+    overridden: tuple[str, ...] = ()
 
 
 def bundled() -> dict[str, Path]:
@@ -66,17 +76,25 @@ def load(where: str | Path) -> Scenario:
 
     Nothing is written. Raises InputError for what is missing or cannot be read.
     """
-    name, config = _find(Path(where))
-    network, demand, additional = _inputs(config)
-    if not demand:
-        raise InputError(f"{config} names no route-files: without demand there is no traffic; add some")
-    lanes, origin = read_network(network)
-    sites = tuple(_read_sites(additional, origin))
-    if not sites:
-        raise InputError(
-            f"{config} has no sites: name an additional file with <poi type=\"{SITE_TYPE}\" …> in its additional-files"
-        )
-    return Scenario(name, network, demand, additional, origin, lanes, sites)
+    scenario = load_without_sites(where)
+    if not any(map(has_demand, (*scenario.demand, *scenario.additional))):
+        raise InputError(f"{where} has no demand: `cosim network sites {where} -o FOLDER` makes a scenario with some")
+    if not scenario.sites:
+        raise InputError(f"{where} has no sites: `cosim network sites {where} -o FOLDER` makes a scenario with some")
+    return scenario
+
+
+def load_without_sites(where: str | Path) -> Scenario:
+    """As `load`, for a scenario that may still lack sites or demand; a network alone will do."""
+    name, file = _find(Path(where))
+    alone = file.name.endswith(NETWORK_ENDINGS)
+    inputs = Inputs(file, (), (), 0.0, {}, ()) if alone else read_config(file)
+    lanes, origin = read_network(inputs.network)
+    sites = tuple(_read_sites(inputs.additional, origin))
+    return Scenario(
+        name, inputs.network, inputs.demand, inputs.additional, origin, lanes, sites,
+        inputs.begin_s, inputs.kept, inputs.overridden,
+    )  # fmt: skip
 
 
 def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
@@ -84,7 +102,7 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
     try:
         net = sumolib.net.readNet(str(network), withInternal=True)
     except Exception as error:  # the reader raises whatever its parser meets
-        raise InputError(f"{network} cannot be read as a SUMO network: {_one_line(error)}") from None
+        raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
     low_x, low_y, high_x, high_y = net.getBoundary()
     if max(map(abs, (low_x, low_y, high_x, high_y))) <= PLANE_REACH_M:
         origin = (0.0, 0.0)
@@ -109,7 +127,7 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
 
 
 def _find(where: Path) -> tuple[str, Path]:
-    """Name and SUMO configuration of what the user named."""
+    """Name of what the user named, and its SUMO configuration or network."""
     if not where.exists():
         known = bundled()
         if str(where) not in known:
@@ -123,39 +141,16 @@ def _find(where: Path) -> tuple[str, Path]:
     for ending in CONFIG_ENDINGS:
         if where.name.endswith(ending):
             return where.name.removesuffix(ending), where
-    if where.name.endswith(NETWORK_ENDINGS):
-        raise InputError(f"{where} is a network alone: write a .sumocfg that names it, its demand and its sites")
-    raise InputError(f"{where} is no scenario: give a folder with a .sumocfg, or a .sumocfg")
-
-
-def _inputs(config: Path) -> tuple[Path, tuple[Path, ...], tuple[Path, ...]]:
-    """Network, route files and additional files that a SUMO configuration names, each shown to exist."""
-    root = _parse(config)
-
-    def files(option: str) -> tuple[Path, ...]:
-        values = [node.get("value", "") for node in root.iter() if _option(node.tag) == option]
-        names = [name.strip() for value in values for name in value.split(",") if name.strip()]
-        return tuple(config.parent / os.path.expandvars(name) for name in names)
-
-    networks, demand, additional = files("net-file"), files("route-files"), files("additional-files")
-    if len(networks) != 1:
-        raise InputError(f"{config} names {len(networks)} networks: give it one <net-file value=…/>")
-    for file in (*networks, *demand, *additional):
-        if not file.is_file():
-            raise InputError(f"{config} names {file.name}, which is not there: add it or take its name out")
-    return networks[0], demand, additional
-
-
-def _option(tag: str) -> str:
-    """SUMO's long option name of a configuration element, which may be written by its synonym."""
-    synonyms = {"net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files"}
-    return synonyms.get(tag, {"additional": "additional-files", "a": "additional-files"}.get(tag, tag))
+    for ending in NETWORK_ENDINGS:
+        if where.name.endswith(ending):
+            return where.name.removesuffix(ending), where
+    raise InputError(f"{where} is no scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
 
 
 def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
     """The sites among the POIs of additional files."""
     for file in additional:
-        for poi in _parse(file).iter("poi"):
+        for poi in parse(file).iter("poi"):
             if poi.get("type") != SITE_TYPE:
                 continue
             params = {p.get("key"): p.get("value") for p in poi.iter("param")}
@@ -171,14 +166,3 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                 raise InputError(
                     f"{file}: site {poi.get('id')} needs numbers x and y, and params height (m) and azimuth (degrees)"
                 ) from None
-
-
-def _parse(file: Path) -> ET.Element:
-    try:
-        return ET.parse(file).getroot()
-    except (ET.ParseError, OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file} cannot be read as XML: {_one_line(error)}") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

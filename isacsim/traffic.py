@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import tempfile
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from isacsim.recording import Incidents, Recording, Track
 from isacsim.scenario import Scenario
 from isacsim.seeding import stream
 from isacsim.settings import Settings
+from isacsim.sumo_files import one_line, without_outputs
 
 
 class TrafficSettings(Settings):
@@ -46,17 +49,18 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
             maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
         )
         log = _Log(scenario, sumo)
-        first = round(traffic.run_in_s / traffic.step_s)
+        begin = round(scenario.begin_s / traffic.step_s)
+        first = begin + round(traffic.run_in_s / traffic.step_s)
         last = first + round(traffic.duration_s / traffic.step_s)
         try:
-            for step in range(last):
+            for step in range(begin, last):
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
                 log.incidents()
                 if step >= first:
                     log.states(step + 1)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
-            raise TrafficError(f"{scenario.name}, seed {seed}: {' '.join(str(error).split())}") from error
+            raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from error
         finally:
             director.finish(last * traffic.step_s)
         return Recording(
@@ -79,35 +83,40 @@ def session(scenario: Scenario, seed: int, traffic: TrafficSettings) -> Iterator
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
     import libsumo
 
-    options = {
-        "net-file": str(scenario.network),
-        "route-files": ",".join(map(str, scenario.demand)),
-        "additional-files": ",".join(map(str, scenario.additional)),
-        "step-length": f"{traffic.step_s:g}",
-        "default.action-step-length": f"{traffic.action_step_s:g}",
-        "lateral-resolution": f"{traffic.lateral_resolution_m:g}",
-        "step-method.ballistic": "true",
-        "seed": str(seed % 2**31),
-        "collision.action": "warn",
-        "collision.check-junctions": "true",
-        "time-to-teleport": "-1",
-        "no-step-log": "true",
-        "no-warnings": "true",
-        "duration-log.disable": "true",
-        "xml-validation": "never",
-    }
-    arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
-    try:
-        libsumo.start(["sumo", *arguments])
-    except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-        raise InputError(f"SUMO refuses scenario {scenario.name}: {' '.join(str(error).split())}") from None
-    try:
-        # SUMO's time is whole milliseconds: it rounds what it cannot hold, and says nothing.
-        if abs(libsumo.simulation.getDeltaT() - traffic.step_s) > 1e-9:
-            raise InputError(f"SUMO steps at {libsumo.simulation.getDeltaT()} s, not at step_s = {traffic.step_s:g}")
-        yield libsumo
-    finally:
-        libsumo.close()
+    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
+        additional = [without_outputs(file, Path(folder)) for file in scenario.additional]
+        options = {
+            **scenario.kept,
+            "net-file": str(scenario.network),
+            "route-files": ",".join(map(str, scenario.demand)),
+            "additional-files": ",".join(map(str, additional)),
+            "begin": f"{scenario.begin_s:g}",
+            "step-length": f"{traffic.step_s:g}",
+            "default.action-step-length": f"{traffic.action_step_s:g}",
+            "lateral-resolution": f"{traffic.lateral_resolution_m:g}",
+            "step-method.ballistic": "true",
+            "seed": str(seed % 2**31),
+            "collision.action": "warn",
+            "collision.check-junctions": "true",
+            "time-to-teleport": "-1",
+            "no-step-log": "true",
+            "no-warnings": "true",
+            "duration-log.disable": "true",
+            "xml-validation": "never",
+        }
+        arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
+        try:
+            libsumo.start(["sumo", *arguments])
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise InputError(f"SUMO refuses scenario {scenario.name}: {one_line(error)}") from None
+        try:
+            # SUMO's time is whole milliseconds: it rounds what it cannot hold, and says nothing.
+            step_s = libsumo.simulation.getDeltaT()
+            if abs(step_s - traffic.step_s) > 1e-9:
+                raise InputError(f"SUMO steps at {step_s} s, not at step_s = {traffic.step_s:g}: ask for whole ms")
+            yield libsumo
+        finally:
+            libsumo.close()
 
 
 class _Log:

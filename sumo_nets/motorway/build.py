@@ -13,12 +13,15 @@ from pathlib import Path
 import numpy as np
 import sumo
 
+from isacsim.demand import drivers, flow
+from isacsim.scenario import read_network
+from isacsim.site_placement import PlacementSettings, place, sites_file
+
 HERE = Path(__file__).parent
 LANE_M = 3.6
 RUN_IN_M, COVERED_M, RUN_OUT_M = 900.0, 3000.0, 300.0
 CURVE_START_M, CURVE_RADIUS_M, CURVE_ANGLE = 1100.0, 900.0, np.radians(50.0)
 ON_RAMP_M, OFF_RAMP_M, RAMP_LANE_M = 500.0, 2300.0, 300.0
-POLE_SPACING_M, POLE_SETBACK_M, POLE_HEIGHT_M = 150.0, 12.0, 15.0
 
 
 def centre_line(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,77 +104,35 @@ def write_plain() -> None:
 
 
 def write_demand() -> None:
-    """Sixty kinds of driver and their flows. Drivers differ in what FACTS of driving say drivers differ in."""
-    rng = np.random.default_rng(20250101)
-    kinds = []
-    for k in range(60):
-        keep_right = rng.choice([1.0, 5.0, 20.0], p=[0.4, 0.3, 0.3])
-        kinds.append(
-            f'<vType id="car{k}" vClass="passenger" carFollowModel="IDM" length="{rng.uniform(4.0, 5.0):.2f}" '
-            f'width="1.80" minGap="2.0" accel="{rng.uniform(1.5, 2.6):.2f}" decel="{rng.uniform(3.0, 5.5):.2f}" '
-            f'emergencyDecel="9.0" tau="{rng.uniform(0.9, 1.7):.2f}" maxSpeed="50" speedFactor='
-            f'"{rng.uniform(0.75, 1.10):.3f}" speedDev="0" maxSpeedLat="{rng.uniform(0.8, 1.5):.2f}" '
-            f'lcAccelLat="{rng.uniform(0.6, 1.6):.2f}" lcKeepRight="{keep_right}" lcSpeedGain='
-            f'"{rng.uniform(0.8, 3.0):.2f}" lcStrategic="2" lcAssertive="{rng.uniform(1.0, 1.5):.2f}" '
-            f'latAlignment="center" probability="1"/>'
-        )
-    trucks = [
-        f'<vType id="truck{k}" vClass="truck" carFollowModel="IDM" length="{rng.uniform(10.0, 16.5):.2f}" '
-        f'width="2.50" minGap="3.0" accel="{rng.uniform(0.8, 1.3):.2f}" decel="{rng.uniform(3.0, 4.5):.2f}" '
-        f'emergencyDecel="7.0" tau="{rng.uniform(1.4, 2.0):.2f}" maxSpeed="{rng.uniform(22.2, 25.0):.2f}" '
-        f'speedFactor="1" speedDev="0" maxSpeedLat="0.8" lcAccelLat="0.6" lcKeepRight="20" latAlignment="center" '
-        f'probability="1"/>'
-        for k in range(12)
-    ]
-    def flow(name: str, kind: str, route: str, per_hour: float) -> str:
-        ramp = route.startswith("on")
-        speed = "15" if ramp else "desired"
-        return (
-            f'<flow id="{name}" type="{kind}" route="{route}" begin="0" period="exp({per_hour / 3600:.5f})" '
-            f'departLane="{"0" if ramp else "best_prob"}" departSpeed="{speed}" departPos="0"/>'
-        )
+    """Drivers, and flows along the carriageway and the ramps."""
     main = "runin west merge curve diverge"
     routes = {
         "through": f"{main} east",
         "off": f"{main} offramp",
         "on": "onramp merge curve diverge east",
-        "onoff": "onramp merge curve diverge offramp",
     }
-    lines = ['<vTypeDistribution id="cars">', *("  " + k for k in kinds), "</vTypeDistribution>"]
-    lines += ['<vTypeDistribution id="trucks">', *("  " + k for k in trucks), "</vTypeDistribution>"]
+    lines = drivers(np.random.default_rng(20250101))
     lines += [f'<route id="{name}" edges="{edges}"/>' for name, edges in routes.items()]
     lines += [
         flow("car_through", "cars", "through", 2400),
         flow("car_off", "cars", "off", 240),
-        flow("car_on", "cars", "on", 300),
+        flow("car_on", "cars", "on", 300, depart_speed="15"),
         flow("truck_through", "trucks", "through", 300),
-        flow("truck_on", "trucks", "on", 40),
+        flow("truck_on", "trucks", "on", 40, depart_speed="15"),
     ]
     (HERE / "motorway.rou.xml").write_text("<routes>\n  " + "\n  ".join(lines) + "\n</routes>\n")
 
 
 def write_sites() -> None:
-    """A pole every 150 m on alternating sides, each with two panels that look along the road, up and down."""
-    lines = []
-    for k, along in enumerate(np.arange(POLE_SPACING_M / 2, COVERED_M, POLE_SPACING_M)):
-        side = -1.0 if k % 2 else 1.0
-        (point,) = beside(np.array([along]), side * (2.0 * LANE_M + LANE_M + POLE_SETBACK_M))
-        heading = float(centre_line(np.array([along]))[1][0])
-        for name, turn in (("up", 45.0), ("down", 135.0)):
-            # Turned from the driving direction towards the road: clockwise on its left side.
-            compass = 90.0 - np.degrees(heading) + side * turn
-            lines.append(
-                f'<poi id="pole{k:02d}_{name}" x="{point[0]:.2f}" y="{point[1]:.2f}" type="isac_site" color="red" '
-                f'layer="100">\n    <param key="height" value="{POLE_HEIGHT_M}"/>\n'
-                f'    <param key="azimuth" value="{compass % 360.0:.1f}"/>\n  </poi>'
-            )
-    (HERE / "sites.add.xml").write_text("<additional>\n  " + "\n  ".join(lines) + "\n</additional>\n")
+    """Poles along everything but the run-in and the ramps."""
+    lanes, _ = read_network(HERE / "motorway.net.xml")
+    sites = place(lanes, {name for name, *_ in pieces()} - {"runin"}, PlacementSettings())
+    (HERE / "sites.add.xml").write_text(sites_file(sites))
 
 
 def main() -> None:
     write_plain()
     write_demand()
-    write_sites()
     inputs = ["--node-files=motorway.nod.xml", "--edge-files=motorway.edg.xml", "--connection-files=motorway.con.xml"]
     subprocess.run(
         [Path(sumo.SUMO_HOME) / "bin" / "netconvert", *inputs, "--output-file=motorway.net.xml", "--no-turnarounds",
@@ -181,6 +142,7 @@ def main() -> None:
     network = HERE / "motorway.net.xml"
     # netconvert's header holds the date: without it the same inputs give the same file.
     network.write_text(re.sub(r"<!-- generated on.*?-->\s*", "", network.read_text(), flags=re.DOTALL))
+    write_sites()
     (HERE / "motorway.sumocfg").write_text(
         """<configuration>
   <input>

@@ -1,0 +1,133 @@
+"""What SUMO's own input files say: configurations, and additional files made safe to load."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, cast
+
+from isacsim.errors import InputError
+
+CONFIG_ENDINGS = (".sumocfg", ".sumo.cfg")
+NETWORK_ENDINGS = (".net.xml", ".net.xml.gz")
+
+SYNONYMS = {
+    "net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files",
+    "additional": "additional-files", "a": "additional-files", "b": "begin",
+}  # fmt: skip
+KEPT = (
+    "scale",
+    "ignore-route-errors",
+    "no-internal-links",
+    "ignore-junction-blocker",
+    "max-depart-delay",
+    "extrapolate-departpos",
+    "pedestrian.model",
+    "device.rerouting.probability",
+    "device.rerouting.period",
+    "device.rerouting.adaptation-interval",
+    "device.rerouting.adaptation-steps",
+    "tls.actuated.jam-threshold",
+    "eager-insert",
+    "random-depart-offset",
+    "emergencydecel.warning-threshold",
+    "collision.mingap-factor",
+)
+"""Options of a user's configuration that shape the traffic and not the tool's time base, outputs or windows."""
+OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
+OUTPUT_ELEMENTS = (
+    "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector", "e3Detector",
+    "entryExitDetector", "edgeData", "laneData", "edgedata", "lanedata", "meandata-edge", "meandata-lane",
+    "routeProbe", "vTypeProbe", "timedEvent",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a configuration is taken to say.
+
+    begin_s: simulation time at which it starts, s. kept: its options that SUMO gets, by name.
+    overridden: its options that the tool sets itself or leaves out.
+    """
+
+    network: Path
+    demand: tuple[Path, ...]
+    additional: tuple[Path, ...]
+    begin_s: float
+    kept: dict[str, str]
+    overridden: tuple[str, ...]
+
+
+def read_config(config: Path) -> Inputs:
+    """Read a SUMO configuration. Raises InputError, by name, for what it names and is not there."""
+    options = {SYNONYMS.get(node.tag, node.tag): node.get("value", node.get("v", "")) for node in parse(config).iter()}
+    options = {name: value for name, value in options.items() if value}
+
+    def files(option: str) -> tuple[Path, ...]:
+        names = [name.strip() for name in options.pop(option, "").split(",")]
+        found = tuple(config.parent / os.path.expandvars(name) for name in names if name)
+        for file in found:
+            if not file.is_file():
+                raise InputError(f"{config} names {file.name}, which is not there: add it or take its name out")
+        return found
+
+    networks, demand, additional = files("net-file"), files("route-files"), files("additional-files")
+    if len(networks) != 1:
+        raise InputError(f"{config} names {len(networks)} networks: give it one <net-file value=…/>")
+    begin = options.pop("begin", "0")
+    try:
+        begin_s = float(begin)
+    except ValueError:
+        raise InputError(f"{config}: begin = {begin!r} is no number of seconds: write it so") from None
+    kept = {name: options.pop(name) for name in KEPT if name in options}
+    return Inputs(networks[0], demand, additional, begin_s, kept, tuple(sorted(options)))
+
+
+def has_demand(file: Path) -> bool:
+    """Whether a file puts vehicles on the road; it is read no further than the first."""
+    with opened(file) as stream:
+        try:
+            return any(node.tag in ("vehicle", "flow", "trip") for _, node in ET.iterparse(stream, ("start",)))
+        except (ET.ParseError, OSError, EOFError) as error:
+            raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
+
+
+def without_outputs(file: Path, folder: Path) -> Path:
+    """An additional file without what would make SUMO write beside it: itself, or a copy in a folder."""
+    root = parse(file)
+    taken = 0
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag in OUTPUT_ELEMENTS and any(name in child.attrib for name in OUTPUT_ATTRIBUTES):
+                parent.remove(child)
+                taken += 1
+    if not taken:
+        return file
+    copy = folder / f"{len(list(folder.iterdir()))}-{file.name.removesuffix('.gz')}"
+    ET.ElementTree(root).write(copy, encoding="utf-8")
+    return copy
+
+
+def parse(file: Path) -> ET.Element:
+    """The root of an XML file. Raises InputError in one line."""
+    with opened(file) as stream:
+        try:
+            return ET.parse(stream).getroot()
+        except (ET.ParseError, OSError, EOFError) as error:
+            raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
+
+
+def opened(file: Path) -> IO[bytes]:
+    """A file, which may be gzipped, open for reading. Raises InputError."""
+    try:
+        return cast(IO[bytes], gzip.open(file)) if file.name.endswith(".gz") else file.open("rb")
+    except OSError as error:
+        raise InputError(f"{file} cannot be read: {one_line(error)}") from None
+
+
+def one_line(error: object) -> str:
+    """An error's text without line breaks."""
+    return " ".join(str(error).split()) or type(error).__name__
