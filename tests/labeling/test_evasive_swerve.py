@@ -82,6 +82,11 @@ def test_a_late_reversal_is_none() -> None:
     assert swerves(lateral, threat=True) == []
 
 
+def test_a_second_swing_belongs_to_the_swerve() -> None:
+    (event,) = swerves(total(sweep(10.0, 1.2, 1.0), sweep(11.4, 1.4, -1.5), sweep(13.0, 1.2, 1.0)))
+    assert event.end == pytest.approx(12.8, abs=0.3)
+
+
 def test_a_jump_of_the_simulator_is_no_swerve() -> None:
     jumped = motion(lambda t: np.where((t > 10) & (t < 11.5), 0.9, 0.0))
     assert np.abs(jumped.aq).max() > 3.0

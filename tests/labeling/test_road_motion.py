@@ -16,14 +16,15 @@ def motion_of(recording: Recording, vehicle: str = "tv") -> RoadMotion:
     return road_motion(recording, recording.tracks[vehicle], LaneGraph(recording.lanes), WIDTH_S)
 
 
-def test_conditioning_is_that_of_the_motion_chain() -> None:
+@pytest.mark.parametrize(("step_s", "every"), [(0.01, 5), (0.012, 4), (0.05, 1), (0.08, 1)])
+def test_conditioning_is_that_of_the_motion_chain(step_s: float, every: int) -> None:
     """The decimating filter against the one that conditions what is sensed."""
     rng = np.random.default_rng(1)
-    speed = 30 + np.cumsum(rng.normal(0, 0.05, 2003))
-    recording = record(Road(), Drive("tv", duration_s=20.02, speed=lambda t: speed))
+    speed = 30 + np.cumsum(rng.normal(0, 0.05, 1003))
+    recording = record(Road(), Drive("tv", duration_s=1002 * step_s, speed=lambda t: speed), step_s=step_s)
     motion = motion_of(recording)
-    assert np.allclose(motion.v, condition(speed, STEP_S, WIDTH_S)[::5], atol=1e-4)
-    exact = condition(speed, STEP_S, WIDTH_S, order=1)[::5]
+    assert np.allclose(motion.v, condition(speed, step_s, WIDTH_S)[::every], atol=1e-4)
+    exact = condition(speed, step_s, WIDTH_S, order=1)[::every]
     assert np.allclose(motion.a[3:-3], exact[3:-3], atol=0.01)
 
 
