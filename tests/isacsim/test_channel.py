@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from isacsim.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, mean_loss_db
+from isacsim.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
 from isacsim.channel import ChannelSettings, LinkBudget, link_snr_db, rain_db_per_km, snr_db
 from isacsim.errors import InputError
 from isacsim.fusion import Panels
+from isacsim.recording import Lane, Recording, Track
 from isacsim.scenario import Site
 from isacsim.waveform import Waveform
 
@@ -95,6 +96,38 @@ def test_a_truck_hides_what_is_close_behind_it_from_a_mast() -> None:
     assert hidden(truck(100.0, y=4.0), 105.0) == [False, False]
     # Across the road its side hides as well.
     assert hidden(truck(100.0, y=6.0, heading=(0.0, 1.0)), 105.0) == [True, False]
+
+
+def test_blockers_come_from_a_recording() -> None:
+    lane = Lane("l", "e", 0, 3.2, 200.0, np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0]]), ())
+
+    def moving(name: str, kind: str, first: int, place: np.ndarray) -> Track:
+        x, y = np.minimum(place, 100.0), np.maximum(place - 100.0, 0.0)
+        still = np.zeros(len(place))
+        return Track(name, kind, 8.0, 2.5, first, x, y, still + 20, still.astype(np.int32), place, still)
+
+    place = np.linspace(80, 120, 201)
+    tracks = {
+        "early": moving("early", "passenger", 0, place[:50]),
+        "truck": moving("truck", "truck", 100, place),
+        "car": moving("car", "passenger", 150, place),
+        "tv": moving("tv", "passenger", 100, place),
+    }
+    recording = Recording("r", 1, 0.01, (lane,), tracks)
+    others = blockers_of(recording, 1.0, 3.0, {"tv"}, every_steps=10)
+    assert others.ids == ("truck", "car")
+    assert others.step_s == pytest.approx(0.1)
+    assert others.height_m.tolist() == [3.0, 1.6]
+    assert others.x[0, :3] == pytest.approx([80, 82, 84])
+    assert np.isnan(others.x[1, :5]).all()
+    assert others.x[1, 5] == pytest.approx(80)
+    assert others.heading[0, 0] == pytest.approx([1, 0])
+    assert others.heading[0, -1] == pytest.approx([0, 1])
+    # Absent vehicles hide nothing, and numpy does not complain about them.
+    with np.errstate(all="raise"):
+        number = np.array([[0, 1]])
+        panels = Panels.of(SITES, 0.8).take(number)
+        assert not blockage_db(others, np.array([[50.0, 30.0]]), number, panels, np.zeros(1), (0,)).any()
 
 
 def test_losses_are_those_of_the_table() -> None:
