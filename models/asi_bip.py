@@ -13,8 +13,9 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
+from models.network import N_STATES, WindowNetwork
 
-N_STATES = 6
+Streams = Literal["both", "tv", "uv"]
 
 
 class AsiBipSettings(Settings):
@@ -46,26 +47,20 @@ class AsiBipSettings(Settings):
         return self
 
 
-class AsiBip(nn.Module):
+class AsiBip(WindowNetwork):
     """The network. tv_length, uv_length: samples of a window in each stream.
 
-    Inputs are windows as cut, in m, m/s and m/s2; the standardisation is part of the network (see `set_scale`).
+    streams: "both" is the paper's; with one alone the other branch is left out (a floor).
     """
 
-    tv_mean: Tensor
-    tv_sd: Tensor
-    uv_mean: Tensor
-    uv_sd: Tensor
-
-    def __init__(self, settings: AsiBipSettings, n_classes: int, tv_length: int, uv_length: int) -> None:
-        super().__init__()
-        self.settings, self.n_classes = settings, n_classes
-        for stream in ("tv", "uv"):
-            self.register_buffer(f"{stream}_mean", torch.zeros(N_STATES, 1))
-            self.register_buffer(f"{stream}_sd", torch.ones(N_STATES, 1))
+    def __init__(
+        self, settings: AsiBipSettings, n_classes: int, tv_length: int, uv_length: int, streams: Streams = "both"
+    ) -> None:
+        super().__init__(n_classes, settings.width, settings.dropout)
+        self.settings = settings
         pools = (settings.tv_pool, settings.uv_pool) if settings.tokens == "pooled" else (1, 1)
-        self.tv_branch = Branch(settings, -(-tv_length // settings.tv_stride), pools[0])
-        self.uv_branch = Branch(settings, uv_length, pools[1])
+        self.tv_branch = Branch(settings, -(-tv_length // settings.tv_stride), pools[0]) if streams != "uv" else None
+        self.uv_branch = Branch(settings, uv_length, pools[1]) if streams != "tv" else None
         self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
         layer = nn.TransformerEncoderLayer(
             settings.width, settings.heads, settings.feedforward, settings.dropout, "gelu",
@@ -74,29 +69,17 @@ class AsiBip(nn.Module):
         layer.self_attn.dropout = settings.attention_dropout
         self.encoder = nn.TransformerEncoder(layer, settings.encoder_layers, enable_nested_tensor=False)
         self.norm = nn.LayerNorm(settings.width)
-        self.head = nn.Sequential(nn.Dropout(settings.dropout), nn.Linear(settings.width, n_classes))
 
-    def set_scale(self, tv_mean: Tensor, tv_sd: Tensor, uv_mean: Tensor, uv_sd: Tensor) -> None:
-        """Channel means and standard deviations of training windows, each (6,); they are saved with the weights."""
-        for name, value in (("tv_mean", tv_mean), ("tv_sd", tv_sd), ("uv_mean", uv_mean), ("uv_sd", uv_sd)):
-            getattr(self, name).copy_(value[:, None])
-
-    def features(self, tv: Tensor, uv: Tensor) -> Tensor:
-        """The encoded classification token, (B, width). tv: (B, 6, T), uv: (B, 6, U)."""
-        tv, uv = (tv - self.tv_mean) / self.tv_sd, (uv - self.uv_mean) / self.uv_sd
-        if self.settings.tv_stride > 1:
-            tv = nn.functional.avg_pool1d(tv, self.settings.tv_stride, ceil_mode=True)
-        token = self.class_token.expand(len(tv), -1, -1)
-        encoded = self.encoder(torch.cat([token, self.tv_branch(tv), self.uv_branch(uv)], dim=1))
-        return torch.as_tensor(self.norm(encoded[:, 0]))
-
-    def classify(self, features: Tensor) -> Tensor:
-        """Logits, (B, n_classes), of the encoded classification token."""
-        return torch.as_tensor(self.head(features))
-
-    def forward(self, tv: Tensor, uv: Tensor) -> Tensor:
-        """Logits, (B, n_classes). tv: (B, 6, T), uv: (B, 6, U)."""
-        return self.classify(self.features(tv, uv))
+    def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
+        """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
+        tokens = [self.class_token.expand(len(tv), -1, -1)]
+        if self.tv_branch is not None:
+            if self.settings.tv_stride > 1:
+                tv = nn.functional.avg_pool1d(tv, self.settings.tv_stride, ceil_mode=True)
+            tokens.append(self.tv_branch(tv))
+        if self.uv_branch is not None:
+            tokens.append(self.uv_branch(uv))
+        return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))[:, 0]))
 
 
 class Branch(nn.Module):

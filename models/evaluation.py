@@ -12,12 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from pydantic import Field
+from scipy.special import softmax
 from sklearn.metrics import roc_curve
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
 from models import figures, metrics, openset
+from models.calibration import calibration_error
 from models.run import HISTORY_FILE, Outputs, Run, replace, versions
 from models.windows import Array, Ends, Ints, Records, WindowSettings, batches, draw_ends
 
@@ -138,6 +140,7 @@ def measure(run: Run, given: Answers) -> dict[str, Any]:
     result: dict[str, Any] = {"model": run.card.settings.model, "name": run.name, "classes": list(classes)}
     result |= metrics.summary(label, predicted, classes)
     result |= unknown_metrics(run, given)
+    result["calibration"] = calibration(given.outputs.logits[known], label, run.card.temperature)
     result["by_lead_time"] = metrics.by_lead_time(given.lead_s[known], label, predicted, len(classes))
     result["by_snr"] = metrics.by_snr(given.snr_db[known], label, predicted, len(classes))
     return result
@@ -159,6 +162,12 @@ def unknown_metrics(run: Run, given: Answers) -> dict[str, Any]:
         "unknown_score": run.card.unknown_score,
         "unknown_scores": each,
     }
+
+
+def calibration(logits: Array, label: Ints, temperature: float) -> dict[str, float]:
+    """Expected calibration error of the known windows, with and without the temperature chosen in training."""
+    plain, cooled = (calibration_error(softmax(logits / t, axis=1), label) for t in (1.0, temperature))
+    return {"error": plain, "temperature": temperature, "error_with_temperature": cooled}
 
 
 def unseen(records: Records, runs: Sequence[Run]) -> Records:

@@ -1,17 +1,21 @@
 """Floors: plain predictors on the same windows, that a network has to beat.
 
-`trees` are gradient-boosted trees on one-line statistics of both streams.
+`trees` are gradient-boosted trees on one-line statistics of both streams; `aligned` is what ASI-BIP claims to
+beat: both streams at one rate in one LSTM. ASI-BIP with one branch (`tv-alone`, `uv-alone`) is in `models.asi_bip`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
 from threadpoolctl import threadpool_limits
+from torch import Tensor, nn
 
 from isacsim.settings import Settings
+from models.network import N_STATES, WindowNetwork
 from models.windows import Array, Float32, Windows
 
 STATISTICS = (
@@ -37,6 +41,33 @@ class TreesSettings(Settings):
     leaves: int = Field(15, ge=2, description="leaves of a tree")
     l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
     ends_per_record: int = Field(4, ge=1, description="training windows drawn of each record")
+
+
+class AlignedSettings(Settings):
+    """One bidirectional LSTM over both streams, interpolated to one rate."""
+
+    length: int = Field(220, ge=2, description="samples of a window after interpolation; 220 of 2.2 s are 100 Hz")
+    hidden: int = Field(64, ge=1, description="units of one LSTM direction")
+    layers: int = Field(1, ge=1, description="LSTM layers")
+    dropout: float = Field(0.1, ge=0, lt=1, description="before the head")
+
+
+class Aligned(WindowNetwork):
+    """Aligned fusion: streams interpolated to `length` samples, one Bi-LSTM, mean over time, linear head.
+
+    The streams' last samples coincide; their first ones lie less than one sample apart.
+    """
+
+    def __init__(self, settings: AlignedSettings, n_classes: int) -> None:
+        super().__init__(n_classes, 2 * settings.hidden, settings.dropout)
+        self.settings = settings
+        self.lstm = nn.LSTM(2 * N_STATES, settings.hidden, settings.layers, bidirectional=True)
+
+    def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
+        """Mean LSTM output, (B, 2 hidden), of standardised streams (B, 6, T) and (B, 6, U)."""
+        size = self.settings.length
+        both = [nn.functional.interpolate(x, size, mode="linear", align_corners=True) for x in (tv, uv)]
+        return torch.as_tensor(self.lstm(torch.cat(both, dim=1).permute(2, 0, 1))[0].mean(dim=0))
 
 
 def statistics(windows: Windows) -> Float32:

@@ -17,8 +17,8 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.seeding import stream
-from models.asi_bip import AsiBip
 from models.losses import focal_loss
+from models.network import WindowNetwork
 from models.run import TrainSettings, replace
 from models.windows import Ends, Records, batches, cut, draw_ends
 
@@ -103,7 +103,7 @@ class WindowBatches(IterableDataset[Batch]):
 class Lesson(lightning.LightningModule):
     """Focal loss, Adam, and validation macro-F1 around a network."""
 
-    def __init__(self, network: AsiBip, settings: TrainSettings, alpha: Tensor | None) -> None:
+    def __init__(self, network: WindowNetwork, settings: TrainSettings, alpha: Tensor | None) -> None:
         super().__init__()
         self.network, self.settings = network, settings
         self.register_buffer("alpha", alpha)

@@ -30,9 +30,10 @@ from torch import nn
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
-from models.asi_bip import AsiBip, AsiBipSettings
-from models.floors import TreesSettings, statistics
+from models.asi_bip import AsiBip, AsiBipSettings, Streams
+from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
 from models.losses import LossSettings
+from models.network import WindowNetwork
 from models.windows import Array, Float32, SplitSettings, Windows, WindowSettings
 
 CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
@@ -40,6 +41,11 @@ CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
 )  # fmt: skip
 CHECKPOINTS = "checkpoints"
 PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
+Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "trees"]
+NAMES: dict[Model, str] = {
+    "asi-bip": "ASI-BIP", "tv-alone": "TV alone", "uv-alone": "UV alone", "aligned": "aligned fusion",
+    "trees": "boosted trees",
+}  # fmt: skip
 DAMAGE = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
 )  # fmt: skip
@@ -79,13 +85,14 @@ class OptimiserSettings(Settings):
 class TrainSettings(Settings):
     """What a predictor is, what it sees, and how it is trained."""
 
-    model: Literal["asi-bip", "trees"] = Field("asi-bip", description="the predictor")
+    model: Model = Field("asi-bip", description="the predictor")
     seed: int = Field(0, description="of initial weights, window ends and batches")
     windows: WindowSettings = WindowSettings()
     split: SplitSettings = SplitSettings()
     ends_per_record: int = Field(1, ge=1, description="windows drawn anew of each record in an epoch")
     validation_ends: int = Field(2, ge=1, description="fixed windows of each validation record")
     asi_bip: AsiBipSettings = AsiBipSettings()
+    aligned: AlignedSettings = AlignedSettings()
     trees: TreesSettings = TreesSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = OptimiserSettings()
@@ -97,7 +104,8 @@ class RunCard(Settings):
     classes: in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training records a class.
     tv_length, uv_length: samples of a window. dataset: its digest and study. unknown_score: of the scores in
     `models.openset`, the one that told `following` apart best on the validation seeds (`validation_auroc`); what is
-    below unknown_threshold is rejected: 95 % of the known validation windows are above it.
+    below unknown_threshold is rejected: 95 % of the known validation windows are above it. temperature: what logits are
+    divided by for calibrated probabilities, fitted on the validation seeds.
     """
 
     schema_version: Literal[1] = 1
@@ -116,6 +124,7 @@ class RunCard(Settings):
     validation_macro_f1: float | None = None
     unknown_score: str = "msp"
     unknown_threshold: float | None = None
+    temperature: float = 1.0
     validation_auroc: dict[str, float] = Field(default_factory=dict)
 
 
@@ -143,7 +152,7 @@ class Predictor(Protocol):
 class NetworkPredictor:
     """A trained network on the CPU, in float32."""
 
-    network: AsiBip
+    network: WindowNetwork
 
     def __call__(self, windows: Windows) -> Outputs:
         with torch.inference_mode():
@@ -174,7 +183,7 @@ class Run:
 
     @property
     def name(self) -> str:
-        return {"asi-bip": "ASI-BIP", "trees": "boosted trees"}[self.card.settings.model]
+        return NAMES[self.card.settings.model]
 
 
 def load_run(path: str | Path) -> Run:
@@ -200,9 +209,13 @@ def open_run(folder: Path, card: RunCard) -> Run:
     return Run(folder, card, predictor, reference)
 
 
-def build_network(card: RunCard) -> AsiBip:
+def build_network(card: RunCard) -> WindowNetwork:
     """The untrained network of a run."""
-    return AsiBip(card.settings.asi_bip, len(card.classes), card.tv_length, card.uv_length)
+    settings, n_classes = card.settings, len(card.classes)
+    if settings.model == "aligned":
+        return Aligned(settings.aligned, n_classes)
+    streams: dict[Model, Streams] = {"asi-bip": "both", "tv-alone": "tv", "uv-alone": "uv"}
+    return AsiBip(settings.asi_bip, n_classes, card.tv_length, card.uv_length, streams[settings.model])
 
 
 def read_card(folder: Path) -> RunCard | None:

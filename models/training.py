@@ -19,6 +19,7 @@ from rich.console import Console
 from isacsim.errors import InputError
 from labeling.intentions import KNOWN
 from models import openset
+from models.calibration import fit_temperature
 from models.floors import fit_trees, statistics
 from models.lesson import MONITOR, History, Lesson, WindowData, torch_seed
 from models.losses import inverse_frequency
@@ -78,12 +79,12 @@ def train_records(
     else:
         card = _train_network(training, validation, folder, card, progress)
     card = card.model_copy(update={"complete": True})
-    write_card(folder, card.model_copy(update=_choose_score(records, folder, card)))
+    write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
     return load_run(folder)
 
 
-def _choose_score(records: Records, folder: Path, card: RunCard) -> dict[str, Any]:
-    """The score that tells `following` from the known intentions best on the validation seeds, for the card."""
+def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict[str, Any]:
+    """For the card: the score that tells `following` apart best on the validation seeds, its threshold, temperature."""
     run = open_run(folder, card)
     validation = records.take(np.isin(records.groups, card.split["validation"]))
     windows = card.settings.windows
@@ -96,7 +97,10 @@ def _choose_score(records: Records, folder: Path, card: RunCard) -> dict[str, An
     found = {name: area for name, area in areas.items() if area is not None}
     best = max(found, key=lambda name: found[name], default=openset.PLAIN)
     threshold = openset.threshold_at_recall(value[best][known]) if known.any() else None
-    return {"unknown_score": best, "unknown_threshold": threshold, "validation_auroc": found}
+    temperature = fit_temperature(outputs.logits[known], validation.label[ends.row][known])
+    return {
+        "unknown_score": best, "unknown_threshold": threshold, "validation_auroc": found, "temperature": temperature,
+    }  # fmt: skip
 
 
 def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings) -> RunCard:

@@ -30,6 +30,9 @@ Ints = npt.NDArray[np.int64]
 COLUMNS = ("sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db")
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
+START_SHARE = 0.05
+"""Share of a window that gives the TV's velocity at its start."""
+
 MIN_TRAVEL_M = 0.5
 """A UV that moves less than this within a window has no heading of its own."""
 
@@ -44,10 +47,10 @@ class WindowSettings(Settings):
     end_after_s: tuple[float, float] = Field(
         (0.5, 2.2), description="range of window ends after that instant, s; negative is before it; equal: a fixed end"
     )
-    frame: Literal["relative", "absolute"] = Field(
+    frame: Literal["relative", "moving", "absolute"] = Field(
         "relative",
-        description="relative: origin at the TV's first sample of the window, x along the UV's heading; "
-        "absolute: the scenario's plane",
+        description="relative: origin at the TV's first sample of the window, x along the UV's heading; absolute: the "
+        "scenario's plane; moving, an extension: as relative, and moving on with the TV's velocity of then",
     )
 
     @model_validator(mode="after")
@@ -198,6 +201,16 @@ def draw_ends(records: Records, settings: WindowSettings, *keys: str | int, per_
     return Ends(np.repeat(usable, per_record), np.concatenate(steps).astype(np.int64))
 
 
+def in_frame(tv: Array, uv: Array, settings: WindowSettings, tv_rate_hz: float, uv_rate_hz: float) -> Windows:
+    """Windows from streams (n, 6, T) and (n, 6, U) in the scenario's plane that end at the same instant."""
+    if settings.frame != "absolute":
+        tv, uv = to_relative(tv, uv)
+    if settings.frame == "moving":
+        duration = (tv.shape[2] - 1) / tv_rate_hz
+        tv, uv = to_moving(tv, uv, duration, duration - (uv.shape[2] - 1) / uv_rate_hz)
+    return Windows(tv.astype(np.float32), uv.astype(np.float32))
+
+
 def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     """The windows that end there, in the settings' frame. ValueError where one does not lie inside its record."""
     n_tv, n_uv = lengths(records, settings)
@@ -207,9 +220,7 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
     tv = _gather(records.tv, ends.row, tv_end, n_tv)
     uv = _gather(records.uv, ends.row, ends.step, n_uv)
-    if settings.frame == "relative":
-        tv, uv = to_relative(tv, uv)
-    return Windows(tv.astype(np.float32), uv.astype(np.float32))
+    return in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
 
 
 def batches(records: Records, ends: Ends, settings: WindowSettings, size: int) -> Iterator[Windows]:
@@ -233,6 +244,21 @@ def to_relative(tv: Array, uv: Array) -> tuple[Array, Array]:
     sin = np.where(still, 0.0, travel[:, 1] / np.where(still, 1.0, norm))
     origin = tv[:, :2, 0]
     return _turned(tv, origin, cos, sin), _turned(uv, origin, cos, sin)
+
+
+def to_moving(tv: Array, uv: Array, end_s: float, uv_start_s: float) -> tuple[Array, Array]:
+    """Both streams seen from a frame that keeps the TV's velocity at the window's start; shapes are kept.
+
+    end_s, uv_start_s: times of both streams' last and of the UV's first sample, s after the TV's first. The velocity is
+    the mean over the first START_SHARE of the window, because one sensed sample is noisy.
+    """
+    early = max(1, round(START_SHARE * tv.shape[2]))
+    velocity = tv[:, 2:4, :early].mean(axis=2)[:, :, None]
+    seen = []
+    for states, first in ((tv, 0.0), (uv, uv_start_s)):
+        drift = velocity * np.linspace(first, end_s, states.shape[2])
+        seen.append(np.concatenate([states[:, :2] - drift, states[:, 2:4] - velocity, states[:, 4:]], axis=1))
+    return seen[0], seen[1]
 
 
 def _travel(states: Array) -> Array:

@@ -123,7 +123,7 @@ def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request:
 
 
 def write_pickle(path: Path, folder: Path) -> None:
-    path.write_bytes(pickle.dumps(Evil(folder / "mark")))
+    path.write_bytes(pickle.dumps(Evil(folder / "mark"), protocol=2))
 
 
 def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from models.windows import (
     end_bounds,
     lengths,
     split,
+    to_moving,
     to_relative,
 )
 
@@ -130,6 +131,28 @@ def test_the_relative_frame_is_the_tv_start_and_the_uv_heading(records: Records)
     travel = uv[:, :2, -1] - uv[:, :2, 0]
     np.testing.assert_allclose(travel[:, 1], 0, atol=1e-6)
     assert (travel[:, 0] > 0).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(u=st.floats(-40, 40), v=st.floats(-40, 40))
+def test_the_moving_frame_forgets_a_common_velocity(u: float, v: float) -> None:
+    rng = np.random.default_rng(4)
+    tv, uv = rng.normal(size=(3, 6, 40)), rng.normal(size=(3, 6, 10))
+    times = np.arange(40) / 400, 0.0075 + np.arange(10) / 100
+    faster = [x.copy() for x in (tv, uv)]
+    for states, t in zip(faster, times, strict=True):
+        states[:, 0:2] += np.array([u, v])[:, None] * t
+        states[:, 2:4] += np.array([u, v])[:, None]
+    seen = zip(to_moving(tv, uv, times[0][-1], 0.0075), to_moving(*faster, times[0][-1], 0.0075), strict=True)
+    for here, there in seen:
+        np.testing.assert_allclose(there, here, atol=1e-9)
+
+
+def test_the_moving_frame_starts_at_rest(records: Records) -> None:
+    ends = draw_ends(records, WindowSettings(), "test")
+    windows = cut(records, ends, WindowSettings(frame="moving"))
+    np.testing.assert_allclose(windows.tv[:, 2:4, :44].mean(axis=2), 0, atol=1e-3)
+    assert np.abs(windows.tv[:, 0, -1]).max() < 30
 
 
 def test_a_standing_uv_lends_its_place_to_the_tv_and_two_standing_vehicles_keep_the_axes() -> None:

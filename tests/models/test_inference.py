@@ -1,0 +1,75 @@
+"""A predictor at work answers what evaluation measured."""
+
+import numpy as np
+import pytest
+import torch
+from made_up import SMALL_RUN
+
+from models.asi_bip import AsiBip
+from models.floors import Aligned
+from models.inference import Infer
+from models.openset import of_run
+from models.run import Run, build_network
+from models.windows import Ends, Records, cut
+
+ENDS = Ends(np.array([0, 1, 6]), np.array([300, 350, 400]))
+
+
+def streams(records: Records, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """The windows at ENDS, cut by hand, in the scenario's plane."""
+    tv, uv = run.card.tv_length, run.card.uv_length
+    cuts = list(zip(ENDS.row, ENDS.step, strict=True))
+    return (
+        np.stack([records.tv[k, :, 4 * end + 1 - tv : 4 * end + 1] for k, end in cuts]),
+        np.stack([records.uv[k, :, end + 1 - uv : end + 1] for k, end in cuts]),
+    )
+
+
+@pytest.mark.parametrize("kind", ["network_run", "trees_run"])
+def test_a_batch_is_answered_as_in_evaluation(kind: str, records: Records, request: pytest.FixtureRequest) -> None:
+    run: Run = request.getfixturevalue(kind)
+    found = Infer.load(run.path)(*streams(records, run))
+    outputs = run.predictor(cut(records, ENDS, run.card.settings.windows))
+    expected = torch.softmax(torch.from_numpy(outputs.logits) / run.card.temperature, 1).numpy()
+    np.testing.assert_allclose(found.probabilities, expected, atol=1e-6)
+    assert run.card.unknown_threshold is not None
+    score = of_run(run, run.card.unknown_score)(outputs)
+    np.testing.assert_array_equal(found.rejected, score < run.card.unknown_threshold)
+    assert found.intentions == [run.card.classes[k] for k in outputs.logits.argmax(axis=1)]
+    assert found.latency_ms > 0
+
+
+def test_one_window_is_a_batch_of_one(records: Records, network_run: Run) -> None:
+    infer = Infer.load(network_run.path)
+    tv, uv = streams(records, network_run)
+    np.testing.assert_allclose(infer(tv[1], uv[1]).probabilities[0], infer(tv, uv).probabilities[1], atol=1e-5)
+
+
+def test_windows_of_another_length_are_refused(records: Records, network_run: Run) -> None:
+    tv, uv = streams(records, network_run)
+    with pytest.raises(ValueError, match="trained on"):
+        Infer.load(network_run.path)(tv[:, :, 1:], uv)
+
+
+@pytest.mark.parametrize(("model", "deaf"), [("tv-alone", 1), ("uv-alone", 0)])
+def test_a_single_stream_floor_is_deaf_to_the_other(network_run: Run, model: str, deaf: int) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": model})
+    network = build_network(network_run.card.model_copy(update={"settings": settings})).eval()
+    assert isinstance(network, AsiBip)
+    given = [torch.randn(2, 6, 480), torch.randn(2, 6, 120)]
+    answer = network(*given)
+    for k in (0, 1):
+        changed = [x + 1 if j == k else x for j, x in enumerate(given)]
+        assert torch.equal(network(*changed), answer) == (k == deaf)
+
+
+def test_aligned_fusion_sees_both_streams_at_the_same_instants(network_run: Run) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": "aligned"})
+    network = build_network(network_run.card.model_copy(update={"settings": settings})).eval()
+    assert isinstance(network, Aligned)
+    seen: list[torch.Tensor] = []
+    network.lstm.register_forward_pre_hook(lambda _, args: seen.append(args[0]))
+    ramp_tv, ramp_uv = (torch.linspace(0, 1, n).expand(1, 6, n) for n in (480, 120))
+    assert network(ramp_tv, ramp_uv).shape == (1, 6)
+    torch.testing.assert_close(seen[0][:, 0, 0], seen[0][:, 0, 6])
+    assert seen[0].shape == (220, 1, 12)
