@@ -31,6 +31,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="From a SUMO road network to an evaluated driver-intention predictor that sees traffic through ISAC sensing.",
 )
+INTERRUPTED = 130
+KEPT = "interrupted; what was finished is kept, the same command goes on from there"
 SEEDS_WITH_WINDOWS = (1, 1000)
 """The seeds that --windows may use up where no --seeds bound them."""
 
@@ -193,16 +195,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     usage_error: Any = typer.BadParameter.__base__
     try:
-        return int(app(arguments, standalone_mode=False) or 0)
+        code = int(app(arguments, standalone_mode=False) or 0)
     except InputError as error:
         return _complain(str(error), 2)
     except usage_error as error:
         return _complain(f"{error.format_message()} Try `cosim --help`.", 2)
     except (KeyboardInterrupt, typer.Abort):
-        return _complain("interrupted; what was finished is kept, the same command goes on from there", 130)
+        code = INTERRUPTED
     except Exception:
         traceback.print_exc()
         return 1
+    # Newer typers turn Ctrl-C into this code themselves.
+    return _complain(KEPT, code) if code == INTERRUPTED else code
 
 
 def _complain(message: str, code: int) -> int:

@@ -218,7 +218,8 @@ def test_an_interrupted_generate_keeps_what_is_finished(tmp_path: Path) -> None:
     assert said.splitlines()[-1].startswith("cosim: interrupted")
     assert "Traceback" not in said
     first = (tmp_path / "data/shards/motorway-1.parquet").stat().st_mtime_ns
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    resumed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert resumed.returncode == 0, resumed.stderr
     assert (tmp_path / "data/shards/motorway-1.parquet").stat().st_mtime_ns == first
     subprocess.run([*command[:5], "again", *command[6:-1], "2"], cwd=tmp_path, check=True, capture_output=True)
     for shard in (tmp_path / "data/shards").iterdir():
