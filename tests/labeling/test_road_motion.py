@@ -108,6 +108,22 @@ def test_a_flip_in_the_very_step_of_an_edge_change_is_a_crossing() -> None:
     assert motion.q[-1] == pytest.approx(WIDTH_M - 1.6)
 
 
+def test_a_flip_just_before_and_one_just_after_an_edge_change() -> None:
+    """Where only one of the two lanes goes on, and where only one of the two is led up to."""
+    lanes = (
+        Lane("a_0", "a", 0, WIDTH_M, 30.0, SHAPE, ("exit_0",)),
+        Lane("a_1", "a", 1, WIDTH_M, 30.0, SHAPE, ("b_0",)),
+        Lane("b_0", "b", 0, WIDTH_M, 30.0, SHAPE, ()),
+        Lane("b_1", "b", 1, WIDTH_M, 30.0, SHAPE, ()),
+        Lane("exit_0", "exit", 0, WIDTH_M, 30.0, SHAPE, ()),
+    )
+    before = by_lanes(lanes, [(0, 0.0), (2, 0.0)], [1.6, -1.6])
+    after = by_lanes(lanes, [(1, 0.0), (3, 0.0)], [1.6, -1.6])
+    for motion in (before, after):
+        assert [(c.left, c.at_m) for c in motion.crossings] == [(True, WIDTH_M / 2)]
+        assert np.allclose(motion.q, 1.6)
+
+
 def test_centre_lines_that_do_not_meet_are_no_lateral_motion() -> None:
     road = Road((Stretch(30.0), Stretch(100.0)))
     motion = by_lanes(road.lanes(), [(0, 0.0), (3, 0.0)], [0.1, -0.9])

@@ -61,6 +61,16 @@ def test_the_record_and_the_kernel_s_reach_lie_within_the_track() -> None:
         assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
 
 
+def test_the_kernel_s_reach_before_the_record_lies_within_the_track() -> None:
+    exact = RecordSettings(jitter_s=0.0)
+    onset = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings()).events[0].onset
+    for late, fits in ((-0.02, True), (0.02, False)):
+        tv = Drive("tv", 500.0, BRAKE, begin_s=round(onset - 2.6 - 0.8 + late, 2))
+        found = offered(record(ROAD, tv, lead()), record_settings=exact)
+        assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
+        assert found.left_out.get("tv_outside_track", 0) == (not fits)
+
+
 def pull_out(returns_at: float | None, duration_s: float = 60.0) -> Recording:
     lateral = sweep(10.0, 4.0, WIDTH_M)
     if returns_at is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -207,3 +208,72 @@ def during(labels: Labels, command: Command) -> set[Intention]:
         for e in labels.events
         if e.vehicle == command.vehicle and e.onset <= command.end and e.end >= command.start
     }
+
+
+def flips(recording: Recording, track: Track) -> list[tuple[float, int]]:
+    """Raw changes of the lane index on one edge: time (s), +1 leftwards or -1."""
+    times, lanes = recording.times(track), recording.lanes
+    at = np.flatnonzero(track.lane[1:] != track.lane[:-1])
+    pairs = [(float(times[k + 1]), lanes[track.lane[k]], lanes[track.lane[k + 1]]) for k in at]
+    return [(time, int(np.sign(b.index - a.index))) for time, a, b in pairs if a.edge == b.edge]
+
+
+def next_in_lane(recording: Recording, track: Track, time: float) -> Track | None:
+    """The nearest vehicle further on in the very same lane, from raw positions."""
+    step = round(time / recording.step_s)
+    k = step - track.first_step
+    ahead = []
+    for other in recording.tracks.values():
+        j = step - other.first_step
+        if 0 <= j < len(other) and other.lane[j] == track.lane[k] and other.lane_pos[j] > track.lane_pos[k]:
+            ahead.append((float(other.lane_pos[j]), other))
+    return min(ahead, key=lambda item: item[0])[1] if ahead else None
+
+
+def along(recording: Recording, track: Track, other: Track, time: float) -> float | None:
+    """How far the other is ahead in the direction in which a vehicle moves, in the plane, m."""
+    step = round(time / recording.step_s)
+    k, j = step - track.first_step, step - other.first_step
+    if not (10 <= k < len(track) and 0 <= j < len(other)):
+        return None
+    heading = np.array([track.x[k] - track.x[k - 10], track.y[k] - track.y[k - 10]])
+    apart = np.array([other.x[j] - track.x[k], other.y[j] - track.y[k]])
+    return float(apart @ heading / max(np.linalg.norm(heading), 1e-9))
+
+
+def overtaken(recording: Recording, track: Track) -> list[tuple[float, str]]:
+    """Plain overtakes by raw geometry: one lane out, past the vehicle next in the lane, one lane back within 27 s."""
+    changes, found = flips(recording, track), []
+    start, end = recording.times(track)[[0, -1]]
+    for (out, first), (back, second) in pairwise(changes):
+        # From within its own lane: one that waits at the marking may be alongside already, and then overtakes nobody.
+        row = round((out - 4.0) / recording.step_s) - track.first_step
+        alone = abs(track.lane_lat[max(row, 0)]) < 0.5 and all(
+            time in (out, back) or min(abs(time - out), abs(time - back)) > 5.0 for time, _ in changes
+        )
+        seen = out - 5.0 > start and back + 2.0 < end
+        if (first, second) != (1, -1) or not (alone and seen and 2.0 < back - out < 27.0):
+            continue
+        other = next_in_lane(recording, track, out - 4.0)
+        gap = None if other is None else along(recording, track, other, out - 4.0)
+        later = None if other is None else along(recording, track, other, back)
+        if other is not None and gap is not None and gap < 60.0 and later is not None and later < -track.length_m - 2.0:
+            found.append((out, other.vehicle))
+    return found
+
+
+def test_overtakes_seen_in_the_plane_are_labelled() -> None:
+    """Drivers' own and commanded ones: by positions in the plane, without stations or the network's connections."""
+    total, misses = 0, []
+    for seed in range(201, 206):
+        recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), ManeuverSettings())
+        events = label(recording, LabelSettings()).of(Intention.OVERTAKE)
+        told = {(e.vehicle, round(e.commit, 2), e.other) for e in events}
+        for track in recording.tracks.values():
+            for out, other in overtaken(recording, track):
+                total += 1
+                if (track.vehicle, round(out, 2), other) not in told:
+                    misses.append(f"{seed} {track.vehicle} at {out:.2f} past {other}")
+    print(f"\novertake: {total - len(misses)} of {total}", *misses, sep="\n")
+    assert total >= 100
+    assert len(misses) <= 0.01 * total

@@ -25,6 +25,51 @@ def test_gap_along_the_road_is_the_distance_driven_apart(ahead: float, begin: fl
     assert gap == pytest.approx(expected, abs=0.35)  # 1 cm of time is 0.3 m of road
 
 
+@pytest.mark.parametrize("ahead", [-280.0, -60.0, 60.0, 200.0, 500.0])
+def test_gap_reaches_beyond_the_edges_that_are_driven(ahead: float) -> None:
+    """The vehicle is seen on the third edge alone; the other is on one before or after it."""
+    recording = record(
+        SPLIT, Drive("tv", 500.0, 20.0, duration_s=5.0), Drive("uv", 500.0 + ahead, 20.0, duration_s=5.0)
+    )
+    (gap,) = Surroundings(recording).gaps("tv", "uv", np.array([3.0]))
+    assert gap == pytest.approx(ahead, abs=1e-6)
+
+
+def test_gap_over_junction_lanes_so_short_that_no_row_lies_on_them() -> None:
+    joints = tuple(Stretch(1.2, internal=True) for _ in range(3))
+    road = Road((Stretch(101.0), *joints, Stretch(2000.0)))
+    fast = (Drive("tv", 0.0, 100.0, duration_s=5.0), Drive("uv", 250.0, 100.0, duration_s=5.0))
+    around = Surroundings(record(road, *fast, step_s=0.05))
+    assert np.allclose(around.gaps("tv", "uv", np.arange(0.0, 5.0, 0.05)), 250.0)
+
+
+def test_lanes_through_one_junction_on_edges_of_their_own_are_one_road() -> None:
+    shape = np.zeros((2, 2))
+    lanes = (
+        Lane("a_0", "a", 0, 3.2, 100.0, shape, (":j_0_0",)),
+        Lane("a_1", "a", 1, 3.2, 100.0, shape, (":j_1_0",)),
+        Lane(":j_0_0", ":j_0", 0, 3.2, 10.0, shape, ("b_0",)),
+        Lane(":j_1_0", ":j_1", 0, 3.2, 20.0, shape, ("b_1",)),
+        Lane("b_0", "b", 0, 3.2, 100.0, shape, ()),
+        Lane("b_1", "b", 1, 3.2, 100.0, shape, ()),
+    )
+
+    def track(name: str, start: float, along: tuple[int, int, int]) -> Track:
+        s = start + np.arange(1001) * 0.15
+        ends = np.cumsum([lanes[k].length_m for k in along])
+        n = np.minimum(np.searchsorted(ends, s, side="right"), 2)
+        pos = s - np.concatenate([[0.0], ends])[n]
+        return Track(
+            name, "passenger", 5.0, 1.8, 0, s, 0 * s, 0 * s + 15, np.array(along)[n].astype(np.int32), pos, 0 * s
+        )
+
+    tracks = (track("tv", 20.0, (0, 2, 4)), track("uv", 50.0, (1, 3, 5)))
+    around = Surroundings(Recording("made", 1, 0.01, lanes, {t.vehicle: t for t in tracks}))
+    # Half through its 20 m of junction lane at 4 s, the other is half through the 10 m of the vehicle's own.
+    assert around.gaps("tv", "uv", np.array([4.0])) == pytest.approx([105.0 - 80.0])
+    assert around.gaps("tv", "uv", np.array([6.0])) == pytest.approx([20.0])
+
+
 def test_gap_is_unknown_where_the_other_is_absent() -> None:
     recording = record(SPLIT, Drive("tv"), Drive("other", 50.0, begin_s=10.0, duration_s=5.0))
     gaps = Surroundings(recording).gaps("tv", "other", np.array([5.0, 12.0, 20.0]))
