@@ -20,9 +20,9 @@ OWN_SPEED_MODE = 32
 DEFAULT_LANE_CHANGE_MODE = 1621
 COMMANDED_LANE_CHANGE_MODE = 512 + 1024
 """No changes of the driver's own but to the middle of the lane; commanded ones only where the gap allows."""
+RUTHLESS_LANE_CHANGE_MODE = 256 + 1024
+"""As commanded, without asking for a gap, but not into a vehicle alongside."""
 OWN_LATERAL_MODE = 0
-LEAST_ACCEL = 0.1
-"""What a driver who has just been let go may accelerate by, m/s2."""
 SETTLE_S = 3.0
 """What a vehicle needs, once its middle has crossed a marking, to reach the middle of the new lane, s."""
 
@@ -59,19 +59,19 @@ def aside_and_back(offset_m: float, peak: float, hold_s: float, step_s: float) -
 def let_go(sumo: Any, vehicle: str, step_s: float) -> Steps:
     """Give the speed back to the driver without a jump.
 
-    Released at once, a driver below the desired speed takes the full acceleration in one step. So the driver gets
-    next to none at first, coasts down to the desired speed if above it, and then the acceleration comes back over a
-    second.
+    Released at once, a driver below the desired speed takes the full acceleration in one step. So the vehicle first
+    coasts down to the desired speed if above it, and then may accelerate by more and more over a second, until the
+    driver asks for no more than that. The leader is minded all the while.
     """
     own = sumo.vehicle.getAccel(vehicle)
-    factor = sumo.vehicle.getSpeedFactor(vehicle)
-    # This gives the vehicle a type of its own, which resets its speed factor.
-    sumo.vehicle.setAccel(vehicle, LEAST_ACCEL)
     sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
-    yield from coast(sumo, vehicle, factor, step_s)
+    yield from coast(sumo, vehicle, sumo.vehicle.getSpeedFactor(vehicle), step_s)
+    speed = sumo.vehicle.getSpeed(vehicle)
     for share in np.linspace(0.0, 1.0, round(1.0 / step_s))[1:]:
+        speed = min(speed, sumo.vehicle.getSpeed(vehicle)) + share * own * step_s
+        sumo.vehicle.setSpeed(vehicle, speed)
         yield
-        sumo.vehicle.setAccel(vehicle, max(LEAST_ACCEL, share * own))
+    sumo.vehicle.setSpeed(vehicle, -1)
 
 
 def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
@@ -280,6 +280,38 @@ class SlowVehicle:
         yield from let_go(sumo, self.vehicle, step_s)
         yield from wait(self.for_s, step_s)
         yield from fade_speed_factor(sumo, self.vehicle, own, 8.0, step_s)
+
+
+@dataclass
+class StopInLane:
+    """Come to a stop at 2.5 m/s2, stand in the lane, and drive on: the obstacle others brake and swerve for."""
+
+    vehicle: str
+    for_s: float
+    name: str = "stop_in_lane"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        speed = sumo.vehicle.getSpeed(self.vehicle)
+        profile = ramp_hold_ramp(-2.5, 5.0, speed / 2.5, 5.0, step_s)
+        yield from drive(sumo, self.vehicle, profile, step_s, floor=0.0, top=np.inf)
+        sumo.vehicle.setSpeed(self.vehicle, 0.0)
+        yield from wait(self.for_s, step_s)
+        yield from let_go(sumo, self.vehicle, step_s)
+
+
+@dataclass
+class CutIn:
+    """Change lanes close in front of a follower there, who has to brake."""
+
+    vehicle: str
+    direction: int
+    name: str = "cut_in"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        sumo.vehicle.setLaneChangeMode(self.vehicle, RUTHLESS_LANE_CHANGE_MODE)
+        if (yield from change_lane(sumo, self.vehicle, self.direction, 5.0, step_s)):
+            yield from wait(SETTLE_S, step_s)
+        sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
 
 
 def wait(for_s: float, step_s: float) -> Steps:

@@ -28,7 +28,7 @@ class DemandSettings(Settings):
     motorway_per_lane_h: float = Field(900.0, gt=0.0, description="vehicles an hour and lane at 25 m/s and more")
     arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles an hour and lane at 16 to 25 m/s")
     street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles an hour and lane below 16 m/s")
-    ramp_share: float = Field(0.1, ge=0.0, le=1.0, description="of a corridor's volume, that each ramp or side road adds")
+    ramp_share: float = Field(0.1, ge=0.0, le=1.0, description="of its volume, that a side road adds")
 
     def per_lane_h(self, speed: float) -> float:
         """Volume of a road by its speed limit, m/s: vehicles an hour and lane."""
@@ -51,11 +51,11 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
     for k in range(cars):
         keep_right = rng.choice([1.0, 5.0, 20.0], p=[0.4, 0.3, 0.3])
         lines.append(
-            f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" minGap="2.0" '
-            f'accel="{draw(1.5, 2.6):.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" tau="{draw(0.9, 1.7):.2f}" '
-            f'maxSpeed="50" speedFactor="{draw(0.75, 1.10):.3f}" maxSpeedLat="{draw(0.8, 1.5):.2f}" '
-            f'lcAccelLat="{draw(0.6, 1.6):.2f}" lcKeepRight="{keep_right}" lcSpeedGain="{draw(0.8, 3.0):.2f}" '
-            f'lcStrategic="2" lcAssertive="{draw(1.0, 1.5):.2f}"/>'
+            f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" '
+            f'minGap="2.0" accel="{draw(1.5, 2.6):.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" '
+            f'tau="{draw(0.9, 1.7):.2f}" maxSpeed="50" speedFactor="{draw(0.75, 1.10):.3f}" '
+            f'maxSpeedLat="{draw(0.8, 1.5):.2f}" lcAccelLat="{draw(0.6, 1.6):.2f}" lcKeepRight="{keep_right}" '
+            f'lcSpeedGain="{draw(0.8, 3.0):.2f}" lcStrategic="2" lcAssertive="{draw(1.0, 1.5):.2f}"/>'
         )
     lines += ["</vTypeDistribution>", '<vTypeDistribution id="trucks">']
     lines += [

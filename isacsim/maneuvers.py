@@ -14,7 +14,18 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from isacsim.commands import HardAccel, HardBrake, LaneChange, Maneuver, Overtake, SlowVehicle, Steps, Swerve
+from isacsim.commands import (
+    CutIn,
+    HardAccel,
+    HardBrake,
+    LaneChange,
+    Maneuver,
+    Overtake,
+    SlowVehicle,
+    Steps,
+    StopInLane,
+    Swerve,
+)
 from isacsim.recording import Command
 from isacsim.scenario import Site
 from isacsim.settings import Settings
@@ -38,6 +49,8 @@ class ManeuverSettings(Settings):
     overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
     swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 5.0)
     slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down for others to react to", 1.0)
+    stop_in_lane_per_vehicle_hour: float = _rate("vehicles that stop in their lane", 0.1)
+    cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another", 2.0)
     rest_s: float = Field(12.0, ge=0.0, description="pause between two commands to one vehicle, s")
     within_m: float = Field(350.0, gt=0.0, description="only vehicles this near to a site are commanded, m")
 
@@ -152,6 +165,13 @@ class Director:
                 return Swerve(vehicle, float(self.rng.choice(sides)) * offset, draw(4.5, 6.5), draw(0.0, 0.6))
         if kind == "slow_vehicle" and speed > 15.0:
             return SlowVehicle(vehicle, draw(0.65, 0.8), draw(20.0, 40.0))
+        if kind == "stop_in_lane":
+            return StopInLane(vehicle, draw(15.0, 40.0))
+        if kind == "cut_in" and speed > 8.0:
+            sides = [side for side in (1, -1) if self._has_lane(sumo, vehicle, side)]
+            sides = [side for side in sides if 6.0 < self._room_beside(sumo, vehicle, side) < 20.0]
+            if sides:
+                return CutIn(vehicle, sides[0])
         return None
 
     @staticmethod
@@ -168,9 +188,13 @@ class Director:
         allowed = sumo.lane.getAllowed(f"{edge}_{target}")
         return not allowed or sumo.vehicle.getVehicleClass(vehicle) in allowed
 
-    @staticmethod
-    def _beside_free(sumo: Any, vehicle: str, side: int) -> bool:
+    def _beside_free(self, sumo: Any, vehicle: str, side: int) -> bool:
         """Whether no vehicle on the neighbouring lane is within 15 m ahead or behind."""
+        return self._room_beside(sumo, vehicle, side) > 15.0
+
+    @staticmethod
+    def _room_beside(sumo: Any, vehicle: str, side: int) -> float:
+        """The smaller of the gaps to the neighbouring lane's next vehicles ahead and behind, m."""
         followers = sumo.vehicle.getLeftFollowers if side > 0 else sumo.vehicle.getRightFollowers
         leaders = sumo.vehicle.getLeftLeaders if side > 0 else sumo.vehicle.getRightLeaders
-        return all(gap > 15.0 for _, gap in (*followers(vehicle), *leaders(vehicle)))
+        return float(min((gap for _, gap in (*followers(vehicle), *leaders(vehicle))), default=np.inf))

@@ -103,7 +103,8 @@ class Recording:
         """Write the recording to a .npz file: the rows of all tracks in a row, and one JSON text for the rest."""
         tracks = list(self.tracks.values())
         heads = [
-            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")} | {"n": len(t)}
+            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")}
+            | {"n": len(t)}
             for t in tracks
         ]
         text = json.dumps(
