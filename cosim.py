@@ -282,12 +282,15 @@ def _show_dataset(dataset: Dataset, console: Console) -> None:
     from labeling.summary import summary
 
     found = summary(dataset)
-    table = Table("intention", "samples", title=f"{dataset.path}: {found['samples']} samples")
+    table = Table("intention", *found["by_origin"], "samples")
     for name, number in found["by_intention"].items():
-        table.add_row(name, str(number))
+        table.add_row(name, *map(str, found["by_intention_and_origin"][name].values()), str(number))
+    table.add_section()
+    table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
+    console.print(f"{dataset.path}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
     console.print(table)
-    for key in ("by_origin", "seeds", "snr_db", "n_sites", "position_error_m", "left_out"):
-        console.print(f"{key}: {_brief(found[key])}", highlight=False)
+    for key in ("seeds", "snr_db", "n_sites", "position_error_m", "left_out", "collided", "teleported"):
+        console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
     for lost in found["lost"]:
         _warn(f"episode {lost['scenario']}-{lost['seed']} was left out: {lost['reason']}")
     if found["short"]:

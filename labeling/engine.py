@@ -65,6 +65,8 @@ class LocalEngine:
                 processes=True,
                 host="127.0.0.1",
                 dashboard_address=None,
+                # Any free port, so that commands side by side do not warn of each other's.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             Client(cluster) as client,

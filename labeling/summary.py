@@ -23,13 +23,18 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         for scenario in meta.scenarios
     }
     episodes = [shard.episode for shard in meta.shards]
-    scalars = dataset.frame(["snr_db", "n_sites"])
+    scalars = dataset.frame(["snr_db", "n_sites", "intention", "origin"])
+    origins = scalars.groupby(["intention", "origin"]).size()
     return {
         "path": str(dataset.path),
         "digest": dataset.digest,
         "samples": meta.samples,
         "by_intention": meta.by_intention(),
         "by_origin": meta.by_origin(),
+        "by_intention_and_origin": {
+            intention: {origin: int(origins.get((intention, origin), 0)) for origin in meta.by_origin()}
+            for intention in meta.class_names
+        },
         "seeds": seeds,
         "tv_rate_hz": meta.tv_rate_hz,
         "uv_rate_hz": meta.uv_rate_hz,

@@ -177,6 +177,8 @@ def test_inspect_says_what_is_in_it(tiny: Path, capfd: pytest.CaptureFixture[str
     found = json.loads(said.out)
     assert found["verified"] is True
     assert found["samples"] == sum(found["by_intention"].values()) == sum(found["by_origin"].values()) > 20
+    for name, number in found["by_intention"].items():
+        assert sum(found["by_intention_and_origin"][name].values()) == number
     assert found["seeds"] == {"motorway": [1, 2, 3]}
     assert "hard_brake" in said.err
 

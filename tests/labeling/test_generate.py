@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import multiprocessing
 import os
 import signal
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 from scripted import InlineEngine, ScriptedSource, small_study
 
@@ -134,7 +137,7 @@ def test_an_interrupted_command_is_resumed(
     assert 1 <= len(list(shards.glob("road-*"))) < 4
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(folder)
-    generate(study, folder, LocalEngine(2), source=source)
+    generate(study, folder, INLINE, source=source)
     assert bytes_of(folder) == bytes_of(undisturbed.path)
 
 
@@ -232,8 +235,6 @@ def test_a_foreign_folder_is_refused_and_left_untouched(
 
 
 def test_two_commands_on_one_folder_do_not_meet(source: ScriptedSource, study: DatasetStudy, tmp_path: Path) -> None:
-    import fcntl
-
     (tmp_path / "data").mkdir()
     descriptor = os.open(tmp_path / "data", os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -248,3 +249,17 @@ def test_two_scenarios_of_one_name_are_refused(source: ScriptedSource, tmp_path:
     study = small_study(scenarios=[str(tmp_path / "a/road"), str(tmp_path / "b/road")])
     with pytest.raises(InputError, match="two scenarios are called road"):
         generate(study, tmp_path / "data", INLINE, source=source)
+
+
+def test_clusters_side_by_side_are_silent_and_listen_on_this_machine_only() -> None:
+    with (
+        warnings.catch_warnings(),
+        contextlib.closing(LocalEngine(1).run(str, [1])) as one,
+        contextlib.closing(LocalEngine(1).run(str, [2])) as two,
+    ):
+        warnings.simplefilter("error")
+        assert [outcome.result for outcome in (next(one), next(two))] == ["1", "2"]
+        own = psutil.Process()
+        sockets = [each for process in (own, *own.children(recursive=True)) for each in process.net_connections()]
+    listening = {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
+    assert listening == {"127.0.0.1"}
