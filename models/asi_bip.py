@@ -36,6 +36,10 @@ class AsiBipSettings(Settings):
     )
     tv_pool: int = Field(20, ge=1, description="TV samples a token, where pooled")
     uv_pool: int = Field(5, ge=1, description="UV samples a token, where pooled")
+    lstm_bfloat16: bool = Field(
+        False,
+        description="train the LSTMs in bfloat16, faster on processors that have it; predictions are always float32",
+    )
     tv_stride: int = Field(
         1, ge=1, description="extension, not in the paper: TV samples averaged into one before the LSTM; 1 is full rate"
     )
@@ -89,6 +93,7 @@ class Branch(nn.Module):
         super().__init__()
         self.lstm = nn.LSTM(N_STATES, settings.hidden, settings.lstm_layers, bidirectional=True)
         self.pool = pool
+        self.coarse = settings.lstm_bfloat16
         self.project = nn.Linear(2 * settings.hidden, settings.width)
         self.position = nn.Parameter(0.02 * torch.randn(1, -(-length // pool), settings.width))
         self.stream = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
@@ -96,8 +101,20 @@ class Branch(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Tokens (B, ceil(T / pool), width) of a standardised stream (B, 6, T)."""
-        out = self.lstm(x.permute(2, 0, 1))[0].permute(1, 2, 0)
-        if self.pool > 1:
-            out = nn.functional.avg_pool1d(out, self.pool, ceil_mode=True)
-        tokens = self.project(out.transpose(1, 2)) + self.position + self.stream
+        # Time stays the first axis up to the tokens: transposing all LSTM outputs would cost as much as attention does.
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.coarse and self.training):
+            out = self.lstm(x.permute(2, 0, 1))[0]
+        out = pooled(out.to(x.dtype), self.pool)
+        tokens = self.project(out).transpose(0, 1) + self.position + self.stream
         return torch.as_tensor(self.dropout(tokens))
+
+
+def pooled(x: Tensor, size: int) -> Tensor:
+    """Means over `size` steps of the first axis, (ceil(T / size), ...) of (T, ...); the last may be over fewer."""
+    if size == 1:
+        return x
+    whole = len(x) // size
+    means = x[: whole * size].reshape(whole, size, *x.shape[1:]).mean(dim=1)
+    if whole * size == len(x):
+        return means
+    return torch.cat((means, x[whole * size :].mean(dim=0, keepdim=True)))

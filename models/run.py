@@ -76,9 +76,6 @@ class OptimiserSettings(Settings):
     warmup_share: float = Field(0.1, ge=0, lt=1, description="share of all steps that the learning rate rises over")
     clip_norm: float = Field(1.0, ge=0, description="gradients are scaled down to this norm; 0 leaves them")
     patience: int = Field(12, ge=1, description="epochs without a better validation macro-F1 before training stops")
-    precision: Literal["32-true", "bf16-mixed"] = Field(
-        "32-true", description="of training; predictions are always float32"
-    )
     threads: int = Field(2, ge=1, description="CPU threads; the last digits of a result depend on it")
 
 

@@ -193,7 +193,7 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
     last = checkpoints / "last.ckpt"
     with _quiet():
         trainer = lightning.Trainer(
-            accelerator="cpu", max_epochs=optimiser.epochs, precision=optimiser.precision, callbacks=callbacks,
+            accelerator="cpu", max_epochs=optimiser.epochs, callbacks=callbacks,
             gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
         )  # fmt: skip

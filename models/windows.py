@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from labeling.intentions import KNOWN
+from labeling.intentions import KNOWN, Intention
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
@@ -286,17 +286,17 @@ def _gather(states: Float32, row: Ints, last: Ints, n: int) -> Array:
 def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
     """The sides `train`, `validation` and `test`, each a sorted list of `<scenario>-<seed>`.
 
-    Of many random splits of the seeds the one is taken that leaves the fewest known intentions off a side, and among
-    those the one whose sides hold shares of every intention closest to the asked ones. InputError with under 3 seeds.
+    Of many random splits of the seeds the one is taken that leaves the fewest intentions off a side, known ones first,
+    and among those the one whose sides hold shares of every intention closest to the asked ones. InputError with fewer
+    than 3 seeds.
     """
     groups, of_record = np.unique(records.groups.astype(str), return_inverse=True)
     if len(groups) < 3:
         raise InputError(
             f"the dataset has {len(groups)} scenario seed(s): train, validation and test need one each; add seeds"
         )
-    counts = np.zeros((len(groups), len(KNOWN)))
-    known = np.isin(records.label, KNOWN)
-    np.add.at(counts, (of_record[known], records.label[known]), 1)
+    counts = np.zeros((len(groups), len(Intention)))
+    np.add.at(counts, (of_record, records.label), 1)
     n_test = max(1, round(settings.test * len(groups)))
     n_validation = max(1, round(settings.validation * len(groups)))
     n_test -= max(0, n_test + n_validation + 1 - len(groups))
@@ -307,9 +307,10 @@ def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
     return {name: groups[best == k].tolist() for k, name in enumerate(("train", "validation", "test"))}
 
 
-def _imbalance(side: Ints, counts: Array, wanted: Array) -> tuple[int, float]:
-    """Known intentions missing from sides, and how far the sides' shares of each are from the wanted ones."""
+def _imbalance(side: Ints, counts: Array, wanted: Array) -> tuple[int, int, float]:
+    """Known intentions missing from sides, all intentions missing, how far the sides' shares are from the wanted."""
     held = np.stack([counts[side == k].sum(axis=0) for k in range(3)])
     present = counts.sum(axis=0) > 0
+    missing = (held == 0) & present
     share = held[:, present] / held[:, present].sum(axis=0)
-    return int((held[:, present] == 0).sum()), float(np.abs(share - wanted[:, None]).sum())
+    return int(missing[:, KNOWN].sum()), int(missing.sum()), float(np.abs(share - wanted[:, None]).sum())

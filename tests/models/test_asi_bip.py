@@ -104,3 +104,12 @@ def test_the_strided_extension_averages_before_the_lstm() -> None:
 def test_heads_divide_the_width() -> None:
     with pytest.raises(ValueError, match="no multiple of heads"):
         AsiBipSettings(width=100, heads=8)
+
+
+def test_bfloat16_lstms_only_train_so() -> None:
+    plain, coarse = network(), network(SMALL.model_copy(update={"lstm_bfloat16": True, "dropout": 0.0}))
+    coarse.load_state_dict(plain.state_dict())
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    torch.testing.assert_close(coarse(tv, uv), plain(tv, uv))
+    apart = (coarse.train()(tv, uv) - plain(tv, uv)).abs().max()
+    assert 0 < apart < 0.1
