@@ -47,7 +47,7 @@ class ManeuverSettings(Settings):
     left_change_per_vehicle_hour: float = _rate("commanded left lane changes", 2.0)
     right_change_per_vehicle_hour: float = _rate("commanded right lane changes", 2.0)
     overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
-    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 5.0)
+    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 8.0)
     slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down for others to react to", 1.0)
     stop_in_lane_per_vehicle_hour: float = _rate("vehicles that stop in their lane", 0.1)
     cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another", 2.0)
@@ -161,8 +161,8 @@ class Director:
             sides = [side for side in (1, -1) if self._beside_free(sumo, vehicle, side)]
             if sides:
                 half = sumo.lane.getWidth(sumo.vehicle.getLaneID(vehicle)) / 2.0
-                offset = draw(0.95, min(1.7, half - 0.1))
-                return Swerve(vehicle, float(self.rng.choice(sides)) * offset, draw(4.5, 6.5), draw(0.0, 0.6))
+                offset = draw(1.0, min(1.7, half - 0.1))
+                return Swerve(vehicle, float(self.rng.choice(sides)) * offset, draw(4.5, 6.0), draw(0.0, 0.6))
         if kind == "slow_vehicle" and speed > 15.0:
             return SlowVehicle(vehicle, draw(0.65, 0.8), draw(20.0, 40.0))
         if kind == "stop_in_lane":

@@ -53,16 +53,24 @@ class Road:
     """A straight road with one bend to the left: points beside its middle, by distance along it.
 
     bend_m: where the bend begins, m; radius_m, angle (rad): of the bend.
+
+    Begin and end an edge where the bend does. SUMO gives all lanes of an edge one length, and keeps a vehicle's
+    distance along the edge when it changes lanes: where an edge is partly bent, that is a jump of half a metre.
     """
 
     bend_m: float
     radius_m: float
     angle: float
 
+    @property
+    def bend_end_m(self) -> float:
+        """Where the bend ends, m along the road."""
+        return self.bend_m + self.radius_m * self.angle
+
     def beside(self, along: Array, left_m: float | Array) -> Array:
         """Points at an offset from the middle, left positive, shape (n, 2)."""
         turned = np.clip((along - self.bend_m) / self.radius_m, 0.0, self.angle)
-        beyond = np.maximum(along - self.bend_m - self.radius_m * self.angle, 0.0)
+        beyond = np.maximum(along - self.bend_end_m, 0.0)
         x = np.minimum(along, self.bend_m) + self.radius_m * np.sin(turned) + beyond * np.cos(turned)
         y = self.radius_m * (1.0 - np.cos(turned)) + beyond * np.sin(turned)
         across = np.stack([-np.sin(turned), np.cos(turned)], axis=1) * np.reshape(left_m, (-1, 1))

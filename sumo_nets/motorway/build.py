@@ -17,11 +17,13 @@ PIECES = (
     ("runin", -900.0, 0.0, 4),
     ("west", 0.0, 500.0, 4),
     ("merge", 500.0, 800.0, 5),
-    ("curve", 800.0, 2000.0, 4),
+    ("approach", 800.0, ROAD.bend_m, 4),
+    ("curve", ROAD.bend_m, ROAD.bend_end_m, 4),
+    ("leave", ROAD.bend_end_m, 2000.0, 4),
     ("diverge", 2000.0, 2300.0, 5),
     ("east", 2300.0, 3300.0, 4),
 )
-"""Edge, from, to (m along the road), lanes."""
+"""Edge, from, to (m along the road), lanes. An edge is straight or bent throughout: see `Road`."""
 
 
 def network() -> Plain:
@@ -30,23 +32,25 @@ def network() -> Plain:
         plain.edge(name, (f"n{k}", f"n{k + 1}"), lanes, LIMIT, ROAD.piece(start, end, 2.0 * LANE_M))
     ramp_left = -2.0 * LANE_M
     plain.edge("onramp", ("onramp", "n2"), 1, 22.22, ROAD.ramp(500.0, ramp_left, -1.0), priority=5)
-    plain.edge("offramp", ("n5", "offramp"), 1, 22.22, ROAD.ramp(2300.0, ramp_left, +1.0), priority=5)
+    plain.edge("offramp", ("n7", "offramp"), 1, 22.22, ROAD.ramp(2300.0, ramp_left, +1.0), priority=5)
     plain.link("runin", "west", range(4))
     plain.link("west", "merge", range(4), +1)
     plain.link("onramp", "merge", range(1))
-    plain.link("merge", "curve", range(1, 5), -1)
-    plain.link("curve", "diverge", range(4), +1)
+    plain.link("merge", "approach", range(1, 5), -1)
+    plain.link("approach", "curve", range(4))
+    plain.link("curve", "leave", range(4))
+    plain.link("leave", "diverge", range(4), +1)
     plain.link("diverge", "east", range(1, 5), -1)
     plain.link("diverge", "offramp", range(1))
     return plain
 
 
 def demand() -> list[str]:
-    main = "runin west merge curve diverge"
+    main = "runin west merge approach curve leave diverge"
     return [
         f'<route id="through" edges="{main} east"/>',
         f'<route id="off" edges="{main} offramp"/>',
-        '<route id="on" edges="onramp merge curve diverge east"/>',
+        '<route id="on" edges="onramp merge approach curve leave diverge east"/>',
         flow("car_through", "cars", "through", 2400),
         flow("car_off", "cars", "off", 240),
         flow("car_on", "cars", "on", 300, depart_speed="15"),

@@ -25,9 +25,12 @@ def straight_road(folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3
          "--output-file=r.net.xml", "--offset.disable-normalization", "--no-turnarounds"],
         cwd=folder, check=True, capture_output=True,
     )
+    car = (
+        'carFollowModel="IDM" accel="2" decel="4" emergencyDecel="9" speedFactor="0.8" speedDev="0" '
+        'latAlignment="center" lcKeepRight="0" lcSpeedGain="0"'
+    )
     (folder / "r.rou.xml").write_text(
-        '<routes><vType id="car" carFollowModel="IDM" sigma="0" accel="2" decel="4" emergencyDecel="9" speedFactor="0.8" '
-        f'speedDev="0" latAlignment="center" lcKeepRight="0" lcSpeedGain="0"/><route id="all" edges="e0 e1"/>{vehicles}</routes>'
+        f'<routes><vType id="car" {car}/><route id="all" edges="e0 e1"/>{vehicles}</routes>'
     )
     (folder / "sites.add.xml").write_text(f"<additional>{sites}</additional>")
     (folder / "r.sumocfg").write_text(

@@ -1,6 +1,7 @@
 """Scenarios made from maps and bare networks, and users' scenarios taken as they are."""
 
 import gzip
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -129,7 +130,7 @@ def test_demand_is_reproducible_and_its_routes_are_connected(tmp_path: Path) -> 
         if last.id in inside.successors
     }
     assert len(routes) >= 3
-    assert all(pair in follows for route in routes for pair in zip(route[:-1], route[1:], strict=True))
+    assert all(pair in follows for route in routes for pair in pairwise(route))
 
 
 @pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban"])

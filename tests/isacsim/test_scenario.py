@@ -7,6 +7,8 @@ from roads import SITE, straight_road, vehicle
 from isacsim.errors import InputError
 from isacsim.scenario import bundled, load
 
+COVERED = ("west", "merge", "approach", "curve", "leave", "diverge", "east")
+
 
 @pytest.fixture(scope="module")
 def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -18,9 +20,9 @@ def test_the_motorway_is_what_its_readme_says() -> None:
     assert "motorway" in bundled()
     assert len(scenario.sites) >= 8
     main = {lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")}
-    assert main == {"runin", "west", "merge", "curve", "diverge", "east", "onramp", "offramp"}
+    assert main == {"runin", "onramp", "offramp", *COVERED}
     length = {lane.edge: lane.length_m for lane in scenario.lanes}
-    covered = sum(length[e] for e in ("west", "merge", "curve", "diverge", "east"))
+    covered = sum(length[e] for e in COVERED)
     assert covered == pytest.approx(3300.0, rel=0.02)
     assert sum(lane.edge == "curve" for lane in scenario.lanes) == 4
 
