@@ -18,6 +18,8 @@ Ints = npt.NDArray[np.int64]
 
 LEAD_BIN_S = 0.2
 SNR_BIN_DB = 2.0
+LEAST_IN_BIN = 5
+"""A class with fewer true windows in a bin stays out of the bin's macro-F1: one window would weigh as much as a class."""
 
 
 def confusion(label: Ints, predicted: Ints, n_classes: int) -> Ints:
@@ -33,9 +35,9 @@ def f1_scores(counts: npt.NDArray[Any]) -> Array:
     return np.where(true > 0, 2 * hit / np.maximum(true + predicted, 1), np.nan)
 
 
-def macro_f1(counts: npt.NDArray[Any]) -> Array:
-    """Mean F1 over the classes with a true sample, (...) of (..., G, G); NaN where no class has one."""
-    f1 = f1_scores(counts)
+def macro_f1(counts: npt.NDArray[Any], least: int = 1) -> Array:
+    """Mean F1 over the classes with at least `least` true samples, (...) of (..., G, G); NaN where no class has them."""
+    f1 = np.where(counts.sum(axis=-1) >= least, f1_scores(counts), np.nan)
     n = np.isfinite(f1).sum(axis=-1)
     return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
 
@@ -66,7 +68,7 @@ def by_bin(value: Array, width: float, unit: str, label: Ints, predicted: Ints, 
                 f"to_{unit}": round(float((k + 1) * width), 6),
                 "n": int(here.sum()),
                 "accuracy": number(np.mean(label[here] == predicted[here])),
-                "macro_f1": number(macro_f1(counts)),
+                "macro_f1": number(macro_f1(counts, LEAST_IN_BIN)),
             }
         )
     return rows

@@ -39,6 +39,14 @@ def test_bins_of_lead_time() -> None:
     ]  # fmt: skip
 
 
+def test_a_class_that_is_rare_in_a_bin_stays_out_of_its_macro_f1() -> None:
+    label = np.array([0] * 6 + [1] * 5 + [2] * 4)
+    predicted = np.array([0] * 6 + [1] * 5 + [0] * 4)
+    row = metrics.by_lead_time(np.full(15, 0.1), label, predicted, 3)[0]
+    assert row["macro_f1"] == pytest.approx((12 / 16 + 1) / 2)
+    assert metrics.by_lead_time(np.full(4, 0.1), label[-4:], predicted[-4:], 3)[0]["macro_f1"] is None
+
+
 def test_multiples_of_the_bin_open_their_own_bin() -> None:
     lead = np.arange(-5, 6) * 0.2
     rows = metrics.by_lead_time(lead, np.zeros(11, int), np.zeros(11, int), 2)
