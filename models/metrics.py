@@ -19,7 +19,7 @@ Ints = npt.NDArray[np.int64]
 LEAD_BIN_S = 0.2
 SNR_BIN_DB = 2.0
 LEAST_IN_BIN = 5
-"""A class with fewer true windows in a bin stays out of the bin's macro-F1: one window would weigh as much as a class."""
+"""A class with fewer true windows in a bin stays out of its macro-F1: one window would weigh as much as a class."""
 
 
 def confusion(label: Ints, predicted: Ints, n_classes: int) -> Ints:
@@ -36,7 +36,7 @@ def f1_scores(counts: npt.NDArray[Any]) -> Array:
 
 
 def macro_f1(counts: npt.NDArray[Any], least: int = 1) -> Array:
-    """Mean F1 over the classes with at least `least` true samples, (...) of (..., G, G); NaN where no class has them."""
+    """Mean F1 over the classes with at least `least` true samples, (...) of (..., G, G); NaN without any."""
     f1 = np.where(counts.sum(axis=-1) >= least, f1_scores(counts), np.nan)
     n = np.isfinite(f1).sum(axis=-1)
     return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
