@@ -52,7 +52,7 @@ class Track:
     x: Array
     y: Array
     speed: Array
-    lane: npt.NDArray[np.int32]
+    lane: npt.NDArray[np.integer[Any]]
     lane_pos: Array
     lane_lat: Array
 
