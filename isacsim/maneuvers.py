@@ -147,7 +147,7 @@ class Director:
             ahead = sumo.vehicle.getSpeed(leader[0]) if leader else np.inf
             # What is left of the gap has to do for the driver to close in without braking hard.
             top = max(speed + 1.7 * peak, min(44.0, ahead + 0.05 * (room - 1.5 * speed)))
-            return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.2, 2.5), draw(4.0, 8.0), top)
+            return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.4, 2.6), draw(4.0, 8.0), top)
         if kind in ("left_change", "right_change"):
             direction = 1 if kind == "left_change" else -1
             if self._has_lane(sumo, vehicle, direction):

@@ -21,6 +21,9 @@ GRID_S = 0.05
 """Longest interval of the motion's samples, s. Conditioned motion holds nothing above 3 Hz."""
 JUMP_MPS = 5.0
 """A lateral step faster than this is no motion of a vehicle, m/s."""
+PLANE_JUMP_M = 0.3
+"""Where the position in the plane moves by this much more than the speed says, m, SUMO has shifted the vehicle: lanes
+of one edge share one length, so that a lane change on an edge that is partly bent moves the vehicle along it."""
 REACH = 5.0
 """Half-width of the kernel in standard deviations."""
 
@@ -45,7 +48,7 @@ class RoadMotion:
 
     times: s of simulation time. v, a: speed and acceleration along the road, m/s, m/s2.
     q, vq, aq: lateral position from the centre line of the lane the track starts in, lateral speed and acceleration,
-    m, m/s, m/s2, left positive. crossings: of markings, in order. jumps: times of lateral steps that are no motion, s.
+    m, m/s, m/s2, left positive. crossings: of markings, in order. jumps: times of steps that are no motion, s.
     """
 
     vehicle: str
@@ -81,7 +84,7 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
         vq=vq,
         aq=slope(vq, grid_s),
         crossings=tuple(crossings),
-        jumps=tuple(jumps),
+        jumps=tuple(sorted({*jumps, *_plane_jumps(track, times, recording.step_s)})),
     )
 
 
@@ -138,6 +141,13 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
     lateral = track.lane_lat + np.cumsum(offset)
     jumps = np.flatnonzero(np.abs(np.diff(lateral)) > max(limit, 0.05)) + 1
     return np.asarray(lateral), crossings, [float(times[k]) for k in jumps]
+
+
+def _plane_jumps(track: Track, times: Array, step_s: float) -> list[float]:
+    """Times at which the position in the plane moves further than the vehicle, s."""
+    moved = np.hypot(np.diff(track.x), np.diff(track.y))
+    driven = step_s * np.maximum(track.speed[1:], track.speed[:-1])
+    return [float(times[k + 1]) for k in np.flatnonzero(moved - driven > max(PLANE_JUMP_M, JUMP_MPS * step_s))]
 
 
 def _likeliest(steps: tuple[LaneStep, ...], change_m: float) -> LaneStep | None:
