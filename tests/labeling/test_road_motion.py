@@ -94,7 +94,8 @@ def by_lanes(lanes: tuple[Lane, ...], visits: list[tuple[int, float]], lat: list
     lane = np.repeat([k for k, _ in visits], 100).astype(np.int32)
     pos = np.concatenate([start + np.arange(100) * 0.3 for _, start in visits])
     n = len(lane)
-    track = Track("tv", "passenger", 5.0, 1.8, 0, pos, pos, np.full(n, 30.0), lane, pos, np.repeat(lat, 100))
+    x, y = np.arange(n) * 0.3, np.zeros(n)
+    track = Track("tv", "passenger", 5.0, 1.8, 0, x, y, np.full(n, 30.0), lane, pos, np.repeat(lat, 100))
     return motion_of(Recording("made", 1, STEP_S, lanes, {"tv": track}))
 
 
