@@ -5,13 +5,13 @@ The packages are imported inside the commands, so that help and usage errors ans
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,8 +22,10 @@ from isacsim.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from isacsim.demand import DemandSettings
+    from isacsim.network import Made
+    from isacsim.site_placement import PlacementSettings
     from labeling.dataset import Dataset
-    from labeling.study import DatasetStudy
 
 app = typer.Typer(
     add_completion=False,
@@ -31,14 +33,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="From a SUMO road network to an evaluated driver-intention predictor that sees traffic through ISAC sensing.",
 )
+network_app = typer.Typer(no_args_is_help=True, help="Scenarios made from a map, or from a network without sites.")
+app.add_typer(network_app, name="network")
 INTERRUPTED = 130
 KEPT = "interrupted; what was finished is kept, the same command goes on from there"
-SEEDS_WITH_WINDOWS = (1, 1000)
-"""The seeds that --windows may use up where no --seeds bound them."""
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder to write; a new or empty one, or one to go on with.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Worker processes; the number of cores when absent.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output, last.")]
+SNR_FORMS = "LO:HI|VALUE|link"
+Spacing = Annotated[float | None, typer.Option(metavar="M", help="Between poles along the road, m.")]
+SetBack = Annotated[float | None, typer.Option(metavar="M", help="Of poles from the road's edge, m.")]
+Height = Annotated[float | None, typer.Option(metavar="M", help="Of the antennas above the road, m.")]
+Vehicles = Annotated[int | None, typer.Option(help="Vehicles on the road at once, about, where demand is made.")]
+DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that is made.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Only warnings and errors on standard error.")]
 
 
@@ -55,6 +63,7 @@ def run(
     """The main job: generate, train, evaluate, report."""
     from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
+    from labeling.progress import bar
     from models import report
     from models.main_job import run_study
     from models.study import read_study
@@ -64,8 +73,10 @@ def run(
     folder = out or Path("results") / content.name
 
     def make(where: Path) -> Dataset:
-        with _bar(console, content.dataset) as progress:
-            made = generate_dataset(content.dataset, where, LocalEngine(jobs or _cores()), progress)
+        with bar(console, "generating", content.dataset.unit) as progress:
+            made = generate_dataset(
+                content.dataset, where, LocalEngine(jobs or _cores()), progress, tell=_tell(console)
+            )
         _show_dataset(made, console)
         return made
 
@@ -96,20 +107,61 @@ def generate(
     ] = None,
     seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Traffic seeds, both ends included.")] = None,
     snr: Annotated[
-        str | None, typer.Option(metavar="LO:HI", help="Per-element SNR, dB, drawn uniformly in this range.")
+        str | None, typer.Option(metavar=SNR_FORMS, help="Per-element SNR, dB: a range to draw from, or a link budget.")
     ] = None,
     jobs: Jobs = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
+    from labeling.arguments import dataset_study
     from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
+    from labeling.progress import bar
     from labeling.summary import summary
 
-    study, console = _dataset_study(scenarios, windows, seeds, snr), _console(quiet)
-    with _bar(console, study) as progress:
-        made = generate_dataset(study, out, LocalEngine(jobs or _cores()), progress)
+    study, console = dataset_study(scenarios, windows, seeds, snr), _console(quiet)
+    with bar(console, "generating", study.unit) as progress:
+        made = generate_dataset(study, out, LocalEngine(jobs or _cores()), progress, tell=_tell(console))
+    _show_dataset(made, console)
+    if as_json:
+        print(json.dumps(summary(made)))
+
+
+@app.command()
+def sense(
+    dataset: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
+    out: Out,
+    sensor: Annotated[str, typer.Option(help="isac (the sites), radar (the UV's own), or truth.")] = "isac",
+    snr: Annotated[str | None, typer.Option(metavar=SNR_FORMS, help="Per-element SNR, dB, or a link budget.")] = None,
+    estimator: Annotated[str | None, typer.Option(help="ml, candan, grid or padded_grid.")] = None,
+    fusion: Annotated[str | None, typer.Option(help="information, eq5 or eq5-covariance.")] = None,
+    sites: Annotated[int | None, typer.Option(help="Sites used at once, at most.")] = None,
+    rain: Annotated[float | None, typer.Option(metavar="MM_PER_H", help="Rain, mm/h.")] = None,
+    no_blockage: Annotated[bool, typer.Option("--no-blockage", help="Leave out blockage by other vehicles.")] = False,
+    radar: Annotated[str | None, typer.Option(help="Of --sensor radar: clear, nlos or weather.")] = None,
+    pattern: Annotated[str | None, typer.Option(help="What --radar nlos loses: random or contiguous.")] = None,
+    records: Annotated[
+        int | None, typer.Option(help="Records to sense, the dataset's over and over with new echoes.")
+    ] = None,
+    jobs: Jobs = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """The same records, sensed anew; what is not named stays as in the dataset. Resumes where it stopped."""
+    from labeling.arguments import resense_settings
+    from labeling.dataset import Dataset
+    from labeling.engine import LocalEngine
+    from labeling.progress import bar
+    from labeling.resense import resense
+    from labeling.summary import summary
+
+    console, opened = _console(quiet), Dataset.open(dataset)
+    settings = resense_settings(
+        opened, sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records
+    )
+    with bar(console, "sensing", "records") as progress:
+        made = resense(opened, settings, out, LocalEngine(jobs or _cores()), progress)
     _show_dataset(made, console)
     if as_json:
         print(json.dumps(summary(made)))
@@ -188,6 +240,62 @@ def evaluate(
         print(json.dumps({"report": str(folder), **found}))
 
 
+@network_app.command("import")
+def network_import(
+    source: Annotated[Path, typer.Argument(metavar="MAP", help="OpenStreetMap file: .osm, .osm.xml, or gzipped.")],
+    out: Out,
+    box: Annotated[str | None, typer.Option(metavar="W,S,E,N", help="Part of the map, degrees.")] = None,
+    spacing: Spacing = None,
+    set_back: SetBack = None,
+    height: Height = None,
+    vehicles: Vehicles = None,
+    seed: DemandSeed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """A scenario from a map: network, demand, and sites along the roads."""
+    from isacsim.network import import_map
+    from labeling.arguments import box_of
+
+    part = None if box is None else box_of(box)
+    made = import_map(source, out, part, *_placed(spacing, set_back, height, vehicles), seed)
+    _show_scenario(made, str(source), _console(quiet), as_json)
+
+
+@network_app.command("sites")
+def network_sites(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="Folder, .sumocfg or .net.xml.")],
+    out: Out,
+    spacing: Spacing = None,
+    set_back: SetBack = None,
+    height: Height = None,
+    vehicles: Vehicles = None,
+    seed: DemandSeed = 0,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """A scenario with sites along its roads, and demand where it has none; nothing is written beside the original."""
+    from isacsim.network import add_sites
+
+    made = add_sites(scenario, out, *_placed(spacing, set_back, height, vehicles), seed)
+    _show_scenario(made, scenario, _console(quiet), as_json)
+
+
+@app.command()
+def bench(
+    what: Annotated[str, typer.Argument(metavar="echo|traffic|generate", help="What to time.")],
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Speeds as ratios against a stated reference, measured in one run on one thread; a minute or two each."""
+    from benchmarks import run as run_bench
+
+    found = run_bench(what)
+    _console(quiet).print_json(data=found)
+    if as_json:
+        print(json.dumps(found))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The console script. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted.
 
@@ -214,87 +322,47 @@ def _complain(message: str, code: int) -> int:
     return code
 
 
-def _dataset_study(scenarios: list[str], windows: int | None, seeds: str | None, snr: str | None) -> DatasetStudy:
-    """The study that generate's arguments describe."""
-    from labeling.study import DatasetStudy, checked
-
-    content: dict[str, Any] = {"scenarios": scenarios, "selection": {"windows": windows}}
-    if seeds is not None or windows is not None:
-        first, last = _pair(seeds, "--seeds", int, "1:20") if seeds else SEEDS_WITH_WINDOWS
-        content["seeds"] = {"first": first, "last": last}
-    if snr is not None:
-        channel = {"kind": "uniform", "snr_range_db": _pair(snr, "--snr", float, "0:10")}
-        content["sensing"] = {"channel": channel}
-    return checked(DatasetStudy, content, "arguments")
-
-
-def _pair(text: str, option: str, kind: Callable[[str], Any], example: str) -> tuple[Any, Any]:
-    """Both ends of a range A:B, A at most B. Raises InputError where it is none."""
-    try:
-        low, high = (kind(part) for part in text.split(":"))
-    except ValueError:
-        raise InputError(f"{option} {text}: is no range; write it like {example}") from None
-    if not low <= high:
-        raise InputError(f"{option} {text}: is no range, its first end is above its second; write it like {example}")
-    return low, high
-
-
-@contextmanager
-def _bar(console: Console, study: DatasetStudy) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar with the time left; yields what moves it: done, of how much."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("generating"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("samples" if study.selection.windows else "episodes"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    progress = Progress(*columns, console=console, speed_estimate_period=300)
-    task = progress.add_task("", total=None)
-
-    def move(done: int, total: int) -> None:
-        # Drawn from the first move on: what is refused before any work begins shows no bar.
-        progress.start()
-        progress.update(task, completed=done, total=total)
-
-    try:
-        yield move
-    finally:
-        if progress.live.is_started:
-            progress.stop()
-
-
 def _show_dataset(dataset: Dataset, console: Console) -> None:
     """What is in a dataset, for people, and what went wrong in making it."""
-    from rich.table import Table
+    from labeling.summary import faults, show
 
-    from labeling.summary import summary
+    show(dataset, console)
+    for fault in faults(dataset):
+        print(f"warning: {fault}", file=sys.stderr)
 
-    found = summary(dataset)
-    table = Table("intention", *found["by_origin"], "samples")
-    for name, number in found["by_intention"].items():
-        table.add_row(name, *map(str, found["by_intention_and_origin"][name].values()), str(number))
-    table.add_section()
-    table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
-    console.print(f"{dataset.path}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
-    console.print(table)
-    for key in ("seeds", "snr_db", "n_sites", "position_error_m", "left_out", "collided", "teleported"):
-        console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
-    for lost in found["lost"]:
-        _warn(f"episode {lost['scenario']}-{lost['seed']} was left out: {lost['reason']}")
-    if found["short"]:
-        _warn(f"the seeds ended before the study's least number was reached of: {', '.join(found['short'])}")
+
+def _placed(
+    spacing: float | None, set_back: float | None, height: float | None, vehicles: int | None
+) -> tuple[PlacementSettings, DemandSettings]:
+    """Where poles stand and how much traffic is made, by the arguments."""
+    from isacsim.demand import DemandSettings
+    from isacsim.site_placement import PlacementSettings
+    from labeling.study import checked
+
+    places = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
+    given = {name: value for name, value in places.items() if value is not None}
+    placement = checked(PlacementSettings, given, "arguments")
+    return placement, checked(DemandSettings, {} if vehicles is None else {"vehicles": vehicles}, "arguments")
+
+
+def _show_scenario(made: Made, source: str, console: Console, as_json: bool) -> None:
+    """What a scenario was made of, for people and as JSON."""
+    if made.overridden:
+        _tell(console)(source, made.overridden)
+    demand = "demand was made" if made.made_demand else "its own demand"
+    console.print(f"{made.folder}: {made.sites} sites along {made.edges} edges; {demand}", soft_wrap=True)
+    if as_json:
+        print(json.dumps({**dataclasses.asdict(made), "folder": str(made.folder)}))
+
+
+def _tell(console: Console) -> Callable[[str, Sequence[str]], None]:
+    """What tells a person which options of a scenario's configuration are overridden."""
+
+    def tell(scenario: str, options: Sequence[str]) -> None:
+        line = f"{scenario}: the time base and outputs are the tool's own; not followed: {', '.join(options)}"
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+    return tell
 
 
 def _show_metrics(found: dict[str, Any], console: Console) -> None:
@@ -304,19 +372,6 @@ def _show_metrics(found: dict[str, Any], console: Console) -> None:
     console.print(report.table(found))
     for line in report.verdict(found):
         console.print(line, soft_wrap=True)
-
-
-def _brief(value: Any) -> str:
-    """Plain values for a person's eye: runs of seeds as ranges."""
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_brief(each)}" for key, each in value.items())
-    if isinstance(value, list):
-        return f"{value[0]} to {value[-1]} ({len(value)})" if value else "none"
-    return str(value)
-
-
-def _warn(message: str) -> None:
-    print(f"warning: {message}", file=sys.stderr)
 
 
 def _console(quiet: bool) -> Console:

@@ -37,12 +37,13 @@ NETCONVERT_OPTIONS = (
 
 @dataclass(frozen=True)
 class Made:
-    """What was made: the scenario's folder and what is in it."""
+    """What was made: the scenario's folder and what is in it; options of the user's configuration that are not kept."""
 
     folder: Path
     sites: int
     edges: int
     made_demand: bool
+    overridden: tuple[str, ...] = ()
 
 
 def add_sites(where: str, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int = 0) -> Made:
@@ -115,7 +116,7 @@ def _complete(
     }
     lines = [f'    <{name} value="{value}"/>' for name, value in options.items() if value]
     (folder / f"{out.name}.sumocfg").write_text("\n".join(["<configuration>", *lines, "</configuration>", ""]))
-    return Made(out, len(sites), len(edges), making)
+    return Made(out, len(sites), len(edges), making, scenario.overridden)
 
 
 def _used_edges(files: tuple[Path, ...]) -> set[str]:

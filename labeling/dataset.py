@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -104,6 +105,7 @@ class Meta(Settings):
 
     study: everything that made the dataset, defaults filled in. complete: False while episodes are still to be made.
     tv_rate_hz, uv_rate_hz, duration_s: of the records. short: known classes that stayed below the study's least number.
+    resensed: where the records were sensed anew from another dataset: its digest, and how (labeling.resense).
     """
 
     schema_version: Literal[1] = SCHEMA_VERSION
@@ -120,6 +122,12 @@ class Meta(Settings):
     shards: tuple[Shard, ...] = ()
     lost: tuple[Lost, ...] = ()
     short: tuple[str, ...] = ()
+    resensed: dict[str, Any] | None = None
+
+    @property
+    def maker(self) -> str:
+        """The command that made the dataset, and finishes or mends it."""
+        return "cosim generate" if self.resensed is None else "cosim sense"
 
     @property
     def tv_length(self) -> int:
@@ -172,11 +180,11 @@ class Dataset:
         if meta is None:
             raise InputError(f"{folder}: not a dataset (no {META_FILE} in it); make one with `cosim generate`")
         if not meta.complete:
-            raise InputError(f"{folder}: dataset is not finished; run the same `cosim generate` again to finish it")
+            raise InputError(f"{folder}: dataset is not finished; run the same `{meta.maker}` again to finish it")
         dataset = cls(folder, meta)
         for shard in meta.shards:
             if not dataset.shard_path(shard).is_file():
-                raise InputError(f"{dataset.shard_path(shard)}: shard is missing; run the same `cosim generate` again")
+                raise InputError(f"{dataset.shard_path(shard)}: shard is missing; run the same `{meta.maker}` again")
         return dataset
 
     def __len__(self) -> int:
@@ -232,7 +240,7 @@ class Dataset:
         faults = [fault for shard in self.meta.shards for fault in self._faults(shard)]
         if faults:
             others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
-            raise InputError(f"{faults[0]}{others}; delete what is damaged and generate again")
+            raise InputError(f"{faults[0]}{others}; delete what is damaged and run the same `{self.meta.maker}` again")
 
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
         for shard in self.meta.shards:
@@ -255,15 +263,21 @@ class Dataset:
         if not table.schema.equals(expected):
             yield f"{path}: columns differ from the contract of schema version {self.meta.schema_version}"
             return
-        yield from (f"{path}: {fault}" for fault in _row_faults(table, shard))
+        yield from (f"{path}: {fault}" for fault in _row_faults(table, shard, self.meta.resensed is None))
 
 
-def _row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
-    """What is wrong with the values of a shard whose columns are right."""
+def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
+    """What is wrong with the values of a shard whose columns are right.
+
+    numbered: whether sample ids count through; records sensed anew keep theirs, with a repeat's number behind it.
+    """
     scalars = table.select(list(SCALARS)).to_pandas()
     prefix = shard.file.removesuffix(".parquet")
-    if list(scalars["sample_id"]) != [f"{prefix}-{k}" for k in range(len(scalars))]:
+    ids = scalars["sample_id"]
+    if numbered and list(ids) != [f"{prefix}-{k}" for k in range(len(ids))]:
         yield "sample ids are not numbered through"
+    if not ids.is_unique or not ids.str.fullmatch(rf"{re.escape(prefix)}-\d+(-r\d+)?").all():
+        yield "sample ids are not those of the shard's episode"
     if list(scalars["intention"]) != [Intention(label).text for label in scalars["label"]]:
         yield "label and intention disagree"
     times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
@@ -292,7 +306,7 @@ def write_meta(folder: Path, meta: Meta) -> None:
     _replace(folder / META_FILE, (json.dumps(meta.model_dump(mode="json"), indent=1) + "\n").encode())
 
 
-def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane]) -> None:
+def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
     """Write a scenario's lanes as `roads/<scenario>.parquet`."""
     kept = list(lanes)
     line = pa.list_(pa.float32())

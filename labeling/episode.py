@@ -112,7 +112,7 @@ def make_samples(
     if not chosen:
         return [], []
     truth = [_states(study, recording, each.tv, each, study.record.tv_rate_hz).astype(np.float32) for each in chosen]
-    keys = [(scenario.name, recording.seed, each.tv, each.intention.text, f"{each.t_start:.6f}") for each in chosen]
+    keys = [record_key(scenario.name, recording.seed, each.tv, each.intention, each.t_start) for each in chosen]
     sensed = sensing.sense(
         np.stack(truth).astype(np.float64), study.record.tv_rate_hz, scenario.sites, study.sensing, keys
     )
@@ -144,6 +144,11 @@ def make_samples(
             )
         )
     return samples, [got.fixes for got in sensed if got.usable]
+
+
+def record_key(scenario: str, seed: int, tv: str, intention: Intention, t_start: float) -> tuple[str | int, ...]:
+    """Names the draws of one record, the same when it is sensed anew. t_start: s."""
+    return scenario, seed, tv, intention.text, f"{t_start:.6f}"
 
 
 def median_error_m(state: npt.NDArray[np.floating[Any]], truth: npt.NDArray[np.float32]) -> float:

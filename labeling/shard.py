@@ -162,6 +162,23 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
     return _describe(path, table, episode)
 
 
+def read_samples(path: Path) -> list[Sample]:
+    """The samples of a shard, in its order. Raises InputError where it is damaged or no shard."""
+    try:
+        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        states = {name: states_of(table[name]) for name in ARRAYS}
+        rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
+    except (KeyError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
+    return [
+        Sample(
+            **{**row, "intention": Intention[row["intention"].upper()]},
+            **{name: states[name][k] for name in ARRAYS},
+        )
+        for k, row in enumerate(rows)
+    ]
+
+
 def read_shard(path: Path) -> Shard:
     """What a shard holds, from its own bytes, all of them read. Raises InputError where it is damaged or no shard."""
     try:

@@ -82,6 +82,11 @@ class DatasetStudy(Settings):
     report: ReportSettings = ReportSettings()
     selection: SelectionSettings = SelectionSettings()
 
+    @property
+    def unit(self) -> str:
+        """What the progress of its generation counts."""
+        return "samples" if self.selection.windows else "episodes"
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file's content. Raises InputError where there is none or it cannot be read."""

@@ -1,4 +1,4 @@
-"""What is in a dataset, in numbers."""
+"""What is in a dataset, in numbers and for people."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from labeling.dataset import Dataset
 
@@ -13,9 +15,9 @@ from labeling.dataset import Dataset
 def summary(dataset: Dataset) -> dict[str, Any]:
     """A dataset's counts, rates and qualities, as plain values.
 
-    snr_db, n_sites: least, median and greatest over the samples. position_error_m: median over the samples of each
-    one's median distance to the true position, before and after the filter. left_out: candidates that became no sample,
-    by reason.
+    sensors: samples by sensor. snr_db, n_sites: least, median and greatest over the samples. position_error_m: median
+    over the samples of each one's median distance to the true position, before and after the filter. left_out:
+    candidates that became no sample, by reason.
     """
     meta = dataset.meta
     seeds = {
@@ -23,7 +25,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         for scenario in meta.scenarios
     }
     episodes = [shard.episode for shard in meta.shards]
-    scalars = dataset.frame(["snr_db", "n_sites", "intention", "origin"])
+    scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin"])
     origins = scalars.groupby(["intention", "origin"]).size()
     return {
         "path": str(dataset.path),
@@ -39,6 +41,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "tv_rate_hz": meta.tv_rate_hz,
         "uv_rate_hz": meta.uv_rate_hz,
         "duration_s": meta.duration_s,
+        "sensors": {str(name): int(number) for name, number in scalars["sensor"].value_counts().sort_index().items()},
         "snr_db": _quantiles(scalars["snr_db"].to_numpy(np.float64)),
         "n_sites": _quantiles(scalars["n_sites"].to_numpy(np.float64)),
         "position_error_m": {
@@ -54,8 +57,39 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     }
 
 
+def show(dataset: Dataset, console: Console) -> None:
+    """What is in a dataset, on a console."""
+    found = summary(dataset)
+    table = Table("intention", *found["by_origin"], "samples")
+    for name, number in found["by_intention"].items():
+        table.add_row(name, *map(str, found["by_intention_and_origin"][name].values()), str(number))
+    table.add_section()
+    table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
+    console.print(f"{dataset.path}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
+    console.print(table)
+    for key in ("seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "collided", "teleported"):
+        console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
+
+
+def faults(dataset: Dataset) -> list[str]:
+    """What went wrong in making a dataset, a line each."""
+    lost = [f"episode {each.scenario}-{each.seed} was left out: {each.reason}" for each in dataset.meta.lost]
+    short = ", ".join(dataset.meta.short)
+    return lost + ([f"the seeds ended before the study's least number was reached of: {short}"] if short else [])
+
+
+def _brief(value: Any) -> str:
+    """Plain values for a person's eye: runs of seeds as ranges."""
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_brief(each)}" for key, each in value.items())
+    if isinstance(value, list):
+        return f"{value[0]} to {value[-1]} ({len(value)})" if value else "none"
+    return str(value)
+
+
 def _quantiles(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float] | None:
-    """Least, median and greatest value; None of nothing."""
+    """Least, median and greatest of the finite values; None of nothing: what no echo gave has no SNR."""
+    values = values[np.isfinite(values)]
     if not len(values):
         return None
     return {name: round(float(np.quantile(values, q)), 4) for name, q in (("min", 0), ("median", 0.5), ("max", 1))}

@@ -1,0 +1,135 @@
+"""The folder that a dataset is made in: whose it is, what of it stands already, and how it is finished."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import importlib.metadata
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from isacsim.errors import InputError
+from labeling.dataset import META_FILE, ROADS, SHARDS, Lost, Meta, Shard, read_meta, read_shard, write_meta
+
+VERSIONED = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
+"""Packages whose version may change the bytes of a shard."""
+
+Progress = Callable[[int, int], None]
+"""Called with how much is done and of how much."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages in VERSIONED; the tool itself may run from its source tree without being installed."""
+    found = {}
+    for name in VERSIONED:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def fingerprint(*identity: Any) -> str:
+    """A digest of everything that a dataset's samples depend on, plain values."""
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+
+
+@contextmanager
+def claimed(out: Path, started: Meta) -> Iterator[None]:
+    """Hold a folder for one study, begun now or before, against every other study, command and content."""
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a folder for the dataset")
+    try:
+        foreign = out.is_dir() and any(not path.name.startswith(f".{META_FILE}.") for path in out.iterdir())
+        if foreign and not (out / META_FILE).is_file():
+            raise InputError(f"{out}: holds something that is no dataset; give a new or empty folder")
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be used as the dataset's folder ({error.strerror}); choose another") from None
+    with _locked(out):
+        before = read_meta(out)
+        if before is not None and before.fingerprint != started.fingerprint:
+            raise InputError(
+                f"{out}: holds the dataset of another study ({_difference(before, started)}); choose another folder"
+            )
+        for folder in (out / SHARDS, out / ROADS):
+            folder.mkdir(exist_ok=True)
+        for partial_file in [*out.glob(".*.json.*"), *out.glob(f"{SHARDS}/.*.parquet.*")]:
+            partial_file.unlink()
+        if before is None:
+            write_meta(out, started)
+        yield
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep a second command out of a folder. The lock ends with the process, however it ends, and leaves no file."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise InputError(f"{folder}: another command is writing it; wait for it, or choose another folder") from None
+    finally:
+        os.close(descriptor)
+
+
+def _difference(before: Meta, now: Meta) -> str:
+    """The first setting, scenario or version in which two datasets differ, with both values."""
+
+    def tree(meta: Meta) -> dict[str, Any]:
+        inputs = {each.name: each.model_dump(mode="json") for each in meta.scenarios}
+        return {**meta.study, "inputs": inputs, "versions": meta.versions, "resensed": meta.resensed or {}}
+
+    return _first_difference("", tree(before), tree(now)) or "its fingerprint differs"
+
+
+def _first_difference(path: str, before: Any, now: Any) -> str | None:
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in [*before, *(key for key in now if key not in before)]:
+            found = _first_difference(f"{path}.{key}".lstrip("."), before.get(key), now.get(key))
+            if found:
+                return found
+        return None
+    return None if before == now else f"{path} is {json.dumps(before)} there and {json.dumps(now)} here"
+
+
+def standing(out: Path, started: Meta, files: Sequence[str]) -> dict[str, Shard]:
+    """Those of the shards named that stand already, whole and of this study, by file."""
+    before = read_meta(out)
+    known = {shard.file: shard for shard in before.shards} if before else {}
+    found = {}
+    for file in files:
+        path = out / SHARDS / file
+        if not path.is_file():
+            continue
+        shard = known.get(file)
+        if shard is None or shard.bytes != path.stat().st_size:
+            try:
+                shard = read_shard(path)
+            except InputError:
+                continue
+        if shard.episode.fingerprint == started.fingerprint:
+            found[file] = shard
+    return found
+
+
+def finish(
+    out: Path, started: Meta, shards: Sequence[Shard], lost: Sequence[Lost] = (), short: Sequence[str] = ()
+) -> None:
+    """Write the finished `dataset.json` and delete the shards of episodes that turned out not to be needed."""
+    if lost and not shards:
+        raise RuntimeError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
+    kept = {shard.file for shard in shards}
+    for path in (out / SHARDS).iterdir():
+        if path.name not in kept:
+            path.unlink()
+    finished = {"complete": True, "shards": tuple(shards), "lost": tuple(lost), "short": tuple(short)}
+    write_meta(out, started.model_copy(update=finished))
+
+
+def reason(error: BaseException | None) -> str:
+    """Why an episode was lost, in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:500]
