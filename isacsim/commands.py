@@ -205,6 +205,8 @@ class Overtake:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         vehicle = sumo.vehicle
+        if self.other not in vehicle.getIDList():  # it left the road in the step since it was chosen
+            return
         own = vehicle.getSpeedFactor(self.vehicle)
         other_own = vehicle.getSpeedFactor(self.other)
         vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)

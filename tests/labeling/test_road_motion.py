@@ -55,7 +55,7 @@ SPLITS = st.lists(st.sampled_from([0.3, 7.0, 60.0, 250.0]), min_size=1, max_size
     lengths=SPLITS,
     junctions=st.booleans(),
     renumber=st.lists(st.integers(0, 1), min_size=5, max_size=5),
-    curvature=st.floats(-0.005, 0.005),
+    curvature=st.integers(-5, 5).map(lambda k: k / 1000.0),
     heading=st.floats(-3.1, 3.1),
     origin=st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
     step=st.sampled_from([1, 5]),
