@@ -118,14 +118,13 @@ def generate(
     from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
     from labeling.progress import bar
-    from labeling.summary import summary
 
     study, console = dataset_study(scenarios, windows, seeds, snr), _console(quiet)
     with bar(console, "generating", study.unit) as progress:
         made = generate_dataset(study, out, LocalEngine(jobs or _cores()), progress, tell=_tell(console))
-    _show_dataset(made, console)
+    found = _show_dataset(made, console)
     if as_json:
-        print(json.dumps(summary(made)))
+        print(json.dumps(found))
 
 
 @app.command()
@@ -154,7 +153,6 @@ def sense(
     from labeling.engine import LocalEngine
     from labeling.progress import bar
     from labeling.resense import resense
-    from labeling.summary import summary
 
     console, opened = _console(quiet), Dataset.open(dataset)
     settings = resense_settings(
@@ -162,9 +160,9 @@ def sense(
     )
     with bar(console, "sensing", "records") as progress:
         made = resense(opened, settings, out, LocalEngine(jobs or _cores()), progress)
-    _show_dataset(made, console)
+    found = _show_dataset(made, console)
     if as_json:
-        print(json.dumps(summary(made)))
+        print(json.dumps(found))
 
 
 @app.command()
@@ -174,16 +172,15 @@ def inspect(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """What is in a dataset: counts by intention and origin, rates, seeds, SNR."""
+    """What is in a dataset: counts, how its events look, rates, seeds, SNR."""
     from labeling.dataset import Dataset
-    from labeling.summary import summary
 
     opened = Dataset.open(dataset)
     if verify:
         opened.verify()
-    _show_dataset(opened, _console(quiet))
+    found = _show_dataset(opened, _console(quiet))
     if as_json:
-        print(json.dumps({**summary(opened), "verified": verify}))
+        print(json.dumps({**found, "verified": verify}))
 
 
 @app.command()
@@ -322,13 +319,15 @@ def _complain(message: str, code: int) -> int:
     return code
 
 
-def _show_dataset(dataset: Dataset, console: Console) -> None:
-    """What is in a dataset, for people, and what went wrong in making it."""
-    from labeling.summary import faults, show
+def _show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
+    """What is in a dataset, for people, and what is amiss with it. Returns its summary."""
+    from labeling.summary import faults, show, summary
 
-    show(dataset, console)
-    for fault in faults(dataset):
+    found = summary(dataset)
+    show(found, console)
+    for fault in faults(found):
         print(f"warning: {fault}", file=sys.stderr)
+    return found
 
 
 def _placed(
