@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from labeling.dataset import Dataset
+from labeling.distributions import distributions, too_few_seeds
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
@@ -51,31 +52,50 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "left_out": meta.left_out(),
         "collided": sum(episode.collided for episode in episodes),
         "teleported": sum(episode.teleported for episode in episodes),
+        "distributions": distributions(dataset),
         "lost": [lost.model_dump(mode="json") for lost in meta.lost],
         "short": list(meta.short),
         "bytes": sum(shard.bytes for shard in meta.shards),
     }
 
 
-def show(dataset: Dataset, console: Console) -> None:
-    """What is in a dataset, on a console."""
-    found = summary(dataset)
+def show(found: dict[str, Any], console: Console) -> None:
+    """A summary, on a console."""
     table = Table("intention", *found["by_origin"], "samples")
     for name, number in found["by_intention"].items():
         table.add_row(name, *map(str, found["by_intention_and_origin"][name].values()), str(number))
     table.add_section()
     table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
-    console.print(f"{dataset.path}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
+    console.print(f"{found['path']}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
     console.print(table)
+    console.print(_events_table(found["distributions"]))
     for key in ("seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "collided", "teleported"):
         console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
 
 
-def faults(dataset: Dataset) -> list[str]:
-    """What went wrong in making a dataset, a line each."""
-    lost = [f"episode {each.scenario}-{each.seed} was left out: {each.reason}" for each in dataset.meta.lost]
-    short = ", ".join(dataset.meta.short)
-    return lost + ([f"the seeds ended before the study's least number was reached of: {short}"] if short else [])
+def _events_table(found: dict[str, dict[str, Any]]) -> Table:
+    """Medians, with the 5 and 95 % quantiles, of what the events are like."""
+    names = {
+        "duration_s": "duration s", "lead_s": "to commit s",
+        "peak_along_mps2": "along m/s2", "peak_across_mps2": "across m/s2",
+    }  # fmt: skip
+    table = Table("intention", "seeds", *names.values(), title="median (5 %, 95 %)")
+    for intention, each in found.items():
+        values = [each[name] for name in names]
+        table.add_row(
+            intention, str(each["seeds"]), *(f"{q[2]:.1f} ({q[0]:.1f},{q[4]:.1f})" if q else "" for q in values)
+        )
+    return table
+
+
+def faults(found: dict[str, Any]) -> list[str]:
+    """What is amiss with a dataset by its summary, a line each."""
+    lines = [f"episode {each['scenario']}-{each['seed']} was left out: {each['reason']}" for each in found["lost"]]
+    if found["short"]:
+        lines.append(f"the seeds ended before the study's least number was reached of: {', '.join(found['short'])}")
+    if few := too_few_seeds(found["distributions"]):
+        lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
+    return lines
 
 
 def _brief(value: Any) -> str:
