@@ -60,7 +60,7 @@ def _measured() -> dict[str, Any]:
             "window": _over_bound(_window_at, 20_000, waveform),
             "tensor": _over_bound(_tensor_at, 160, waveform),
         },
-        "record_s": {"alone": _record_s(1), "of_32": _record_s(32)},
+        "record_s": {"alone": record_s(1), "of_32": record_s(32)},
         "gpu": _gpu(waveform) if torch.cuda.is_available() else None,
     }
     return result
@@ -131,7 +131,7 @@ def _over_bound(
     return ratios
 
 
-def _record_s(records: int) -> float:
+def record_s(records: int) -> float:
     """CPU seconds for one 5 s record with four sites when `records` are sensed together; the best of three."""
     sites = [
         Site(f"{mast}-{azimuth}", -600 + 200.0 * mast, (-20.0, 20.0)[mast % 2], 25.0, azimuth)

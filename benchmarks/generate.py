@@ -1,0 +1,79 @@
+"""Where the time of one episode goes, and what sensing one record takes.
+
+- stages: CPU seconds of one episode of the bundled motorway, 240 s of about 100 vehicles: traffic, labels, candidates,
+  motion and sensing of the chosen records, writing.
+- record: CPU seconds for 5 s with four sites, 2,000 x 4 snapshots, fusion and filter (`benchmarks.echo`).
+
+All on one thread. Run: python -m benchmarks.generate
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from benchmarks.echo import record_s
+from isacsim.scenario import load
+from isacsim.traffic import record
+from labeling.dataset import Episode, write_shard
+from labeling.episode import make_samples, select
+from labeling.events import label
+from labeling.samples import candidates
+from labeling.study import DatasetStudy
+from labeling.surroundings import Surroundings
+
+SCENARIO = "motorway"
+SEED = 1
+
+
+def run() -> dict[str, Any]:
+    """Measure; keys `ratio` (traffic alone over the whole episode), `stages_s`, `samples_per_s`, `record_s`."""
+    with threadpool_limits(1):
+        return _measured()
+
+
+def _measured() -> dict[str, Any]:
+    study, scenario = DatasetStudy(scenarios=(SCENARIO,)), load(SCENARIO)
+    stages: dict[str, float] = {}
+    with _timed(stages, "traffic"):
+        recording = record(scenario, SEED, study.traffic, study.maneuvers)
+    with _timed(stages, "labels"):
+        around = Surroundings(recording)
+        labels = label(recording, study.labels, around)
+    with _timed(stages, "candidates"):
+        found = candidates(recording, labels, study.pairs, study.record, around)
+    with _timed(stages, "motion_and_sensing"):
+        chosen, _ = select(found.samples, study.selection, (scenario.name, SEED))
+        samples, _ = make_samples(study, scenario, recording, chosen)
+    with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
+        lengths = (round(study.record.duration_s * rate) for rate in (study.record.tv_rate_hz, study.record.uv_rate_hz))
+        write_shard(Path(folder), samples, Episode(scenario=scenario.name, seed=SEED), *lengths)
+    whole = sum(stages.values())
+    return {
+        "ratio": round(stages["traffic"] / whole, 4),
+        "ratio_of": "CPU seconds of the traffic alone over those of the whole episode, from simulation to shard",
+        "stages_s": {name: round(spent, 3) for name, spent in stages.items()},
+        "episode_s": round(whole, 3),
+        "samples": len(samples),
+        "samples_per_s": round(len(samples) / whole, 2),
+        "record_s": {"alone": round(record_s(1), 4), "of_32": round(record_s(32), 4)},
+        "settings": {"scenario": SCENARIO, "seed": SEED, "duration_s": study.traffic.duration_s},
+    }
+
+
+@contextmanager
+def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
+    begin = time.process_time()
+    yield
+    stages[name] = time.process_time() - begin
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(), indent=2))
