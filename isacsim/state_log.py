@@ -109,7 +109,8 @@ class StateLog:
         )
         order = np.argsort(vehicle, kind="stable")
         numbers, starts = np.unique(vehicle[order], return_index=True)
-        for number, mine in zip(numbers.tolist(), np.split(order, starts[1:]), strict=True):
+        # Split at every start, the first included: without rows there is then no part at all.
+        for number, mine in zip(numbers.tolist(), np.split(order, starts)[1:], strict=True):
             self._waiting.setdefault(number, []).append(rows[:, mine])
         for number in [each for each in self._waiting if each not in present]:
             block = np.concatenate(self._waiting.pop(number), axis=1)

@@ -35,6 +35,12 @@ def test_the_same_seed_gives_the_same_recording_and_another_seed_another(motorwa
     assert not same(motorway, record(load("motorway"), 4, SHORT, BRAKING))
 
 
+def test_emptying_the_buffers_changes_nothing(motorway: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three times on the way, the last one at the very end."""
+    monkeypatch.setattr("isacsim.state_log.EMPTY_EVERY_S", SHORT.duration_s / 3)
+    assert same(motorway, record(load("motorway"), 3, SHORT, BRAKING))
+
+
 def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_path: Path) -> None:
     motorway.save(tmp_path / "r.npz")
     back = Recording.load(tmp_path / "r.npz")
