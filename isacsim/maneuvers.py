@@ -43,11 +43,11 @@ class ManeuverSettings(Settings):
     """
 
     hard_brake_per_vehicle_hour: float = _rate("commanded hard brakes", 5.0)
-    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 20.0)
+    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 25.0)
     left_change_per_vehicle_hour: float = _rate("commanded left lane changes", 2.0)
     right_change_per_vehicle_hour: float = _rate("commanded right lane changes", 2.0)
     overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
-    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 8.0)
+    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 15.0)
     slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down for others to react to", 1.0)
     stop_in_lane_per_vehicle_hour: float = _rate("vehicles that stop in their lane", 0.1)
     cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another", 2.0)
@@ -142,11 +142,11 @@ class Director:
         room = leader[1] if leader else np.inf
         if kind == "hard_brake" and speed > 14.0:
             return HardBrake(vehicle, -draw(4.8, 8.0), draw(10.0, 18.0), draw(0.6, 1.6), draw(6.0, 12.0))
-        if kind == "hard_accel" and speed > 5.0 and room > 25.0 + 1.5 * speed and self._is_car(sumo, vehicle):
+        if kind == "hard_accel" and speed > 5.0 and room > 20.0 + 1.2 * speed and self._is_car(sumo, vehicle):
             peak = draw(3.0, 4.5) if speed < 25.0 else draw(2.8, 3.5)
             ahead = sumo.vehicle.getSpeed(leader[0]) if leader else np.inf
             # What is left of the gap has to do for the driver to close in without braking hard.
-            top = max(speed + 1.7 * peak, min(44.0, ahead + 0.05 * (room - 1.5 * speed)))
+            top = max(speed + 1.7 * peak, min(44.0, ahead + 0.05 * (room - 1.2 * speed)))
             return HardAccel(vehicle, peak, draw(5.0, 10.0), draw(1.4, 2.6), draw(4.0, 8.0), top)
         if kind in ("left_change", "right_change"):
             direction = 1 if kind == "left_change" else -1
@@ -157,7 +157,8 @@ class Director:
             gain = max(1.0, (sumo.vehicle.getSpeed(leader[0]) + draw(5.0, 9.0)) / allowed)
             if 0.8 < room / max(speed, 1.0) < 2.5 and gain < 1.35 and leader[0] not in self._active:
                 return Overtake(vehicle, leader[0], gain, draw(8.0, 22.0), 25.0)
-        if kind == "swerve" and self._is_car(sumo, vehicle) and speed > 10.0:
+        # A swerve evades something: without a vehicle ahead there is nothing to evade.
+        if kind == "swerve" and self._is_car(sumo, vehicle) and speed > 10.0 and room < 90.0:
             sides = [side for side in (1, -1) if self._beside_free(sumo, vehicle, side)]
             if sides:
                 half = sumo.lane.getWidth(sumo.vehicle.getLaneID(vehicle)) / 2.0

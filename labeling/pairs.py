@@ -19,7 +19,7 @@ class PairSettings(Settings):
     connected_share: float = Field(1.0, ge=0.0, le=1.0, description="share of vehicles that are connected")
     before_onset_s: float = Field(1.0, ge=0.0, le=10.0, description="when the UV is chosen, before onset, s")
     range_m: float = Field(100.0, gt=0.0, le=500.0, description="greatest distance between TV and UV then, m")
-    fall_back: bool = Field(True, description="whether the nearest connected vehicle stands in for a missing leader")
+    fall_back: bool = Field(False, description="whether the nearest connected vehicle stands in for a missing leader")
     tv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be targets; absent: all")
     uv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be connected; absent: all")
 

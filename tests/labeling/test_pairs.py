@@ -29,11 +29,11 @@ def test_the_leader_comes_before_a_nearer_vehicle() -> None:
 
 
 def test_without_a_connected_leader_the_nearest_on_the_carriageway() -> None:
-    cars = PairSettings(uv_kinds=("passenger",))
+    cars = PairSettings(uv_kinds=("passenger",), fall_back=True)
     pair = choose_uv(Surroundings(scene(leader="truck")), "tv", 5.0, cars)
     assert pair is not None
     assert (pair.uv, pair.relation, pair.gap_m) == ("near", "left", pytest.approx(-20.0))
-    strict = PairSettings(uv_kinds=("passenger",), fall_back=False)
+    strict = PairSettings(uv_kinds=("passenger",))
     assert choose_uv(Surroundings(scene(leader="truck")), "tv", 5.0, strict) is None
 
 

@@ -93,7 +93,7 @@ def test_for_a_uv_that_is_not_passed_an_overtake_is_a_left_change() -> None:
     far = record(ROAD, Drive("far", 60.0, 33.0, 2 * WIDTH_M, kind="bus"))
     both = Recording("made", 7, 0.01, recording.lanes, {**recording.tracks, **far.tracks})
     for kinds, expected in ((None, Intention.OVERTAKE), (("bus",), Intention.LEFT_LANE_CHANGE)):
-        pairs = PairSettings(tv_kinds=("passenger",), uv_kinds=kinds)
+        pairs = PairSettings(tv_kinds=("passenger",), uv_kinds=kinds, fall_back=True)
         found = {s.intention for s in offered(both, pairs).samples}
         assert found & {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} == {expected}
 
