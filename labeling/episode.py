@@ -75,6 +75,7 @@ def make_shard(
         seed=seed,
         fingerprint=fingerprint,
         events=_by_intention(event.intention for event in labels.events),
+        counts=labels.counts,
         left_out={**found.left_out, **{reason: number for reason, number in dropped.items() if number}},
         collided=len(recording.incidents.collided),
         teleported=len(recording.incidents.teleported),

@@ -29,11 +29,13 @@ from labeling.hard_brake import HardBrake, HardBrakeSettings
 from labeling.intentions import Event, Intention
 from labeling.lane_change import LaneChange, LaneChangeSettings
 from labeling.overtake import Overtake, OvertakeSettings
-from labeling.road_motion import RoadMotion, road_motion
+from labeling.road_motion import RoadMotion, road_motion, slope
 from labeling.surroundings import Surroundings
 
 Origin = Literal["natural", "stimulated"]
 
+CAR_MPS2, CAR_MPS3 = 9.0, 25.0
+"""What a passenger car can do: acceleration, m/s2, and its change, m/s3."""
 MIN_TRACK_S = 1.0
 """Shorter tracks hold no event that could be told."""
 
@@ -56,8 +58,9 @@ class Labels:
     """The events of one recording.
 
     events: after precedence, by onset. changes: of each vehicle all its completed lane changes in order, those within
-    swerves and overtakes too. jumps: of each vehicle the times of lateral steps that are no motion, s. counts: of what
-    is not an event: crossings that were `dithering` or `cut_off` by the track's end, lane changes `within_swerve`.
+    swerves and overtakes too. jumps: of each vehicle the times of steps that are no motion, s. counts: of what is not
+    an event: crossings that were `dithering` or `cut_off` by the track's end, lane changes `within_swerve`, and
+    vehicles whose conditioned motion goes `beyond_car`, over 9 m/s2 or 25 m/s3, which their driver model alone does.
     """
 
     settings: LabelSettings
@@ -81,7 +84,7 @@ def label(recording: Recording, settings: LabelSettings, around: Surroundings | 
     events: list[Event] = []
     changes: dict[str, tuple[Event, ...]] = {}
     jumps: dict[str, tuple[float, ...]] = {}
-    counts: Counter[str] = Counter(dithering=0, cut_off=0, within_swerve=0)
+    counts: Counter[str] = Counter(dithering=0, cut_off=0, within_swerve=0, beyond_car=0)
     lane_change = LaneChange(settings.lane_change)
     for track in recording.tracks.values():
         if len(track) * recording.step_s < MIN_TRACK_S:
@@ -90,13 +93,23 @@ def label(recording: Recording, settings: LabelSettings, around: Surroundings | 
         jumps[track.vehicle] = motion.jumps
         changes[track.vehicle] = tuple(lane_change.detect(motion))
         crossings = lane_change.crossings(motion)
-        counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off)
+        counts.update(
+            dithering=crossings.dithering, cut_off=crossings.cut_off, beyond_car=beyond_car(motion)
+        )
         own = _events_of(around, track, motion, changes[track.vehicle], settings)
         events += own
         kept = sum(event.intention in _CROSSING for event in own)
         counts["within_swerve"] += len(changes[track.vehicle]) - kept
     events.sort(key=lambda e: (e.onset, e.vehicle, e.intention))
     return Labels(settings, tuple(events), changes, jumps, dict(counts))
+
+
+def beyond_car(motion: RoadMotion) -> bool:
+    """Whether a vehicle ever accelerates by more than 9 m/s2 or changes that by more than 25 m/s3."""
+    along, across = motion.a, motion.aq
+    step_s = float(motion.times[1] - motion.times[0])
+    jerk = np.hypot(slope(along, step_s), slope(across, step_s))
+    return bool(np.hypot(along, across).max() > CAR_MPS2 or jerk.max() > CAR_MPS3)
 
 
 _CROSSING = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE)

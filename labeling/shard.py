@@ -68,7 +68,8 @@ class Episode(Settings):
     """What a shard says of its episode besides the samples.
 
     fingerprint: of the study, inputs and versions that made it, so that a shard from elsewhere is recognised.
-    events: events found, by intention. left_out: candidates that became no sample, by reason.
+    events: events found, by intention. counts: of what is no event (labeling.events.Labels).
+    left_out: candidates that became no sample, by reason.
     fix_error_m, state_error_m: of each sample the median distance to the true position, m: of the fused fixes before
     the filter, and of the sensed state.
     """
@@ -78,6 +79,7 @@ class Episode(Settings):
     schema_version: Literal[1] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
+    counts: dict[str, int] = Field(default_factory=dict)
     left_out: dict[str, int] = Field(default_factory=dict)
     collided: int = 0
     teleported: int = 0

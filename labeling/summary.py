@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,6 +12,11 @@ from rich.table import Table
 
 from labeling.dataset import Dataset
 from labeling.distributions import distributions, too_few_seeds
+
+SHOWN = (
+    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
+)  # fmt: skip
+"""What follows the tables, in this order."""
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
@@ -50,6 +56,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
             "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
         },
         "left_out": meta.left_out(),
+        "counts": dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items())),
         "collided": sum(episode.collided for episode in episodes),
         "teleported": sum(episode.teleported for episode in episodes),
         "distributions": distributions(dataset),
@@ -69,7 +76,7 @@ def show(found: dict[str, Any], console: Console) -> None:
     console.print(f"{found['path']}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
     console.print(table)
     console.print(_events_table(found["distributions"]))
-    for key in ("seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "collided", "teleported"):
+    for key in SHOWN:
         console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
 
 

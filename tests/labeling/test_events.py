@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from builders import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
 
@@ -123,3 +124,13 @@ def test_thresholds_are_settings() -> None:
 def test_a_vehicle_seen_for_a_moment_has_no_events() -> None:
     recording = record(ROAD, Drive("tv", duration_s=0.0), Drive("other", duration_s=0.5))
     assert label(recording, SETTINGS).events == ()
+
+
+@pytest.mark.parametrize(("brake", "over_s", "beyond"), [(8.0, 0.5, 0), (11.0, 1.0, 1), (8.5, 0.01, 0), (14.0, 0.01, 1)])
+def test_motion_beyond_what_a_car_can_do_is_counted(brake: float, over_s: float, beyond: int) -> None:
+    """More than 9 m/s2 held; or set in at once: a step of a through the kernel is a / (0.15 s sqrt(2 pi)) = 2.7 a."""
+    t = np.arange(0.0, 12.01, 0.01)
+    acceleration = -np.interp(t, [4.0, 4.0 + over_s, 5.0 + over_s, 5.0 + 2 * over_s], [0.0, brake, brake, 0.0])
+    speed = 30.0 + np.concatenate([[0.0], np.cumsum(acceleration[1:] + acceleration[:-1]) * 0.005])
+    recording = record(Road(), Drive("tv", speed=lambda _: speed, duration_s=12.0))
+    assert label(recording, LabelSettings()).counts["beyond_car"] == beyond
