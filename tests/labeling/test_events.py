@@ -126,7 +126,9 @@ def test_a_vehicle_seen_for_a_moment_has_no_events() -> None:
     assert label(recording, SETTINGS).events == ()
 
 
-@pytest.mark.parametrize(("brake", "over_s", "beyond"), [(8.0, 0.5, 0), (11.0, 1.0, 1), (8.5, 0.01, 0), (14.0, 0.01, 1)])
+@pytest.mark.parametrize(
+    ("brake", "over_s", "beyond"), [(8.0, 0.5, 0), (11.0, 1.0, 1), (8.5, 0.01, 0), (14.0, 0.01, 1)]
+)
 def test_motion_beyond_what_a_car_can_do_is_counted(brake: float, over_s: float, beyond: int) -> None:
     """More than 9 m/s2 held; or set in at once: a step of a through the kernel is a / (0.15 s sqrt(2 pi)) = 2.7 a."""
     t = np.arange(0.0, 12.01, 0.01)
