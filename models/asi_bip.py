@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
-from models.network import N_STATES, WindowNetwork
+from models.network import N_STATES, WindowNetwork, linear_head
 
 Streams = Literal["both", "tv", "uv"]
 
@@ -60,7 +60,8 @@ class AsiBip(WindowNetwork):
     def __init__(
         self, settings: AsiBipSettings, n_classes: int, tv_length: int, uv_length: int, streams: Streams = "both"
     ) -> None:
-        super().__init__(n_classes, settings.width, settings.dropout)
+        super().__init__(n_classes)
+        self.head = linear_head(settings.width, n_classes, settings.dropout)
         self.settings = settings
         pools = (settings.tv_pool, settings.uv_pool) if settings.tokens == "pooled" else (1, 1)
         self.tv_branch = Branch(settings, -(-tv_length // settings.tv_stride), pools[0]) if streams != "uv" else None

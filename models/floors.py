@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
-from models.network import N_STATES, WindowNetwork
+from models.network import N_STATES, WindowNetwork, linear_head
 from models.windows import Array, Float32, Windows
 
 STATISTICS = (
@@ -59,7 +59,8 @@ class Aligned(WindowNetwork):
     """
 
     def __init__(self, settings: AlignedSettings, n_classes: int) -> None:
-        super().__init__(n_classes, 2 * settings.hidden, settings.dropout)
+        super().__init__(n_classes)
+        self.head = linear_head(2 * settings.hidden, n_classes, settings.dropout)
         self.settings = settings
         self.lstm = nn.LSTM(2 * N_STATES, settings.hidden, settings.layers, bidirectional=True)
 

@@ -17,7 +17,6 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.seeding import stream
-from models.losses import focal_loss
 from models.network import WindowNetwork
 from models.run import TrainSettings, replace
 from models.windows import Ends, Records, batches, cut, draw_ends
@@ -101,7 +100,7 @@ class WindowBatches(IterableDataset[Batch]):
 
 
 class Lesson(lightning.LightningModule):
-    """Focal loss, Adam, and validation macro-F1 around a network."""
+    """The network's loss, Adam, and validation macro-F1 around a network."""
 
     def __init__(self, network: WindowNetwork, settings: TrainSettings, alpha: Tensor | None) -> None:
         super().__init__()
@@ -112,15 +111,16 @@ class Lesson(lightning.LightningModule):
     def training_step(self, batch: Batch, k: int) -> Tensor:
         # Dropout has a seed of its own in every step, so that a resumed training draws what an unbroken one would.
         torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
-        loss = self._loss(self.network(batch[0], batch[1]), batch[2])
+        loss = self._loss(self.network.answers(batch[0], batch[1]), batch[2])
         self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(batch[2]))
         return loss
 
     def validation_step(self, batch: Batch, _: int) -> None:
-        logits = self.network(batch[0], batch[1]).float()
+        said = self.network.answers(batch[0], batch[1])
+        logits = said["joint"].float()
         self.f1(logits, batch[2])
         n = len(batch[2])
-        self.log("validation_loss", self._loss(logits, batch[2]), batch_size=n)
+        self.log("validation_loss", self._loss(said, batch[2]), batch_size=n)
         self.log("validation_accuracy", (logits.argmax(1) == batch[2]).float().mean(), batch_size=n)
         self.log(MONITOR, self.f1, on_epoch=True, batch_size=n)
 
@@ -142,8 +142,8 @@ class Lesson(lightning.LightningModule):
         schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
-    def _loss(self, logits: Tensor, label: Tensor) -> Tensor:
-        return focal_loss(logits.float(), label, self.get_buffer("alpha"), self.settings.loss.gamma)
+    def _loss(self, said: dict[str, Tensor], label: Tensor) -> Tensor:
+        return self.network.loss(said, label, self.get_buffer("alpha"), self.settings.loss.gamma)
 
 
 class History(Callback):

@@ -1,7 +1,7 @@
 """A run: the folder of one trained predictor, and the predictor loaded from it.
 
     RUN/run.json          what made it: settings, split, classes, dataset, versions
-    RUN/weights.pt        tensors only (or trees.skops), of the best epoch
+    RUN/weights.pt        tensors only, of the best epoch; trees are in trees.skops, an ensemble has both
     RUN/reference.npz     features of training windows, for the scores that compare with them
     RUN/history.csv       loss and scores of every epoch
     RUN/checkpoints/      what training resumes from
@@ -31,6 +31,7 @@ from torch import nn
 from isacsim.errors import InputError
 from isacsim.settings import Settings
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
+from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
 from models.losses import LossSettings
 from models.network import WindowNetwork
@@ -41,15 +42,17 @@ CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
 )  # fmt: skip
 CHECKPOINTS = "checkpoints"
 PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
-Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "trees"]
+Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees"]
 NAMES: dict[Model, str] = {
     "asi-bip": "ASI-BIP", "tv-alone": "TV alone", "uv-alone": "UV alone", "aligned": "aligned fusion",
-    "trees": "boosted trees",
+    "castformer": "CaSTFormer", "ensemble": "ASI-BIP with trees", "trees": "boosted trees",
 }  # fmt: skip
 DAMAGE = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
 )  # fmt: skip
 """What the readers of weights, trees and arrays raise on files that are cut off or not theirs."""
+LEAST_PROBABILITY = 1e-12
+"""Below it a probability has no logarithm worth having."""
 TRUSTED = (
     "numpy.dtype",
     "sklearn._loss.link.Interval",
@@ -90,6 +93,7 @@ class TrainSettings(Settings):
     validation_ends: int = Field(2, ge=1, description="fixed windows of each validation record")
     asi_bip: AsiBipSettings = AsiBipSettings()
     aligned: AlignedSettings = AlignedSettings()
+    castformer: CastformerSettings = CastformerSettings()
     trees: TreesSettings = TreesSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = OptimiserSettings()
@@ -102,7 +106,7 @@ class RunCard(Settings):
     tv_length, uv_length: samples of a window. dataset: its digest and study. unknown_score: of the scores in
     `models.openset`, the one that told `following` apart best on the validation seeds (`validation_auroc`); what is
     below unknown_threshold is rejected: 95 % of the known validation windows are above it. temperature: what logits are
-    divided by for calibrated probabilities, fitted on the validation seeds.
+    divided by for calibrated probabilities, fitted on the validation seeds. parameters: trained numbers of a network.
     """
 
     schema_version: Literal[1] = 1
@@ -118,6 +122,7 @@ class RunCard(Settings):
     dataset: dict[str, Any]
     versions: dict[str, str]
     best_epoch: int | None = None
+    parameters: int | None = None
     validation_macro_f1: float | None = None
     unknown_score: str = "msp"
     unknown_threshold: float | None = None
@@ -170,6 +175,19 @@ class TreesPredictor:
 
 
 @dataclass(frozen=True)
+class EnsemblePredictor:
+    """The mean of a network's and the trees' probabilities; its features are the network's."""
+
+    network: NetworkPredictor
+    trees: TreesPredictor
+
+    def __call__(self, windows: Windows) -> Outputs:
+        said, trees = self.network(windows), self.trees(windows)
+        mean = (said.probabilities + trees.probabilities) / 2
+        return Outputs(np.log(np.maximum(mean, LEAST_PROBABILITY)), said.features)
+
+
+@dataclass(frozen=True)
 class Run:
     """A finished run: its folder, its card, the predictor, and features (n, F) and labels (n,) of training windows."""
 
@@ -197,7 +215,7 @@ def load_run(path: str | Path) -> Run:
 def open_run(folder: Path, card: RunCard) -> Run:
     """The run in a folder whose card is known. InputError where it is damaged."""
     try:
-        predictor: Predictor = _load_trees(folder) if card.settings.model == "trees" else _load_network(folder, card)
+        predictor = _load_predictor(folder, card)
         with np.load(folder / REFERENCE_FILE, allow_pickle=False) as stored:
             reference = (stored["features"], stored["label"])
     except DAMAGE as error:
@@ -211,8 +229,12 @@ def build_network(card: RunCard) -> WindowNetwork:
     settings, n_classes = card.settings, len(card.classes)
     if settings.model == "aligned":
         return Aligned(settings.aligned, n_classes)
-    streams: dict[Model, Streams] = {"asi-bip": "both", "tv-alone": "tv", "uv-alone": "uv"}
-    return AsiBip(settings.asi_bip, n_classes, card.tv_length, card.uv_length, streams[settings.model])
+    if settings.model == "castformer":
+        return Castformer(
+            settings.castformer, n_classes, card.tv_length, card.uv_length, card.tv_rate_hz, card.uv_rate_hz
+        )
+    streams: dict[Model, Streams] = {"tv-alone": "tv", "uv-alone": "uv"}
+    return AsiBip(settings.asi_bip, n_classes, card.tv_length, card.uv_length, streams.get(settings.model, "both"))
 
 
 def read_card(folder: Path) -> RunCard | None:
@@ -252,6 +274,13 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+def _load_predictor(folder: Path, card: RunCard) -> Predictor:
+    if card.settings.model == "trees":
+        return _load_trees(folder)
+    network = _load_network(folder, card)
+    return EnsemblePredictor(network, _load_trees(folder)) if card.settings.model == "ensemble" else network
 
 
 def _load_network(folder: Path, card: RunCard) -> NetworkPredictor:

@@ -74,9 +74,9 @@ def train_records(
     known = records.take(np.isin(records.label, KNOWN))
     training = known.take(np.isin(known.groups, card.split["train"]))
     validation = known.take(np.isin(known.groups, card.split["validation"]))
-    if settings.model == "trees":
-        card = _train_trees(training, folder, card)
-    else:
+    if settings.model in ("trees", "ensemble"):
+        _train_trees(training, folder, card)
+    if settings.model != "trees":
         card = _train_network(training, validation, folder, card, progress)
     card = card.model_copy(update={"complete": True})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
@@ -134,7 +134,7 @@ def _claim(folder: Path, card: RunCard) -> bool:
     return found.complete
 
 
-def _train_trees(training: Records, folder: Path, card: RunCard) -> RunCard:
+def _train_trees(training: Records, folder: Path, card: RunCard) -> None:
     settings = card.settings
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.trees.ends_per_record)
     features = np.concatenate([statistics(w) for w in batches(training, ends, settings.windows, 256)])
@@ -142,7 +142,6 @@ def _train_trees(training: Records, folder: Path, card: RunCard) -> RunCard:
     trees = fit_trees(features, label, settings.trees, settings.seed, settings.optimiser.threads)
     replace(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
     _write_reference(training, TreesPredictor(trees), folder, card)
-    return card
 
 
 def _train_network(
@@ -168,7 +167,9 @@ def _train_network(
     finally:
         torch.set_num_threads(threads)
     score = float(next(v for k, v in best["callbacks"].items() if k.startswith("ModelCheckpoint"))["current_score"])
-    return card.model_copy(update={"best_epoch": int(best["epoch"]), MONITOR: score})
+    return card.model_copy(
+        update={"best_epoch": int(best["epoch"]), MONITOR: score, "parameters": network.parameter_count}
+    )
 
 
 def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress: Console | None) -> dict[str, Any]:

@@ -1,10 +1,14 @@
 """The statistics that the trees see, and the trees."""
 
+from pathlib import Path
+
 import numpy as np
-from made_up import make_records
+from made_up import MADE_OF, SMALL_RUN, make_records
 
 from models.floors import STATISTICS, TreesSettings, fit_trees, statistics
-from models.windows import Windows, WindowSettings, cut, draw_ends
+from models.run import Run, load_run
+from models.training import train_records
+from models.windows import Records, Windows, WindowSettings, cut, draw_ends
 
 
 def test_statistics_by_hand() -> None:
@@ -34,3 +38,13 @@ def test_trees_learn_the_made_up_intentions_and_repeat_themselves() -> None:
     trees, again = (fit_trees(features[~unseen], label[~unseen], few, seed=3, threads=1) for _ in range(2))
     assert (trees.predict(features[unseen]) == label[unseen]).mean() > 0.6
     np.testing.assert_array_equal(trees.decision_function(features), again.decision_function(features))
+
+
+def test_the_ensemble_says_the_mean_of_both(records: Records, network_run: Run, trees_run: Run, tmp_path: Path) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": "ensemble"})
+    run = load_run(train_records(records, MADE_OF, tmp_path / "run", settings).path)
+    windows = cut(records, draw_ends(records, settings.windows, "test")[:20], settings.windows)
+    said, network, trees = (each.predictor(windows) for each in (run, network_run, trees_run))
+    np.testing.assert_allclose(said.probabilities, (network.probabilities + trees.probabilities) / 2, atol=1e-6)
+    np.testing.assert_array_equal(said.features, network.features)
+    np.testing.assert_array_equal(run.reference[0], network_run.reference[0])

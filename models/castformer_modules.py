@@ -1,0 +1,224 @@
+"""The three modules of CaSTFormer: reciprocal shift fusion, causal pattern extraction, feature synthesis.
+
+All of them work on whole sequences (B, T, D), and none lets a frame see a later one, so that they may stand in any
+order; CaSTFormer reads the last frame. `inner` and `outer` are the paper's `in` and `out` streams.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+Attention = Literal["bda", "self", "joint", "one_way"]
+Source = Literal["in", "out"]
+EPSILON = 1e-6
+
+
+@dataclass(frozen=True)
+class State:
+    """What goes from module to module, (B, T, D) each but where said.
+
+    context: the interaction branch, once features were synthesised. intent: logits of the coarse intention, (B, T, M),
+    and token, its embedding, once causal patterns were extracted. speed: (B, T, 1), where there is one.
+    """
+
+    inner: Tensor
+    outer: Tensor
+    speed: Tensor | None = None
+    context: Tensor | None = None
+    intent: Tensor | None = None
+    token: Tensor | None = None
+
+
+def shifted(x: Tensor, frames: int) -> Tensor:
+    """A sequence (B, T, D) delayed by that many frames, zeros in front. Eq. (1)."""
+    if frames == 0:
+        return x
+    return torch.cat((torch.zeros_like(x[:, :frames]), x[:, : x.shape[1] - frames]), dim=1)
+
+
+def delayed_mask(length: int, frames: int, device: torch.device | None = None) -> Tensor:
+    """Which delayed keys each query must not see, (T, T) bool, True is hidden.
+
+    Query t sees what was there up to frame t - `frames`. The zeros in front are hidden from all but the first
+    queries, which would see nothing else.
+    """
+    query = torch.arange(length, device=device)[:, None]
+    key = torch.arange(length, device=device)[None, :]
+    seen = ((key >= frames) & (key <= query)) | ((query < frames) & (key == 0))
+    return ~seen
+
+
+def running_mean(x: Tensor, frames: int) -> Tensor:
+    """Mean of the delayed keys that each query sees, (B, T, D); at the last frame the mean over the whole stream."""
+    total = shifted(x, frames).cumsum(dim=1)
+    count = torch.arange(1, x.shape[1] + 1, device=x.device) - frames
+    return total / count.clamp(min=1).to(x.dtype)[:, None]
+
+
+class DelayedAttention(nn.Module):
+    """Multi-head attention to delayed keys, Eq. (2)."""
+
+    def __init__(self, width: int, heads: int, dropout: float, frames: int) -> None:
+        super().__init__()
+        self.frames = frames
+        self.attention = nn.MultiheadAttention(width, heads, dropout, batch_first=True)
+
+    def forward(self, query: Tensor, *streams: Tensor) -> Tensor:
+        """(B, T, D) of queries (B, T, D) and one or more streams of keys, all of the same shape."""
+        mask = delayed_mask(query.shape[1], self.frames, query.device)
+        keys = torch.cat([shifted(x, self.frames) for x in streams], dim=1)
+        out = self.attention(query, keys, keys, attn_mask=mask.repeat(1, len(streams)), need_weights=False)[0]
+        return torch.as_tensor(out)
+
+    def uniform(self, mean: Tensor) -> Tensor:
+        """The attention's answer where every key is `mean`, (B, T, D).
+
+        Equal keys get weights that sum to 1 whatever the query: only the value and output projections are left.
+        """
+        width = mean.shape[-1]
+        value = nn.functional.linear(
+            mean, self.attention.in_proj_weight[2 * width :], self.attention.in_proj_bias[2 * width :]
+        )
+        return torch.as_tensor(self.attention.out_proj(value))
+
+
+class ChannelGate(nn.Module):
+    """Two gating layers over channels, root-mean-square norm, dropout: Eq. (3) to (5)."""
+
+    def __init__(self, width: int, dropout: float) -> None:
+        super().__init__()
+        self.gate = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width), nn.Sigmoid())
+        self.norm = nn.RMSNorm(width, EPSILON)
+        self.dropout = nn.Dropout(dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.as_tensor(self.dropout(self.norm(self.gate(x) * x)))
+
+
+class ReciprocalShiftFusion(nn.Module):
+    """RSF: each stream attends to the past of the one that the attention design names, then its channels are gated."""
+
+    def __init__(
+        self, width: int, heads: int, dropout: float, frames: int, attention: Attention, residual: bool
+    ) -> None:
+        super().__init__()
+        self.design, self.residual = attention, residual
+        self.attend = nn.ModuleList(DelayedAttention(width, heads, dropout, frames) for _ in range(2))
+        self.gate = nn.ModuleList(ChannelGate(width, dropout) for _ in range(2))
+
+    def forward(self, state: State) -> State:
+        fused = []
+        for k, (own, other) in enumerate(((state.inner, state.outer), (state.outer, state.inner))):
+            x = self.gate[k](self.attend[k](own, *self._keys(k, own, other)))
+            fused.append(own + x if self.residual else x)
+        return State(fused[0], fused[1], state.speed, state.context, state.intent, state.token)
+
+    def _keys(self, k: int, own: Tensor, other: Tensor) -> tuple[Tensor, ...]:
+        if self.design == "joint":
+            return own, other
+        alone = self.design == "self" or (self.design == "one_way" and k == 1)
+        return (own,) if alone else (other,)
+
+
+class CausalResidual(nn.Module):
+    """What a stream's attention to the other adds over attention to the other's mean: Eq. (6) to (8)."""
+
+    def __init__(self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool) -> None:
+        super().__init__()
+        self.detach_mean = detach_mean
+        self.attend = DelayedAttention(width, heads, dropout, frames)
+        self.gate = nn.Linear(width, 1)
+
+    def forward(self, own: Tensor, other: Tensor) -> Tensor:
+        residual = self.residual(own, other)
+        return own + torch.sigmoid(self.gate(residual)) * residual
+
+    def residual(self, own: Tensor, other: Tensor) -> Tensor:
+        """Observed minus counterfactual attention, orthogonal to the mean of the other stream, (B, T, D)."""
+        mean = running_mean(other, self.attend.frames)
+        delta = self.attend(own, other) - self.counterfactual(mean)
+        share = (delta * mean).sum(dim=-1, keepdim=True) / (mean.square().sum(dim=-1, keepdim=True) + EPSILON)
+        return torch.as_tensor(delta - share * mean)
+
+    def counterfactual(self, mean: Tensor) -> Tensor:
+        """Attention had the other stream always been its mean, (B, T, D)."""
+        return self.attend.uniform(mean.detach() if self.detach_mean else mean)
+
+
+class CausalPatternExtraction(nn.Module):
+    """CPE: gated causal residuals, and the coarse intention as a token: Eq. (6) to (9).
+
+    The token is left to the modules behind; where features are synthesised already, it is added to their context.
+    """
+
+    def __init__(
+        self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool, n_classes: int, source: Source
+    ) -> None:
+        super().__init__()
+        self.source = source
+        self.inner = CausalResidual(width, heads, dropout, frames, detach_mean)
+        self.outer = CausalResidual(width, heads, dropout, frames, detach_mean)
+        self.classify = nn.Linear(width, n_classes, bias=False)
+        self.embed = nn.Linear(n_classes, width, bias=False)
+
+    def forward(self, state: State) -> State:
+        inner, outer = self.inner(state.inner, state.outer), self.outer(state.outer, state.inner)
+        intent = self.classify(inner if self.source == "in" else outer)
+        token = self.embed(intent.softmax(dim=-1))
+        context = None if state.context is None else state.context + token
+        return State(inner, outer, state.speed, context, intent, token)
+
+
+class FeatureSynthesis(nn.Module):
+    """FSN: the residual branches of Eq. (10). Their confidence weights are in `Confidence`.
+
+    token, speed: whether the state comes with an intention token and with a speed.
+    """
+
+    def __init__(self, width: int, hidden: int, token: bool, speed: bool) -> None:
+        super().__init__()
+        self.token, self.speed = token, speed
+        widths = width * (1 + token), width * (1 + token) + speed, width * (2 + token) + speed
+        self.inner, self.outer, self.context = (
+            nn.Sequential(nn.Linear(n, hidden), nn.ReLU(), nn.Linear(hidden, width)) for n in widths
+        )
+
+    def forward(self, state: State) -> State:
+        token = [state.token] if self.token and state.token is not None else []
+        speed = [state.speed] if self.speed and state.speed is not None else []
+        inner, outer = state.inner, state.outer
+        r_in = self.inner(torch.cat([inner, *token], dim=-1)) + inner
+        r_out = self.outer(torch.cat([outer, *token, *speed], dim=-1)) + outer
+        r_ctx = self.context(torch.cat([inner, outer, *token, *speed], dim=-1)) + inner + outer
+        return State(r_in, r_out, state.speed, r_ctx, state.intent, state.token)
+
+
+class Confidence(nn.Module):
+    """Logits of the three branches, and their sum weighted by confidence: Eq. (11)."""
+
+    def __init__(self, width: int, n_classes: int, dropout: float) -> None:
+        super().__init__()
+        self.dropout = nn.Dropout(dropout)
+        self.classify = nn.ModuleList(nn.Linear(width, n_classes) for _ in range(3))
+        self.confidence = nn.ModuleList(nn.Linear(width, 1, bias=False) for _ in range(3))
+
+    def branches(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Logits (B, 3, M) and weights (B, 3) of features (B, 3 D): inner, outer, context."""
+        parts = self.dropout(features).chunk(3, dim=-1)
+        logits = torch.stack([layer(x) for layer, x in zip(self.classify, parts, strict=True)], dim=1)
+        score = torch.cat([layer(x) for layer, x in zip(self.confidence, parts, strict=True)], dim=1)
+        return logits, score.softmax(dim=1)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Joint logits (B, M)."""
+        logits, weight = self.branches(features)
+        return joint(logits, weight)
+
+
+def joint(logits: Tensor, weight: Tensor) -> Tensor:
+    """(B, M) of branch logits (B, 3, M) and weights (B, 3). Eq. (11)."""
+    return (weight[:, :, None] * logits).sum(dim=1)
