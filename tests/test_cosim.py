@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.scenario import bundled
+from isacsim.scenario import bundled, load
 
 ROOT = Path(cosim.__file__).parent
 TINY = """
 [dataset]
 scenarios = ["motorway"]
 seeds = { first = 1, last = 3 }
-traffic = { run_in_s = 45.0, duration_s = 50.0 }
+traffic = { run_in_s = 45.0, duration_s = 75.0 }
 record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 selection = { per_class = 4, following = 2 }
 
@@ -77,6 +77,18 @@ BAD = {
     "fly": "No such command 'fly'",
     "inspect empty": "empty: not a dataset",
     "inspect nowhere": "nowhere: not a dataset",
+    "sense empty -o new": "empty: not a dataset",
+    "network import nowhere.osm -o new": "there is no map nowhere.osm",
+    "network import key.toml -o new": "key.toml is no OpenStreetMap file",
+    "network import key.toml -o new --box 9,52": "--box 9,52: is no box",
+    "network import key.toml -o new --box 9,52,8,53": "--box 9,52,8,53: is no box",
+    "network sites nowhere -o new": "no scenario nowhere",
+    "network sites motorway -o new": "sites already",
+    "network sites siteless -o full": "full is there already and not empty",
+    "network sites siteless -o new --spacing 3": "arguments: spacing_m",
+    "network sites siteless -o new --vehicles 0": "arguments: vehicles",
+    "network sites siteless": "Missing option '-o'",
+    "bench flight": "bench flight: there is none of that name",
     "train full -o new": "full: not a dataset",
     "evaluate empty --data empty": "empty: not a run",
 }
@@ -160,7 +172,7 @@ def test_a_finished_study_answers_again(
     after = json.loads(said.out.splitlines()[-1])
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
     assert {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")} == shards
-    assert said.err == ""
+    assert [line for line in said.err.splitlines() if not line.startswith("warning: too few seeds")] == []
 
 
 def test_another_study_in_the_same_folder_is_refused(
@@ -195,6 +207,82 @@ def test_inspect_verify_notices_damage(tiny: Path, tmp_path: Path, capfd: pytest
     said = capfd.readouterr().err
     assert shard.name in said
     assert said.count("\n") == 1
+
+
+SENSE_BAD = {
+    "--snr loud": "--snr loud: is no range",
+    "--estimator guess": "arguments: sensing.estimator",
+    "--fusion eq7": "arguments: sensing.fusion.method",
+    "--sites 0": "arguments: sensing.view.sites",
+    "--rain -1": "arguments: sensing.channel.rain_mm_per_h",
+    "--sensor sonar": "arguments: sensor",
+    "--radar nlos": "--radar is of the radar: add --sensor radar",
+    "--sensor radar --radar fog": "arguments: radar.condition",
+    "--sensor radar --radar nlos --pattern line_of_sight": "choose random or contiguous",
+    "--records 0": "arguments: records",
+}
+
+
+@pytest.mark.parametrize("options", SENSE_BAD)
+def test_sensing_by_wrong_settings_is_one_line_and_exit_2(
+    options: str, tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert cosim.main(["sense", str(tiny / "dataset"), "-o", str(out), *options.split()]) == 2
+    said = capfd.readouterr().err
+    assert said.count("\n") == 1
+    assert SENSE_BAD[options] in said
+    assert not out.exists()
+
+
+def test_a_dataset_is_sensed_anew(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    command = ["sense", str(tiny / "dataset"), "-o", str(tmp_path / "truth"), "--sensor", "truth", "--json"]
+    assert cosim.main([*command, "--jobs", "1"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert cosim.main(["inspect", str(tiny / "dataset"), "--json", "--quiet"]) == 0
+    before = json.loads(capfd.readouterr().out)
+    assert found["sensors"] == {"truth": found["samples"]}
+    assert before["sensors"] == {"isac": before["samples"]}
+    assert {key: found[key] for key in ("samples", "by_intention", "seeds")} == {
+        key: before[key] for key in ("samples", "by_intention", "seeds")
+    }
+    assert "sensors: truth" in said.err
+    assert cosim.main(["inspect", str(tmp_path / "truth"), "--verify", "--quiet"]) == 0
+
+
+def test_sites_are_placed_along_a_users_network(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """What the user's configuration says of outputs and steps is told once, and not followed."""
+    user = bad / "siteless"
+    config = user / "motorway.sumocfg"
+    config.write_text(
+        config.read_text().replace(
+            "</configuration>",
+            '<time><step-length value="1"/></time><output><fcd-output value="big.xml"/></output></configuration>',
+        )
+    )
+    before = {path: path.read_bytes() for path in user.iterdir()}
+    made = bad / "made"
+    assert cosim.main(["network", "sites", str(user), "-o", str(made), "--spacing", "300", "--json"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert found["folder"] == str(made)
+    assert found["made_demand"] is False
+    assert found["overridden"] == ["fcd-output", "step-length"]
+    assert said.err.count("not followed: fcd-output, step-length") == 1
+    scenario = load(made)
+    assert len(scenario.sites) == found["sites"] > 10
+    assert scenario.overridden == ()
+    assert {path: path.read_bytes() for path in user.iterdir()} == before
+
+
+def test_a_bare_network_becomes_a_scenario_by_its_seed(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    network = str(bad / "siteless" / "motorway.net.xml")
+    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
+        assert cosim.main(["network", "sites", network, "-o", str(bad / name), "--seed", seed, "--json"]) == 0
+        assert json.loads(capfd.readouterr().out)["made_demand"] is True
+    demand = {name: (bad / name / f"{name}.rou.xml").read_bytes() for name in "abc"}
+    assert demand["a"] == demand["b"] != demand["c"]
 
 
 def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,49 @@
+"""The benches of traffic and generation, made short: what they report, not how fast."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import pytest
+
+import benchmarks.generate
+import benchmarks.traffic
+import cosim
+from isacsim.traffic import TrafficSettings
+from labeling.study import DatasetStudy
+
+SHORT = TrafficSettings(run_in_s=20.0, duration_s=20.0)
+
+
+def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:
+    assert cosim.main(["bench", what, "--json", "--quiet"]) == 0
+    said = capfd.readouterr()
+    assert said.err == ""
+    found = json.loads(said.out)
+    assert isinstance(found, dict)
+    return found
+
+
+def test_traffic_compares_recording_with_bare_stepping(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda: SHORT)
+    monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 2)
+    found = reported("traffic", capfd)
+    assert {"ratio", "ratio_of", "ratio_with_maneuvers", "simulated_s_per_cpu_s", "vehicles"} <= set(found)
+    assert set(found["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]
+    assert found["vehicles"] > 5  # type: ignore[operator]
+
+
+def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    long_enough = TrafficSettings(run_in_s=45.0, duration_s=40.0)
+    monkeypatch.setattr(benchmarks.generate, "DatasetStudy", partial(DatasetStudy, traffic=long_enough))
+    monkeypatch.setattr(benchmarks.generate, "record_s", lambda records: 0.5 / records)
+    found = reported("generate", capfd)
+    stages: dict[str, float] = found["stages_s"]  # type: ignore[assignment]
+    assert list(stages) == ["traffic", "labels", "candidates", "motion_and_sensing", "writing"]
+    assert found["episode_s"] == pytest.approx(sum(stages.values()), abs=0.01)
+    assert found["ratio"] == pytest.approx(stages["traffic"] / sum(stages.values()), abs=0.01)
+    assert found["record_s"] == {"alone": 0.5, "of_32": 0.0156}
+    assert found["samples"] > 0  # type: ignore[operator]
