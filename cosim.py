@@ -6,6 +6,7 @@ The packages are imported inside the commands, so that help and usage errors ans
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import os
 import sys
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError, output_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from isacsim.network import Made
     from isacsim.site_placement import PlacementSettings
     from labeling.dataset import Dataset
+    from labeling.engine import Engine
 
 app = typer.Typer(
     add_completion=False,
@@ -36,10 +38,14 @@ app = typer.Typer(
 network_app = typer.Typer(no_args_is_help=True, help="Scenarios made from a map, or from a network without sites.")
 app.add_typer(network_app, name="network")
 INTERRUPTED = 130
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 KEPT = "interrupted; what was finished is kept, the same command goes on from there"
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder to write; a new or empty one, or one to go on with.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Worker processes; the number of cores when absent.")]
+Cluster = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="A running dask scheduler, instead of own worker processes.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output, last.")]
 SNR_FORMS = "LO:HI|VALUE|link"
 Spacing = Annotated[float | None, typer.Option(metavar="M", help="Between poles along the road, m.")]
@@ -57,11 +63,11 @@ def run(
         Path | None, typer.Option("-o", "--out", help="Folder to write; results/<study> when absent.")
     ] = None,
     jobs: Jobs = None,
+    cluster: Cluster = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """The main job: generate, train, evaluate, report."""
-    from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
     from labeling.progress import bar
     from models import report
@@ -74,9 +80,7 @@ def run(
 
     def make(where: Path) -> Dataset:
         with bar(console, "generating", content.dataset.unit) as progress:
-            made = generate_dataset(
-                content.dataset, where, LocalEngine(jobs or _cores()), progress, tell=_tell(console)
-            )
+            made = generate_dataset(content.dataset, where, _engine(jobs, cluster), progress, tell=_tell(console))
         _show_dataset(made, console)
         return made
 
@@ -110,18 +114,18 @@ def generate(
         str | None, typer.Option(metavar=SNR_FORMS, help="Per-element SNR, dB: a range to draw from, or a link budget.")
     ] = None,
     jobs: Jobs = None,
+    cluster: Cluster = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
     from labeling.arguments import dataset_study
-    from labeling.engine import LocalEngine
     from labeling.generate import generate as generate_dataset
     from labeling.progress import bar
 
     study, console = dataset_study(scenarios, windows, seeds, snr), _console(quiet)
     with bar(console, "generating", study.unit) as progress:
-        made = generate_dataset(study, out, LocalEngine(jobs or _cores()), progress, tell=_tell(console))
+        made = generate_dataset(study, out, _engine(jobs, cluster), progress, tell=_tell(console))
     found = _show_dataset(made, console)
     if as_json:
         print(json.dumps(found))
@@ -187,7 +191,9 @@ def inspect(
 def train(
     dataset: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
     out: Out,
-    model: Annotated[str, typer.Option(help="The predictor: asi-bip, castformer, trees, ensemble or a floor.")] = "asi-bip",
+    model: Annotated[
+        str, typer.Option(help="The predictor: asi-bip, castformer, trees, ensemble or a floor.")
+    ] = "asi-bip",
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs at most.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
     as_json: AsJson = False,
@@ -307,8 +313,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error), 2)
     except usage_error as error:
         return _complain(f"{error.format_message()} Try `cosim --help`.", 2)
+    except RunError as error:
+        return _complain(str(error), 1)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            traceback.print_exc()
+            return 1
+        return _complain(str(output_error(error.filename or "the output", error)), 1)
     except Exception:
         traceback.print_exc()
         return 1
@@ -380,6 +393,17 @@ def _console(quiet: bool) -> Console:
     from rich.console import Console
 
     return Console(stderr=True, quiet=quiet)
+
+
+def _engine(jobs: int | None, cluster: str | None) -> Engine:
+    """What makes episodes: own worker processes, or those of a running scheduler."""
+    from labeling.engine import ClusterEngine, LocalEngine
+
+    if cluster is None:
+        return LocalEngine(jobs or _cores())
+    if jobs is not None:
+        raise InputError("--jobs is of own worker processes and --cluster of a scheduler's; give one of them")
+    return ClusterEngine(cluster)
 
 
 def _cores() -> int:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 from isacsim.maneuvers import Director, ManeuverSettings
 from isacsim.recording import Incidents, Recording
 from isacsim.scenario import Scenario
@@ -31,7 +31,7 @@ class TrafficSettings(Settings):
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
 
 
-class TrafficError(RuntimeError):
+class TrafficError(RunError):
     """SUMO failed during a simulation. The message is SUMO's, in one line."""
 
 
@@ -58,7 +58,7 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
                 if step >= first:
                     log.states(step + 1)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
-            raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from error
+            raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
         return Recording(

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 from labeling.dataset import META_FILE, ROADS, SHARDS, Lost, Meta, Shard, read_meta, read_shard, write_meta
 
 VERSIONED = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
@@ -121,15 +121,10 @@ def finish(
 ) -> None:
     """Write the finished `dataset.json` and delete the shards of episodes that turned out not to be needed."""
     if lost and not shards:
-        raise RuntimeError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
+        raise RunError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
     kept = {shard.file for shard in shards}
     for path in (out / SHARDS).iterdir():
         if path.name not in kept:
             path.unlink()
     finished = {"complete": True, "shards": tuple(shards), "lost": tuple(lost), "short": tuple(short)}
     write_meta(out, started.model_copy(update=finished))
-
-
-def reason(error: BaseException | None) -> str:
-    """Why an episode was lost, in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:500]

@@ -26,7 +26,7 @@ from labeling.dataset import (
 )
 from labeling.engine import Engine, LocalEngine
 from labeling.episode import Source, SumoSource, make_shard
-from labeling.folder import Progress, claimed, fingerprint, finish, reason, standing, versions
+from labeling.folder import Progress, claimed, fingerprint, finish, standing, versions
 from labeling.plan import Job, Plan
 from labeling.study import DatasetStudy
 
@@ -45,7 +45,7 @@ def generate(
     progress: counts samples where the study asks for windows, episodes otherwise.
     source: where motion comes from, SUMO when absent. tell: is given each scenario of
     whose configuration something is overridden, and those options.
-    Raises InputError where the study, a scenario or the folder is at fault, RuntimeError where every episode failed.
+    Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed.
     """
     source = source or SumoSource(study.traffic, study.maneuvers)
     scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
@@ -77,7 +77,7 @@ def _make_missing(task: Callable[[Job], Shard | InputError], plan: Plan, engine:
             if isinstance(outcome.result, InputError):
                 raise outcome.result
             job = outcome.item
-            plan.add(job, outcome.result or Lost(scenario=job.scenario, seed=job.seed, reason=reason(outcome.error)))
+            plan.add(job, outcome.result or Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error)))
             progress(*plan.progress())
             if plan.done:
                 return

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 from isacsim.onboard import Carrier, RadarSettings, sense_onboard
 from isacsim.scenario import Site
 from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings, sense
@@ -24,7 +24,7 @@ from isacsim.settings import Settings
 from labeling.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
 from labeling.engine import Engine, LocalEngine
 from labeling.episode import UNSEEN, median_error_m, record_key
-from labeling.folder import Progress, claimed, fingerprint, finish, reason, standing, versions
+from labeling.folder import Progress, claimed, fingerprint, finish, standing, versions
 from labeling.shard import read_samples
 from labeling.study import checked
 
@@ -79,7 +79,7 @@ def resense(
     With a dataset's own settings its `tv` comes out the same, to the bit. Records that the sensor cannot use are left
     out, and counted in their episode. engine: what senses the shards, one worker process when absent; the samples do
     not depend on it. progress: counts records.
-    Raises InputError where settings, dataset or folder are at fault, RuntimeError where a shard fails.
+    Raises InputError where settings, dataset or folder are at fault, RunError where a shard fails.
     """
     _check(dataset, settings, out)
     started = _describe(dataset, settings)
@@ -125,7 +125,7 @@ def _make(
             if isinstance(outcome.result, InputError):
                 raise outcome.result
             if outcome.result is None:
-                raise RuntimeError(f"{outcome.item.shard.file}: {reason(outcome.error)}")
+                raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
             made[outcome.item.shard.file] = outcome.result
             done += outcome.item.records
             progress(done, total)

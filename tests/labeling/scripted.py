@@ -17,7 +17,7 @@ from isacsim.errors import InputError
 from isacsim.recording import Incidents, Lane, Recording, Track
 from isacsim.scenario import Scenario, Site
 from isacsim.seeding import stream
-from labeling.engine import Item, Outcome, Result
+from labeling.engine import Item, Outcome, Result, describe
 from labeling.study import DatasetStudy, checked
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
@@ -101,7 +101,7 @@ class InlineEngine:
             try:
                 yield Outcome(item, result=task(item))
             except RuntimeError as error:
-                yield Outcome(item, error=error)
+                yield Outcome(item, error=describe(error))
 
 
 def small_study(**content: object) -> DatasetStudy:
