@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from labeling.intentions import KNOWN, Intention
 from models import figures, metrics, openset
 from models.calibration import calibration_error
 from models.run import HISTORY_FILE, Outputs, Run, replace, versions
-from models.windows import Array, Ends, Ints, Records, WindowSettings, batches, draw_ends
+from models.windows import Array, Ends, Ints, Records, WindowSettings, batches, draw_ends, end_bounds
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
@@ -30,12 +30,28 @@ METRICS_FILE = "metrics.json"
 BATCH = 64
 
 
+class SweepSettings(Settings):
+    """Fixed window ends that a predictor is measured at, one after the other."""
+
+    relative_to: Literal["onset", "commit"] = Field("onset", description="the instant that the ends are counted from")
+    first_s: float = Field(-0.5, description="first end after that instant, s; negative is before it")
+    last_s: float = Field(2.2, description="no end is later, s")
+    step_s: float = Field(0.2, gt=0, description="between ends, s")
+
+    @property
+    def ends_s(self) -> list[float]:
+        """The ends, s."""
+        count = int(np.floor((self.last_s - self.first_s) / self.step_s + 1e-6)) + 1
+        return [round(self.first_s + k * self.step_s, 6) for k in range(count)]
+
+
 class EvaluateSettings(Settings):
     """Which windows a predictor is measured on."""
 
     ends_per_record: int = Field(4, ge=1, description="fixed windows of each record")
     seed: int = Field(0, description="of the window ends")
     end_after_s: tuple[float, float] | None = Field(None, description="range of window ends, s; none: as in training")
+    sweep: SweepSettings | None = Field(None, description="measure at fixed window ends too, where given")
 
 
 @dataclass(frozen=True)
@@ -93,7 +109,7 @@ def evaluate_records(
         windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
     ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
     mine = answers(run, records, ends)
-    result = measure(run, mine)
+    result = measure(run, mine) | swept(run, records, settings)
     result["compared"] = []
     for other in against:
         theirs = answers(other, records, ends)
@@ -104,7 +120,9 @@ def evaluate_records(
             mine.group[mine.known],
             run.card.classes,
         )
-        result["compared"].append({**measure(other, theirs), "paired_difference": difference})
+        result["compared"].append(
+            {**measure(other, theirs), **swept(other, records, settings), "paired_difference": difference}
+        )
     result["windows"] = {**windows.model_dump(mode="json"), **settings.model_dump(mode="json", exclude={"end_after_s"})}
     result["made_by"] = {
         "dataset": made_of,
@@ -139,11 +157,64 @@ def measure(run: Run, given: Answers) -> dict[str, Any]:
     label, predicted = given.label[known], given.predicted[known]
     result: dict[str, Any] = {"model": run.card.settings.model, "name": run.name, "classes": list(classes)}
     result |= metrics.summary(label, predicted, classes)
+    result |= maneuvers(run, given)
     result |= unknown_metrics(run, given)
     result["calibration"] = calibration(given.outputs.logits[known], label, run.card.temperature)
     result["by_lead_time"] = metrics.by_lead_time(given.lead_s[known], label, predicted, len(classes))
     result["by_snr"] = metrics.by_snr(given.snr_db[known], label, predicted, len(classes))
     return result
+
+
+def maneuvers(run: Run, given: Answers) -> dict[str, Any]:
+    """Eq. (13) of CaSTFormer: `maneuvers` on windows of known intentions, and `maneuvers_with_background`.
+
+    In the second, windows of `following` are the background, and every window that the run rejects is taken for it.
+    """
+    background = len(run.card.classes)
+    rows = given.known | given.unknown
+    label = np.where(given.known, given.label, background)
+    rejected = np.zeros(len(label), dtype=bool)
+    if run.card.unknown_threshold is not None:
+        rejected = openset.of_run(run, run.card.unknown_score)(given.outputs) < run.card.unknown_threshold
+    said = np.where(rejected, background, given.predicted)
+    known = metrics.confusion(given.label[given.known], given.predicted[given.known], background)
+    everything = metrics.confusion(label[rows], said[rows], background + 1)
+    return {
+        "maneuvers": metrics.maneuver_scores(known),
+        "maneuvers_with_background": metrics.maneuver_scores(everything, background),
+    }
+
+
+def swept(run: Run, records: Records, settings: EvaluateSettings) -> dict[str, Any]:
+    """`by_window_end`: scores with every window ending at the same time after onset or commit; empty without a sweep.
+
+    Only records that hold a window with that end take part; an end that no record holds is left out.
+    """
+    if settings.sweep is None:
+        return {}
+    rows = []
+    for end in settings.sweep.ends_s:
+        windows = WindowSettings.model_validate(
+            {
+                **run.card.settings.windows.model_dump(),
+                "relative_to": settings.sweep.relative_to,
+                "end_after_s": (end, end),
+            }
+        )
+        first, last = end_bounds(records, windows)
+        if not (last >= first).any():
+            continue
+        given = answers(run, records, draw_ends(records, windows, "sweep"))
+        found = metrics.summary(given.label[given.known], given.predicted[given.known], run.card.classes)
+        score = openset.of_run(run, run.card.unknown_score)(given.outputs)
+        rows.append(
+            {
+                "end_s": end,
+                **{name: found[name] for name in ("n", "accuracy", "macro_f1", "per_class_f1")},
+                "auroc_unknown": openset.auroc(score[given.known], score[given.unknown]),
+            }
+        )
+    return {"by_window_end": rows}
 
 
 def unknown_metrics(run: Run, given: Answers) -> dict[str, Any]:

@@ -70,14 +70,14 @@ def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> N
 
 
 def loss_curves(history: pd.DataFrame, path: Path) -> None:
-    """Focal loss and validation scores against epochs; history: the columns of a run's history.csv."""
+    """Loss and validation scores against epochs; history: the columns of a run's history.csv."""
     epoch = history["epoch"] + 1
     best = int(history["validation_macro_f1"].to_numpy().argmax())
     with figure(path, 9, 3.6) as drawn:
         left, right = drawn.subplots(1, 2)
         left.plot(epoch, history["train_loss"], label="training")
         left.plot(epoch, history["validation_loss"], label="validation")
-        left.set(xlabel="epoch", ylabel="focal loss (Eq. 6)", ylim=(0, None))
+        left.set(xlabel="epoch", ylabel="loss", ylim=(0, None))
         left.set_title("Loss")
         right.plot(epoch, history["validation_macro_f1"], color=GREEN, label="macro-F1")
         right.plot(epoch, history["validation_accuracy"], color=PURPLE, label="accuracy", alpha=0.8)

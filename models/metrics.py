@@ -54,6 +54,26 @@ def summary(label: Ints, predicted: Ints, classes: tuple[str, ...]) -> dict[str,
     }
 
 
+def maneuver_scores(counts: npt.NDArray[Any], background: int | None = None) -> dict[str, float | None]:
+    """`precision`, `recall` and their `f1` over maneuvers, of a confusion matrix (G, G). CaSTFormer, Eq. (13).
+
+    background: the class that is no maneuver, if any: its row gives false predictions, a maneuver taken for it is
+    missed. Every miss counts in the recall, a confusion with another maneuver too. A maneuver without a true sample is
+    left out; one that is never predicted has precision 0.
+    """
+    hit = np.diagonal(counts).astype(np.float64)
+    true, predicted = counts.sum(axis=1), counts.sum(axis=0)
+    kept = true > 0
+    if background is not None:
+        kept[background] = False
+    if not kept.any():
+        return {"precision": None, "recall": None, "f1": None}
+    precision = float(np.mean(hit[kept] / np.maximum(predicted[kept], 1)))
+    recall = float(np.mean(hit[kept] / true[kept]))
+    f1 = 2 * precision * recall / (precision + recall) if precision + recall > 0 else 0.0
+    return {"precision": precision, "recall": recall, "f1": f1}
+
+
 def by_bin(value: Array, width: float, unit: str, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
     """`n`, `accuracy`, `macro_f1` in bins of a quantity (n,), multiples of `width`, `from_<unit>` to `to_<unit>`."""
     # The tiny shift keeps values that are multiples of the width, but for rounding, in the bin they open.

@@ -16,11 +16,11 @@ from isacsim.errors import InputError
 from isacsim.recording import Lane
 from isacsim.scenario import Site
 from models import openset
-from models.evaluation import EvaluateSettings, answers, evaluate_records, unseen
+from models.evaluation import EvaluateSettings, SweepSettings, answers, evaluate_records, unseen
 from models.record_view import draw_record
 from models.report import record_view, table, verdict, write_page
 from models.run import Run
-from models.windows import Records, cut, draw_ends
+from models.windows import Ends, Records, cut, draw_ends
 
 TWICE = EvaluateSettings(ends_per_record=2)
 
@@ -164,3 +164,54 @@ def test_the_same_evaluation_writes_the_same_bytes(
     evaluate_records(network_run, records, MADE_OF, tmp_path / "again", TWICE, [trees_run])
     for name in ("metrics.json", "confusion.png", "lead_time.png"):
         assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_maneuvers_with_background_count_the_rejected_and_the_following(
+    evaluated: tuple[dict[str, Any], Path], records: Records, network_run: Run
+) -> None:
+    found, _ = evaluated
+    card = network_run.card
+    left = records.take(np.isin(records.groups, card.split["test"]))
+    ends = draw_ends(left, card.settings.windows, "evaluate", 0, per_record=2)
+    given = answers(network_run, left, ends)
+    assert card.unknown_threshold is not None
+    rejected = openset.of_run(network_run, card.unknown_score)(given.outputs) < card.unknown_threshold
+    assert 0 < rejected.sum() < len(rejected)
+    said = np.where(rejected, 6, given.predicted)
+    recalls = [(said[given.label == g] == g).mean() for g in range(6)]
+    precisions = [(given.label[said == g] == g).mean() if (said == g).any() else 0 for g in range(6)]
+    assert found["maneuvers_with_background"]["recall"] == pytest.approx(np.mean(recalls))
+    assert found["maneuvers_with_background"]["precision"] == pytest.approx(np.mean(precisions))
+    plain = [(given.predicted[given.label == g] == g).mean() for g in range(6)]
+    assert found["maneuvers"]["recall"] == pytest.approx(np.mean(plain))
+
+
+def test_the_default_sweep_is_from_before_onset_to_a_window_after_it() -> None:
+    ends = SweepSettings().ends_s
+    assert len(ends) == 14
+    np.testing.assert_allclose(ends, np.arange(14) * 0.2 - 0.5)
+    assert SweepSettings(last_s=2.1).ends_s == ends
+
+
+@pytest.mark.parametrize("relative_to", ["onset", "commit"])
+def test_a_sweep_measures_at_fixed_ends(
+    relative_to: str, records: Records, network_run: Run, trees_run: Run, tmp_path: Path
+) -> None:
+    sweep = SweepSettings(relative_to=relative_to, first_s=-0.4, last_s=7, step_s=1.0)  # type: ignore[arg-type]
+    settings = EvaluateSettings(ends_per_record=1, sweep=sweep)
+    found = evaluate_records(network_run, records, MADE_OF, tmp_path / "out", settings, [trees_run])
+    left = records.take(np.isin(records.groups, network_run.card.split["test"]))
+    rows = found["by_window_end"]
+    # Records end 2.4 s after onset: later ends are in none of them.
+    assert [row["end_s"] for row in rows] == [-0.4, 0.6, 1.6]
+    assert [row["end_s"] for row in found["compared"][0]["by_window_end"]] == [row["end_s"] for row in rows]
+    since = left.table[f"t_{relative_to}"].to_numpy() - left.table["t_start"].to_numpy()
+    for row in rows:
+        step = np.round((since + row["end_s"]) * 100).astype(int)
+        usable = (step <= 499) & (step >= 119)
+        windows = cut(left, Ends(np.flatnonzero(usable), step[usable]), network_run.card.settings.windows)
+        label = left.label[usable]
+        said = network_run.predictor(windows).logits.argmax(axis=1)
+        assert row["n"] == (label < 6).sum()
+        assert row["accuracy"] == pytest.approx((said == label)[label < 6].mean())
+    assert rows[0]["accuracy"] < rows[-1]["accuracy"]

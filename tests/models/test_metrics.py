@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sklearn.metrics import confusion_matrix, f1_score
+from sklearn.metrics import confusion_matrix, f1_score, precision_score, recall_score
 
 from models import metrics
 
@@ -81,3 +81,30 @@ def test_the_interval_is_the_bootstrap_over_groups() -> None:
     assert found["difference"] == pytest.approx(difference(np.arange(400)))
     assert found["low"] == pytest.approx(np.quantile(loops, 0.025), abs=0.02)
     assert found["high"] == pytest.approx(np.quantile(loops, 0.975), abs=0.02)
+
+
+def test_maneuver_scores_are_macro_precision_and_recall() -> None:
+    label, predicted = drawn()
+    found = metrics.maneuver_scores(metrics.confusion(label, predicted, 4))
+    precision = precision_score(label, predicted, average="macro")
+    recall = recall_score(label, predicted, average="macro")
+    assert found["precision"] == pytest.approx(precision)
+    assert found["recall"] == pytest.approx(recall)
+    assert found["f1"] == pytest.approx(2 * precision * recall / (precision + recall))
+
+
+def test_the_background_is_no_maneuver_but_its_false_predictions_count() -> None:
+    label = np.array([0, 0, 0, 1, 1, 2, 2, 2])
+    predicted = np.array([0, 1, 2, 1, 1, 2, 0, 1])
+    found = metrics.maneuver_scores(metrics.confusion(label, predicted, 3), background=2)
+    # Maneuver 0: 1 hit of 2 predicted (one of them FPP), 2 missed; maneuver 1: 2 hits of 4 predicted, none missed.
+    assert found["precision"] == pytest.approx((1 / 2 + 2 / 4) / 2)
+    assert found["recall"] == pytest.approx((1 / 3 + 1) / 2)
+
+
+def test_maneuvers_that_are_not_there_or_never_predicted() -> None:
+    counts = metrics.confusion(np.array([0, 0, 1]), np.array([0, 0, 0]), 4)
+    found = metrics.maneuver_scores(counts)
+    assert found == {"precision": pytest.approx((2 / 3) / 2), "recall": 0.5, "f1": pytest.approx(2 / 5)}
+    assert metrics.maneuver_scores(np.zeros((2, 2), int))["f1"] is None
+    assert metrics.maneuver_scores(np.array([[0, 1], [1, 0]]))["f1"] == 0.0
