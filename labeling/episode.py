@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isacsim import motion, scenario, sensing, traffic
+from isacsim.blockage import blockers_of
 from isacsim.maneuvers import ManeuverSettings
 from isacsim.recording import Recording
 from isacsim.scenario import Scenario
@@ -114,8 +115,12 @@ def make_samples(
         return [], []
     truth = [_states(study, recording, each.tv, each, study.record.tv_rate_hz).astype(np.float32) for each in chosen]
     keys = [record_key(scenario.name, recording.seed, each.tv, each.intention, each.t_start) for each in chosen]
+    blockers = None
+    if study.sensing.channel.blockage:
+        duration_s = study.record.duration_s
+        blockers = [blockers_of(recording, each.t_start, each.t_start + duration_s, {each.tv}) for each in chosen]
     sensed = sensing.sense(
-        np.stack(truth).astype(np.float64), study.record.tv_rate_hz, scenario.sites, study.sensing, keys
+        np.stack(truth).astype(np.float64), study.record.tv_rate_hz, scenario.sites, study.sensing, keys, blockers
     )
     samples: list[Sample] = []
     for each, key, true, got in zip(chosen, keys, truth, sensed, strict=True):
