@@ -80,6 +80,11 @@ def import_map(
         network = folder / f"{out.name}.net.xml"
         _netconvert(source, network, box)
         lanes, origin = read_network(network)
+        if all(lane.edge.startswith(":") for lane in lanes):
+            inside = " in the box" if box else ""
+            raise InputError(
+                f"{source} holds no connected roads for cars{inside}: give another {'box' if box else 'map'}"
+            )
         bare = Scenario(out.name, network, (), (), origin, lanes, ())
         return _complete(bare, folder, out, placement, demand, seed)
 

@@ -276,6 +276,39 @@ def test_sites_are_placed_along_a_users_network(bad: Path, capfd: pytest.Capture
     assert {path: path.read_bytes() for path in user.iterdir()} == before
 
 
+def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A motorway of 2.5 km with an exit: as a whole, and by a box in which there is nothing."""
+    nodes = "".join(f'<node id="{k + 1}" lat="52.0" lon="{10 + 0.004 * k}" version="1"/>' for k in range(10))
+    nodes += '<node id="20" lat="51.995" lon="10.024" version="1"/>'
+    ways = ""
+    for way, refs, kind, lanes in ((100, range(1, 11), "motorway", 3), (101, (5, 20), "motorway_link", 1)):
+        through = "".join(f'<nd ref="{node}"/>' for node in refs)
+        tags = {"highway": kind, "lanes": lanes, "oneway": "yes"}.items()
+        said_of = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags)
+        ways += f'<way id="{way}" version="1">{through}{said_of}</way>'
+    (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{ways}</osm>')
+    command = ["network", "import", str(tmp_path / "map.osm"), "--vehicles", "30", "--json"]
+    assert cosim.main([*command, "-o", str(tmp_path / "road"), "--box", "9.9,51.9,10.1,52.1"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert set(found) == {"folder", "sites", "edges", "made_demand", "overridden"}
+    assert found["made_demand"] is True
+    assert len(load(tmp_path / "road").sites) == found["sites"] > 4
+    assert "demand was made" in said.err
+    assert cosim.main([*command, "-o", str(tmp_path / "sea"), "--box", "3,54,4,55"]) == 2
+    assert capfd.readouterr().err.startswith(f"cosim: netconvert cannot make a network of {tmp_path / 'map.osm'}")
+    assert not (tmp_path / "sea").exists()
+
+
+def test_a_map_without_roads_that_connect_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    nodes = "".join(f'<node id="{k}" lat="52.0" lon="{10 + 0.004 * k}" version="1"/>' for k in (1, 2))
+    way = '<way id="9" version="1"><nd ref="1"/><nd ref="2"/><tag k="highway" v="motorway"/></way>'
+    lone = tmp_path / "lone.osm"
+    lone.write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
+    assert cosim.main(["network", "import", str(lone), "-o", str(tmp_path / "out")]) == 2
+    assert capfd.readouterr().err == f"cosim: {lone} holds no connected roads for cars: give another map\n"
+
+
 def test_a_bare_network_becomes_a_scenario_by_its_seed(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
     network = str(bad / "siteless" / "motorway.net.xml")
     for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
