@@ -6,7 +6,6 @@ The packages are imported inside the commands, so that help and usage errors ans
 from __future__ import annotations
 
 import dataclasses
-import errno
 import json
 import os
 import sys
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from isacsim.errors import InputError, RunError, output_error
+from isacsim.errors import NO_ROOM, InputError, RunError, output_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from isacsim.site_placement import PlacementSettings
     from labeling.dataset import Dataset
     from labeling.engine import Engine
+    from labeling.log import Note
 
 app = typer.Typer(
     add_completion=False,
@@ -38,7 +38,6 @@ app = typer.Typer(
 network_app = typer.Typer(no_args_is_help=True, help="Scenarios made from a map, or from a network without sites.")
 app.add_typer(network_app, name="network")
 INTERRUPTED = 130
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 KEPT = "interrupted; what was finished is kept, the same command goes on from there"
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder to write; a new or empty one, or one to go on with.")]
@@ -54,6 +53,7 @@ Height = Annotated[float | None, typer.Option(metavar="M", help="Of the antennas
 Vehicles = Annotated[int | None, typer.Option(help="Vehicles on the road at once, about, where demand is made.")]
 DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that is made.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Only warnings and errors on standard error.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="A line on standard error for every episode.")]
 
 
 @app.command()
@@ -66,6 +66,7 @@ def run(
     cluster: Cluster = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """The main job: generate, train, evaluate, report."""
     from labeling.generate import generate as generate_dataset
@@ -80,7 +81,14 @@ def run(
 
     def make(where: Path) -> Dataset:
         with bar(console, "generating", content.dataset.unit) as progress:
-            made = generate_dataset(content.dataset, where, _engine(jobs, cluster), progress, tell=_tell(console))
+            made = generate_dataset(
+                content.dataset,
+                where,
+                _engine(jobs, cluster),
+                progress,
+                tell=_tell(console),
+                note=_note(console, verbose),
+            )
         _show_dataset(made, console)
         return made
 
@@ -117,6 +125,7 @@ def generate(
     cluster: Cluster = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
     from labeling.arguments import dataset_study
@@ -125,7 +134,9 @@ def generate(
 
     study, console = dataset_study(scenarios, windows, seeds, snr), _console(quiet)
     with bar(console, "generating", study.unit) as progress:
-        made = generate_dataset(study, out, _engine(jobs, cluster), progress, tell=_tell(console))
+        made = generate_dataset(
+            study, out, _engine(jobs, cluster), progress, tell=_tell(console), note=_note(console, verbose)
+        )
     found = _show_dataset(made, console)
     if as_json:
         print(json.dumps(found))
@@ -150,6 +161,7 @@ def sense(
     jobs: Jobs = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """The same records, sensed anew; what is not named stays as in the dataset. Resumes where it stopped."""
     from labeling.arguments import resense_settings
@@ -163,7 +175,7 @@ def sense(
         opened, sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records
     )
     with bar(console, "sensing", "records") as progress:
-        made = resense(opened, settings, out, LocalEngine(jobs or _cores()), progress)
+        made = resense(opened, settings, out, LocalEngine(jobs or _cores()), progress, _note(console, verbose))
     found = _show_dataset(made, console)
     if as_json:
         print(json.dumps(found))
@@ -377,6 +389,13 @@ def _tell(console: Console) -> Callable[[str, Sequence[str]], None]:
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
     return tell
+
+
+def _note(console: Console, verbose: bool) -> Note | None:
+    """What tells a person how every episode ended, where that is asked for."""
+    if verbose and console.quiet:
+        raise InputError("--quiet and --verbose contradict each other; give one of them")
+    return (lambda entry: console.print(str(entry), highlight=False, soft_wrap=True, markup=False)) if verbose else None
 
 
 def _show_metrics(found: dict[str, Any], console: Console) -> None:

@@ -80,7 +80,10 @@ class Incidents:
 
 @dataclass(frozen=True)
 class Recording:
-    """All vehicles' states of one scenario and seed. Vehicles in `incidents` have no track."""
+    """All vehicles' states of one scenario and seed. Vehicles in `incidents` have no track.
+
+    warnings: how many SUMO had; of the run, not of the motion.
+    """
 
     scenario: str
     seed: int
@@ -89,6 +92,7 @@ class Recording:
     tracks: dict[str, Track]
     commands: tuple[Command, ...] = ()
     incidents: Incidents = field(default_factory=Incidents)
+    warnings: int = 0
 
     @cached_property
     def lane_number(self) -> dict[str, int]:
@@ -116,6 +120,7 @@ class Recording:
                 "tracks": heads,
                 "commands": [asdict(command) for command in self.commands],
                 "incidents": asdict(self.incidents),
+                "warnings": self.warnings,
             }
         )
         columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
@@ -144,6 +149,7 @@ class Recording:
             tracks=tracks,
             commands=tuple(Command(**command) for command in head["commands"]),
             incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
+            warnings=head.get("warnings", 0),
         )
 
 

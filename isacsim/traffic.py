@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,10 @@ from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.state_log import StateLog
 from isacsim.sumo_files import one_line, without_outputs
+
+LOG_FILE = "messages.log"
+WARNING = "Warning:"
+"""How SUMO begins a warning."""
 
 
 class TrafficSettings(Settings):
@@ -42,7 +47,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     an equal recording. Only one simulation can run in a process at a time.
     Raises InputError when SUMO refuses the scenario, TrafficError when it fails on the way.
     """
-    with session(scenario, seed, traffic) as sumo:
+    messages: Counter[str] = Counter()
+    with session(scenario, seed, traffic, messages) as sumo:
         director = Director(
             maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
         )
@@ -61,20 +67,26 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
-        return Recording(
-            scenario=scenario.name,
-            seed=seed,
-            step_s=traffic.step_s,
-            lanes=scenario.lanes,
-            tracks=log.tracks(),
-            commands=tuple(director.commands),
-            incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
-        )
+    return Recording(
+        scenario=scenario.name,
+        seed=seed,
+        step_s=traffic.step_s,
+        lanes=scenario.lanes,
+        tracks=log.tracks(),
+        commands=tuple(director.commands),
+        incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
+        warnings=messages[WARNING],
+    )
 
 
 @contextlib.contextmanager
-def session(scenario: Scenario, seed: int, traffic: TrafficSettings) -> Iterator[Any]:
-    """A running libsumo simulation of a scenario, closed at the end. Nothing but the input files is taken from it."""
+def session(
+    scenario: Scenario, seed: int, traffic: TrafficSettings, messages: Counter[str] | None = None
+) -> Iterator[Any]:
+    """A running libsumo simulation of a scenario, closed at the end. Nothing but the input files is taken from it.
+
+    messages: is given, at the end, how many warnings SUMO had (`WARNING`).
+    """
     # Imported here: loading it costs a second and it needs SUMO_HOME.
     import sumo as sumo_package
 
@@ -98,7 +110,9 @@ def session(scenario: Scenario, seed: int, traffic: TrafficSettings) -> Iterator
             "collision.check-junctions": "true",
             "time-to-teleport": "-1",
             "no-step-log": "true",
+            # Not on the console, but in the log.
             "no-warnings": "true",
+            "error-log": str(Path(folder) / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
         }
@@ -115,3 +129,6 @@ def session(scenario: Scenario, seed: int, traffic: TrafficSettings) -> Iterator
             yield libsumo
         finally:
             libsumo.close()
+            if messages is not None:
+                with (Path(folder) / LOG_FILE).open(errors="replace") as lines:
+                    messages[WARNING] += sum(line.startswith(WARNING) for line in lines)

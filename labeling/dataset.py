@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field, ValidationError
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, writing
 from isacsim.recording import Lane
 from isacsim.scenario import Site
 from isacsim.settings import Settings
@@ -327,11 +327,11 @@ def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -
 def _replace(path: Path, content: bytes) -> None:
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with partial.open("wb") as file:
+        with writing(path), partial.open("wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        partial.replace(path)
+            partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 

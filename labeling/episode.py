@@ -56,24 +56,21 @@ class SumoSource:
         return traffic.record(scenario, seed, self.traffic, self.maneuvers)
 
 
-def make_shard(
-    study: DatasetStudy, source: Source, scenario: Scenario, seed: int, folder: Path, fingerprint: str
-) -> Shard:
-    """Simulate an episode, label and sense it, and write its shard into a folder.
+def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, folder: Path, fingerprint: str) -> Shard:
+    """Label and sense an episode's recording, and write its shard into a folder.
 
-    fingerprint: of the study, stored in the shard. Raises what the source raises.
+    fingerprint: of the study, stored in the shard. Raises OutputError where it cannot be written.
     """
-    recording = source.record(scenario, seed)
     around = Surroundings(recording)
     labels = label(recording, study.labels, around)
     found = candidates(recording, labels, study.pairs, study.record, around)
-    chosen, surplus = select(found.samples, study.selection, (scenario.name, seed))
+    chosen, surplus = select(found.samples, study.selection, (scenario.name, recording.seed))
     samples, fixes = make_samples(study, scenario, recording, chosen)
     dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
     record = study.record
     episode = Episode(
         scenario=scenario.name,
-        seed=seed,
+        seed=recording.seed,
         fingerprint=fingerprint,
         events=_by_intention(event.intention for event in labels.events),
         counts=labels.counts,

@@ -6,13 +6,15 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from isacsim.errors import InputError
+from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.scenario import Scenario
+from labeling import log
 from labeling.dataset import (
     SHARDS,
     Dataset,
@@ -25,8 +27,9 @@ from labeling.dataset import (
     write_roads,
 )
 from labeling.engine import Engine, LocalEngine
-from labeling.episode import Source, SumoSource, make_shard
+from labeling.episode import Source, SumoSource, shard_of
 from labeling.folder import Progress, claimed, fingerprint, finish, standing, versions
+from labeling.log import Entry, Note
 from labeling.plan import Job, Plan
 from labeling.study import DatasetStudy
 
@@ -38,6 +41,7 @@ def generate(
     progress: Progress | None = None,
     source: Source | None = None,
     tell: Callable[[str, Sequence[str]], None] | None = None,
+    note: Note | None = None,
 ) -> Dataset:
     """Make a study's dataset in a folder, or finish it where it was begun, and open it.
 
@@ -45,7 +49,8 @@ def generate(
     progress: counts samples where the study asks for windows, episodes otherwise.
     source: where motion comes from, SUMO when absent. tell: is given each scenario of
     whose configuration something is overridden, and those options.
-    Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed.
+    Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
+    nothing can be written.
     """
     source = source or SumoSource(study.traffic, study.maneuvers)
     scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
@@ -62,33 +67,59 @@ def generate(
             plan.add(files[file], shard)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
-            _make_missing(task, plan, engine or LocalEngine(1), progress or (lambda done, total: None))
+            noted = partial(log.record, out, note)
+            _make_missing(task, plan, engine or LocalEngine(1), progress or (lambda done, total: None), noted)
         run = plan.run()
         shards, lost = [s for s in run if isinstance(s, Shard)], [s for s in run if isinstance(s, Lost)]
         finish(out, started, shards, lost, plan.short())
     return Dataset.open(out)
 
 
-def _make_missing(task: Callable[[Job], Shard | InputError], plan: Plan, engine: Engine, progress: Progress) -> None:
+@dataclass(frozen=True)
+class Made:
+    """An episode's shard, and how many warnings SUMO had on the way."""
+
+    shard: Shard
+    warnings: int
+
+
+def _make_missing(
+    task: Callable[[Job], Made | InputError | OutputError], plan: Plan, engine: Engine, progress: Progress, note: Note
+) -> None:
     """Make the episodes that the plan still needs."""
     progress(*plan.progress())
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.result, InputError):
-                raise outcome.result
-            job = outcome.item
-            plan.add(job, outcome.result or Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error)))
+            job, result = outcome.item, outcome.result
+            if isinstance(result, InputError | OutputError):
+                raise result
+            if result is not None:
+                plan.add(job, result.shard)
+                note(log.made(result.shard, outcome, result.warnings))
+            else:
+                lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
+                plan.add(job, lost)
+                spent = {"seconds": outcome.seconds, "retries": outcome.retries}
+                note(Entry(**lost.model_dump(), outcome="lost", **spent))
             progress(*plan.progress())
             if plan.done:
                 return
 
 
-def _work(study: DatasetStudy, source: Source, fingerprint: str, folder: Path, job: Job) -> Shard | InputError:
-    """Make one episode's shard; runs in a worker. A fault of the input is returned: trying again would not mend it."""
+def _work(
+    study: DatasetStudy, source: Source, fingerprint: str, folder: Path, job: Job
+) -> Made | InputError | OutputError:
+    """Make one episode's shard; runs in a worker. A fault that another try would not mend is returned."""
     try:
-        return make_shard(study, source, _load(source, job.where), job.seed, folder, fingerprint)
-    except InputError as error:
+        scenario = _load(source, job.where)
+        recording = source.record(scenario, job.seed)
+        return Made(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
+    except (InputError, OutputError) as error:
         return error
+    except OSError as error:
+        if error.errno in NO_ROOM:
+            return output_error(error.filename or folder, error)
+        raise
 
 
 @lru_cache(maxsize=4)

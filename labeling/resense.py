@@ -16,15 +16,17 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from isacsim.errors import InputError, RunError
+from isacsim.errors import InputError, OutputError, RunError
 from isacsim.onboard import Carrier, RadarSettings, sense_onboard
 from isacsim.scenario import Site
 from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings, sense
 from isacsim.settings import Settings
+from labeling import log
 from labeling.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
 from labeling.engine import Engine, LocalEngine
 from labeling.episode import UNSEEN, median_error_m, record_key
 from labeling.folder import Progress, claimed, fingerprint, finish, standing, versions
+from labeling.log import Note
 from labeling.shard import read_samples
 from labeling.study import checked
 
@@ -73,12 +75,13 @@ def resense(
     out: Path,
     engine: Engine | None = None,
     progress: Progress | None = None,
+    note: Note | None = None,
 ) -> Dataset:
     """Sense a dataset's records anew into another folder, or finish it where it was begun, and open it.
 
     With a dataset's own settings its `tv` comes out the same, to the bit. Records that the sensor cannot use are left
     out, and counted in their episode. engine: what senses the shards, one worker process when absent; the samples do
-    not depend on it. progress: counts records.
+    not depend on it. progress: counts records. note: is given every shard as it ends; the log has them in any case.
     Raises InputError where settings, dataset or folder are at fault, RunError where a shard fails.
     """
     _check(dataset, settings, out)
@@ -92,7 +95,8 @@ def resense(
         missing = [job for job in jobs if job.shard.file not in made]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
-            _make(task, jobs, made, engine or LocalEngine(1), progress or (lambda done, total: None))
+            noted = partial(log.record, out, note)
+            _make(task, jobs, made, engine or LocalEngine(1), progress or (lambda done, total: None), noted)
         finish(out, started, [made[job.shard.file] for job in jobs], dataset.meta.lost, dataset.meta.short)
     return Dataset.open(out)
 
@@ -110,11 +114,12 @@ def plan(shards: Sequence[Shard], records: int | None) -> list[Job]:
 
 
 def _make(
-    task: Callable[[Job], Shard | InputError],
+    task: Callable[[Job], Shard | InputError | OutputError],
     jobs: Sequence[Job],
     made: dict[str, Shard],
     engine: Engine,
     progress: Progress,
+    note: Note,
 ) -> None:
     """Sense the shards that are not among those made, and add them there."""
     total = sum(job.records for job in jobs)
@@ -122,20 +127,23 @@ def _make(
     progress(done, total)
     with closing(engine.run(task, [job for job in jobs if job.shard.file not in made])) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.result, InputError):
+            if isinstance(outcome.result, InputError | OutputError):
                 raise outcome.result
             if outcome.result is None:
                 raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
             made[outcome.item.shard.file] = outcome.result
+            note(log.made(outcome.result, outcome))
             done += outcome.item.records
             progress(done, total)
 
 
-def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job) -> Shard | InputError:
-    """Sense one shard; runs in a worker. A fault of the input is returned: trying again would not mend it."""
+def _work(
+    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job
+) -> Shard | InputError | OutputError:
+    """Sense one shard; runs in a worker. A fault that another try would not mend is returned."""
     try:
         return _sense_shard(dataset, settings, mark, folder, job)
-    except InputError as error:
+    except (InputError, OutputError) as error:
         return error
 
 

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
 from labeling.intentions import Intention
 
@@ -139,7 +139,7 @@ SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
     """Write an episode's samples, perhaps none, as one shard into a folder: whole, or not at all.
 
-    tv_length, uv_length: samples a record, which every sample must have.
+    tv_length, uv_length: samples a record, which every sample must have. Raises OutputError.
     """
     columns = schema(tv_length, uv_length)
     table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
@@ -148,17 +148,18 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
     path = folder / shard_name(episode.scenario, episode.seed)
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        pq.write_table(
-            table,
-            partial,
-            compression="zstd",
-            write_page_checksum=True,
-            row_group_size=ROW_GROUP,
-            use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
-            use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
-        )
-        _flush_to_disk(partial)
-        partial.replace(path)
+        with writing(path):
+            pq.write_table(
+                table,
+                partial,
+                compression="zstd",
+                write_page_checksum=True,
+                row_group_size=ROW_GROUP,
+                use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
+                use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
+            )
+            _flush_to_disk(partial)
+            partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
     return _describe(path, table, episode)

@@ -1,3 +1,4 @@
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from isacsim.maneuvers import ManeuverSettings
 from isacsim.motion import condition
 from isacsim.recording import COLUMNS, Recording
 from isacsim.scenario import load
-from isacsim.traffic import TrafficSettings, record, session
+from isacsim.traffic import WARNING, TrafficSettings, record, session
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
 SHORT = TrafficSettings(run_in_s=40.0, duration_s=15.0)
@@ -105,3 +106,21 @@ def test_broken_demand_is_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nowhere") as caught:
         record(scenario, 1, SHORT, NONE)
     assert "\n" not in str(caught.value)
+
+
+def test_warnings_are_counted_and_not_shown(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """One car is driven into another: SUMO warns once of the collision."""
+    cars = vehicle("ahead", lane=0, position=100.0) + vehicle("behind", depart=1.0, lane=0, position=20.0)
+    messages: Counter[str] = Counter()
+    with session(load(str(straight_road(tmp_path / "r", cars, lanes=1))), 1, TrafficSettings(), messages) as sumo:
+        for _ in range(200):
+            sumo.simulationStep()
+        sumo.vehicle.setSpeedMode("behind", 0)
+        sumo.vehicle.setSpeed("ahead", 0.0)
+        sumo.vehicle.setSpeed("behind", 36.0)
+        while not sumo.simulation.getCollisions():
+            sumo.simulationStep()
+        sumo.vehicle.remove("behind")
+        sumo.simulationStep()
+    assert messages[WARNING] >= 1
+    assert "Warning" not in capfd.readouterr().err

@@ -36,7 +36,7 @@ class ScriptedSource:
 
     empty: seeds without traffic. broken: seeds whose simulation raises. wrong: seeds whose scenario is at fault.
     deadly: seeds that end the worker process. frail: a folder; each seed ends its worker once, which is noted there.
-    pause_s: time that each episode takes besides.
+    pause_s: time that each episode takes besides. warnings: that each simulation has.
     """
 
     folder: Path
@@ -46,6 +46,7 @@ class ScriptedSource:
     deadly: tuple[int, ...] = ()
     frail: Path | None = None
     pause_s: float = 0.0
+    warnings: int = 0
 
     def load(self, where: str) -> Scenario:
         network = self.folder / "road.net.xml"
@@ -62,7 +63,13 @@ class ScriptedSource:
             os._exit(1)
         tracks = [] if seed in self.empty else [track for n in range(2) for track in _pair(seed, n)]
         return Recording(
-            scenario.name, seed, STEP_S, LANES, {track.vehicle: track for track in tracks}, (), Incidents(("c",), ())
+            scenario.name,
+            seed,
+            STEP_S,
+            LANES,
+            {track.vehicle: track for track in tracks},
+            incidents=Incidents(("c",), ()),
+            warnings=self.warnings,
         )
 
     def _first_time(self, seed: int) -> bool:
@@ -88,9 +95,7 @@ def _pair(seed: int, number: int) -> list[Track]:
 
 def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) -> Track:
     lane = (aside > LANE_M / 2).astype(np.int32)
-    return Track(
-        vehicle, "passenger", 4.5, 1.8, 0, x, LANE_M / 2 + aside, speed, lane, x.copy(), aside - LANE_M * lane
-    )
+    return Track(vehicle, "passenger", 4.5, 1.8, 0, x, LANE_M / 2 + aside, speed, lane, x.copy(), aside - LANE_M * lane)
 
 
 class InlineEngine:

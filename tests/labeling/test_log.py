@@ -1,0 +1,74 @@
+"""The log of a dataset: a line an episode, outside every digest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from scripted import InlineEngine, ScriptedSource, small_study
+
+from isacsim.errors import OutputError
+from labeling import log
+from labeling.dataset import Dataset
+from labeling.engine import LocalEngine
+from labeling.generate import generate
+from labeling.log import Entry
+from labeling.resense import ResenseSettings, own_sensing, resense
+
+INLINE = InlineEngine()
+
+
+def lines(folder: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+
+
+def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
+    """One is made at once, one in the second try, one never: each says so, and what SUMO had to say."""
+    (tmp_path / "died").mkdir()
+    (tmp_path / "died" / "1").touch()
+    source = ScriptedSource(tmp_path, broken=(3,), frail=tmp_path / "died", warnings=7)
+    noted: list[Entry] = []
+    study = small_study(seeds={"first": 1, "last": 3})
+    made = generate(study, tmp_path / "data", LocalEngine(1), source=source, note=noted.append)
+    found = {each["seed"]: each for each in lines(made.path)}
+    assert [each.model_dump(mode="json") for each in noted] == lines(made.path)
+    assert (found[1]["outcome"], found[1]["retries"], found[1]["reason"]) == ("made", 0, None)
+    assert (found[1]["samples"], found[1]["collided"], found[1]["warnings"]) == (2, 1, 7)
+    assert found[1]["events"] == made.meta.shards[0].episode.events
+    assert float(str(found[1]["seconds"])) > 0
+    assert (found[2]["outcome"], found[2]["retries"]) == ("made", 1)
+    assert (found[3]["outcome"], found[3]["retries"], found[3]["reason"]) == (
+        "lost", 2, "RuntimeError: the simulation broke",
+    )  # fmt: skip
+    assert str(noted[-1]).startswith("road-3: lost, RuntimeError: the simulation broke")
+
+
+def test_the_log_is_no_part_of_the_dataset(tmp_path: Path) -> None:
+    """Without it, or with half a line of a killed command in it, the dataset stays what it is and goes on."""
+    source, study = ScriptedSource(tmp_path), small_study(seeds={"first": 1, "last": 2})
+    made = generate(study, tmp_path / "data", INLINE, source=source)
+    (made.path / "log.jsonl").write_text('{"scenario": "ro')
+    made.verify()
+    assert generate(study, made.path, INLINE, source=source).digest == made.digest
+    made.shard_path(made.meta.shards[1]).unlink()
+    assert generate(study, made.path, INLINE, source=source).digest == made.digest
+    first, second = (made.path / "log.jsonl").read_text().splitlines()
+    assert first == '{"scenario": "ro'
+    assert json.loads(second)["seed"] == 2
+    (made.path / "log.jsonl").unlink()
+    assert Dataset.open(made.path).digest == made.digest
+
+
+def test_sensing_anew_is_logged_too(tmp_path: Path) -> None:
+    made = generate(
+        small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", INLINE, source=ScriptedSource(tmp_path)
+    )
+    again = resense(made, ResenseSettings(sensing=own_sensing(made)), tmp_path / "again", INLINE)
+    assert [(each["seed"], each["samples"]) for each in lines(again.path)] == [(1, 2), (2, 2)]
+
+
+def test_a_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / log.LOG_FILE).mkdir()
+    with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written \(Is a directory\)"):
+        log.append(tmp_path, Entry(scenario="road", seed=1, outcome="lost"))
