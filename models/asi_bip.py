@@ -77,7 +77,7 @@ class AsiBip(WindowNetwork):
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
         """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
-        tokens = [self.class_token.expand(len(tv), -1, -1)]
+        tokens = [self.class_token.expand(tv.shape[0], -1, -1)]
         if self.tv_branch is not None:
             if self.settings.tv_stride > 1:
                 tv = nn.functional.avg_pool1d(tv, self.settings.tv_stride, ceil_mode=True)

@@ -95,7 +95,7 @@ class StreamEncoder(nn.Module):
         mask = None
         if self.causal:
             mask = torch.ones(x.shape[1], x.shape[1], dtype=torch.bool, device=x.device).triu(1)
-        return torch.as_tensor(self.encoder(x, mask=mask))
+        return torch.as_tensor(self.encoder(x, mask=mask, is_causal=self.causal))
 
 
 def positions(length: int, width: int) -> Tensor:
@@ -236,4 +236,4 @@ class Castformer(WindowNetwork):
 def in_frames(x: Tensor, size: int, count: int) -> Tensor:
     """The last `count` frames of `size` samples of a stream (B, 6, T), (B, count, 6 size)."""
     x = x[:, :, x.shape[2] - count * size :]
-    return x.reshape(len(x), x.shape[1], count, size).transpose(1, 2).flatten(2)
+    return x.reshape(x.shape[0], x.shape[1], count, size).transpose(1, 2).flatten(2)

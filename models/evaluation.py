@@ -264,6 +264,9 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
         each["name"]: each["by_lead_time"] for each in result["compared"]
     }
     figures.lead_time(rows, folder / "lead_time.png")
+    if "by_window_end" in result:
+        ends = {each["name"]: each["by_window_end"] for each in (result, *result["compared"])}
+        figures.window_end(ends, result["windows"]["sweep"]["relative_to"], folder / "window_end.png")
     if (run.path / HISTORY_FILE).exists():
         figures.loss_curves(pd.read_csv(run.path / HISTORY_FILE), folder / "loss.png")
     if mine.unknown.any():

@@ -125,6 +125,19 @@ def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least
         axes.invert_xaxis()
 
 
+def window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str, path: Path) -> None:
+    """Macro-F1 against the time at which every window ends, a line a predictor; rows: of `by_window_end`."""
+    with figure(path, 7, 3.8) as drawn:
+        axes = drawn.subplots()
+        for name, ends in rows.items():
+            kept = [e for e in ends if e["macro_f1"] is not None]
+            axes.plot([e["end_s"] for e in kept], [e["macro_f1"] for e in kept], "o-", ms=4, label=name)
+        axes.axvline(0, color=GREY, lw=1, ls="--")
+        axes.set(xlabel=f"end of window after {relative_to}, s", ylabel="macro-F1", ylim=(0, 1.02))
+        axes.set_title("What a later window is worth")
+        axes.legend(loc="lower right")
+
+
 def _middles(bins: Sequence[Mapping[str, Any]]) -> list[float]:
     return [(b["from_s"] + b["to_s"]) / 2 for b in bins]
 

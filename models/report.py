@@ -31,6 +31,7 @@ FIGURES = {
     "record.png": "One record of an unseen seed: the target vehicle as the sites sensed it, over the truth.",
     "confusion.png": "Where the windows of each intention went.",
     "lead_time.png": "Score against the time left until the maneuver commits.",
+    "window_end.png": "Score against the time at which every window ends.",
     "unknown_roc.png": "Telling the intentions that were trained apart from following, which was not.",
     "loss.png": "Training.",
 }

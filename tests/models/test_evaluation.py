@@ -215,3 +215,4 @@ def test_a_sweep_measures_at_fixed_ends(
         assert row["n"] == (label < 6).sum()
         assert row["accuracy"] == pytest.approx((said == label)[label < 6].mean())
     assert rows[0]["accuracy"] < rows[-1]["accuracy"]
+    assert (tmp_path / "out" / "window_end.png").stat().st_size > 5000
