@@ -15,6 +15,7 @@ from labeling.arguments import channel, resense_settings
 from labeling.dataset import Dataset, Shard
 from labeling.engine import LocalEngine
 from labeling.generate import generate
+from labeling.log import LOG_FILE
 from labeling.resense import ResenseSettings, own_sensing, plan, resense
 from labeling.shard import Episode
 from labeling.summary import summary
@@ -45,7 +46,9 @@ def anew(dataset: Dataset, tmp_path: Path) -> Anew:
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """Every file of a dataset but its log, which tells the time that each shard took."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != LOG_FILE)
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def position_error_m(dataset: Dataset) -> float:
