@@ -244,7 +244,15 @@ class Dataset:
 
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
         for shard in self.meta.shards:
-            yield pq.ParquetFile(self.shard_path(shard)).read(columns)
+            path = self.shard_path(shard)
+            try:
+                yield pq.ParquetFile(path).read(columns)
+            except (OSError, ValueError) as error:
+                reason = " ".join(str(error).split())
+                raise InputError(
+                    f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same "
+                    f"`{self.meta.maker}` again"
+                ) from None
 
     def _faults(self, shard: Shard) -> Iterator[str]:
         path = self.shard_path(shard)

@@ -54,13 +54,23 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
             raise InputError(
                 f"{out}: holds the dataset of another study ({_difference(before, started)}); choose another folder"
             )
+        _prepare(out)
+        if before is None:
+            write_meta(out, started)
+        yield
+
+
+def _prepare(out: Path) -> None:
+    """Make the folder's parts, and clear what a killed command left half-written. Raises InputError."""
+    try:
         for folder in (out / SHARDS, out / ROADS):
             folder.mkdir(exist_ok=True)
         for partial_file in [*out.glob(".*.json.*"), *out.glob(f"{SHARDS}/.*.parquet.*")]:
             partial_file.unlink()
-        if before is None:
-            write_meta(out, started)
-        yield
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}); mend that, or choose another folder") from None
+    if not all(os.access(folder, os.W_OK, effective_ids=True) for folder in (out, out / SHARDS, out / ROADS)):
+        raise InputError(f"{out}: is read-only; let the command write there, or choose another folder")
 
 
 @contextmanager

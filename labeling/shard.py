@@ -7,6 +7,7 @@ equal bytes, so that a shard's SHA-256 digest says whether two runs made the sam
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections import Counter
 from collections.abc import Sequence
@@ -186,9 +187,15 @@ def read_shard(path: Path) -> Shard:
     """What a shard holds, from its own bytes, all of them read. Raises InputError where it is damaged or no shard."""
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
-        episode = Episode.model_validate_json(table.schema.metadata[_EPISODE_KEY])
+        stored = json.loads(table.schema.metadata[_EPISODE_KEY])
+        if (version := stored.get("schema_version")) != SCHEMA_VERSION:
+            raise InputError(
+                f"{path}: a shard of schema version {version}, not {SCHEMA_VERSION}; read it with the tool's version "
+                "that made it, or delete it and generate again"
+            )
+        episode = Episode.model_validate(stored)
         return _describe(path, table, episode)
-    except (KeyError, TypeError, OSError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: not a whole shard of a dataset ({reason}); delete it and generate again") from None
 

@@ -98,6 +98,8 @@ def _events_table(found: dict[str, dict[str, Any]]) -> Table:
 def faults(found: dict[str, Any]) -> list[str]:
     """What is amiss with a dataset by its summary, a line each."""
     lines = [f"episode {each['scenario']}-{each['seed']} was left out: {each['reason']}" for each in found["lost"]]
+    if not found["samples"]:
+        lines.append("no sample was found; what candidates there were, and why they were left out, stands above")
     if found["short"]:
         lines.append(f"the seeds ended before the study's least number was reached of: {', '.join(found['short'])}")
     if few := too_few_seeds(found["distributions"]):

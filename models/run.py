@@ -28,7 +28,7 @@ import torch
 from pydantic import Field, ValidationError
 from torch import nn
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.castformer import Castformer, CastformerSettings
@@ -259,8 +259,9 @@ def replace(path: Path, write: Callable[[Path], object]) -> None:
     """Write a file by temporary file and rename; `write` gets the temporary path, with the same suffix."""
     partial = path.with_name(f".{os.getpid()}-{path.name}")
     try:
-        write(partial)
-        partial.replace(path)
+        with writing(path):
+            write(partial)
+            partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 
