@@ -300,7 +300,7 @@ def network_sites(
 
 @app.command()
 def bench(
-    what: Annotated[str, typer.Argument(metavar="echo|traffic|generate", help="What to time.")],
+    what: Annotated[str, typer.Argument(metavar="echo|traffic|generate|train|infer", help="What to time.")],
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:

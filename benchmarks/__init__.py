@@ -5,7 +5,7 @@ from typing import Any
 
 from isacsim.errors import InputError
 
-NAMES = ("echo", "traffic", "generate")
+NAMES = ("echo", "traffic", "generate", "train", "infer")
 
 
 def run(name: str) -> dict[str, Any]:

@@ -1,0 +1,99 @@
+"""Speed of training ASI-BIP: pooled tokens against the paper read literally.
+
+- pooled: the network of `models.asi_bip` with its defaults.
+- literal: every LSTM output a token, and PyTorch's default dropout, that of attention weights included, as a module
+  written straight from the paper has it.
+
+Steps are full ones: windows cut, forward, focal loss, backward, Adam, in batches of 32 windows of 2.2 s. Epochs of
+4,800 windows are extrapolated from a few steps; both sides take turns, so that a busy machine slows both. One thread.
+
+Run: python -m benchmarks.train
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+
+from models.asi_bip import AsiBip, AsiBipSettings
+from models.losses import focal_loss
+from models.windows import Ends, Records, WindowSettings, cut
+
+BATCH, EPOCH = 32, 4800
+TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
+CLASSES = 6
+ROUNDS, POOLED_STEPS, LITERAL_STEPS = 2, 4, 1
+PYTORCH_DROPOUT = 0.1
+LITERAL = AsiBipSettings(tokens="literal", dropout=PYTORCH_DROPOUT, attention_dropout=PYTORCH_DROPOUT)
+
+
+def run() -> dict[str, Any]:
+    """Measure; keys `ratio` (literal over pooled), `epoch_s` of both, and what they rest on."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return _measured()
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _measured() -> dict[str, Any]:
+    pooled, literal = stepping(AsiBipSettings()), stepping(LITERAL)
+    pooled()
+    rounds = [(_seconds(pooled, POOLED_STEPS), _seconds(literal, LITERAL_STEPS)) for _ in range(ROUNDS)]
+    fast, slow = (float(np.median(side)) for side in zip(*rounds, strict=True))
+    steps = EPOCH / BATCH
+    return {
+        "ratio": round(float(np.median([b / a for a, b in rounds])), 2),
+        "ratio_of": "seconds of a literal training step with PyTorch's default dropout over those of a pooled one",
+        "epoch_s": {"pooled": round(fast * steps, 1), "literal": round(slow * steps, 1)},
+        "step_s": {"pooled": round(fast, 4), "literal": round(slow, 4)},
+        "settings": {"batch": BATCH, "windows_an_epoch": EPOCH, "window_s": WindowSettings().window_s, "threads": 1},
+        "steps_timed": {"pooled": ROUNDS * POOLED_STEPS, "literal": ROUNDS * LITERAL_STEPS},
+    }
+
+
+def stepping(settings: AsiBipSettings) -> Callable[[], None]:
+    """One training step of such a network on windows of made-up records."""
+    torch.manual_seed(0)
+    windows, records = WindowSettings(), made_up_records(BATCH)
+    lengths = round(windows.window_s * TV_RATE_HZ), round(windows.window_s * UV_RATE_HZ)
+    network = AsiBip(settings, CLASSES, *lengths).train()
+    adam = torch.optim.AdamW(network.parameters(), 1e-4, weight_decay=0.0)
+    ends = Ends(np.arange(BATCH), np.full(BATCH, 450))
+    label = torch.tensor(records.label)
+
+    def step() -> None:
+        given = cut(records, ends, windows)
+        loss = focal_loss(network(torch.from_numpy(given.tv), torch.from_numpy(given.uv)), label)
+        adam.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        adam.step()
+
+    return step
+
+
+def made_up_records(count: int) -> Records:
+    """Records of 5 s of noise: how long a step takes does not depend on the values."""
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"label": np.arange(count) % CLASSES})
+    tv, uv = (rng.normal(size=(count, 6, round(5 * rate))).astype(np.float32) for rate in (TV_RATE_HZ, UV_RATE_HZ))
+    return Records(tv, uv, TV_RATE_HZ, UV_RATE_HZ, table)
+
+
+def _seconds(step: Callable[[], None], count: int) -> float:
+    """Of one step, over `count` of them."""
+    begin = time.perf_counter()
+    for _ in range(count):
+        step()
+    return (time.perf_counter() - begin) / count
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(), indent=2))

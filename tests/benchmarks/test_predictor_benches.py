@@ -1,0 +1,38 @@
+"""The benches of training and inference, made small: what they report, not how fast."""
+
+from __future__ import annotations
+
+import pytest
+
+import benchmarks.infer
+import benchmarks.train
+from models.asi_bip import AsiBipSettings
+
+SMALL = {"hidden": 4, "width": 8, "heads": 2, "feedforward": 8}
+
+
+def test_train_extrapolates_epochs_of_both_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmarks.train, "BATCH", 2)
+    monkeypatch.setattr(benchmarks.train, "EPOCH", 20)
+    literal = benchmarks.train.LITERAL
+    assert literal.tokens == "literal"
+    assert literal.attention_dropout == literal.dropout == 0.1
+    monkeypatch.setattr(benchmarks.train, "LITERAL", literal.model_copy(update=SMALL))
+    monkeypatch.setattr(benchmarks.train, "AsiBipSettings", lambda: AsiBipSettings.model_validate(SMALL))
+    found = benchmarks.train.run()
+    assert set(found["epoch_s"]) == set(found["step_s"]) == {"pooled", "literal"}
+    for name in ("pooled", "literal"):
+        assert found["epoch_s"][name] == pytest.approx(10 * found["step_s"][name], abs=0.06)
+    assert found["ratio"] > 0
+
+
+def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = dict(list(benchmarks.infer.networks().items())[2:])
+    monkeypatch.setattr(benchmarks.infer, "ROUNDS", 1)
+    monkeypatch.setattr(benchmarks.infer, "BATCH", 2)
+    stood_in = {"asi-bip": small["aligned"], "asi-bip literal": small["aligned"], **small}
+    monkeypatch.setattr(benchmarks.infer, "networks", lambda: stood_in)
+    found = benchmarks.infer.run()
+    assert set(found["window_ms"]) == set(found["window_ms_of_a_batch"]) == set(stood_in)
+    assert all(value > 0 for value in found["window_ms"].values())
+    assert found["parameters"]["castformer"] == small["castformer"].parameter_count
