@@ -138,6 +138,8 @@ class Director:
         """A maneuver with drawn parameters, or none where the surroundings do not allow it."""
         draw = self.rng.uniform
         speed = sumo.vehicle.getSpeed(vehicle)
+        if kind != "hard_brake" and self._junction_ahead(sumo, vehicle, 30.0 + 6.0 * speed):
+            return None
         leader = sumo.vehicle.getLeader(vehicle, 150.0)
         room = leader[1] if leader else np.inf
         if kind == "hard_brake" and speed > 14.0:
@@ -174,6 +176,16 @@ class Director:
             if sides:
                 return CutIn(vehicle, sides[0])
         return None
+
+    @staticmethod
+    def _junction_ahead(sumo: Any, vehicle: str, within_m: float) -> bool:
+        """Whether the vehicle comes to a signal or has to give way within a distance: what is commanded ignores both."""
+        if any(distance < within_m for _, _, distance, _ in sumo.vehicle.getNextTLS(vehicle)):
+            return True
+        edge = sumo.vehicle.getRoadID(vehicle)
+        left_m = sumo.lane.getLength(sumo.vehicle.getLaneID(vehicle)) - sumo.vehicle.getLanePosition(vehicle)
+        yields = any(not has_priority for _, has_priority, *_ in sumo.lane.getLinks(sumo.vehicle.getLaneID(vehicle)))
+        return bool(edge.startswith(":") or (yields and left_m < within_m))
 
     @staticmethod
     def _is_car(sumo: Any, vehicle: str) -> bool:
