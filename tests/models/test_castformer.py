@@ -54,7 +54,14 @@ def other(**changes: object) -> CastformerSettings:
 
 @pytest.mark.parametrize("order", get_args(Order))
 @pytest.mark.parametrize("attention", get_args(Attention))
-def test_a_change_at_a_frame_moves_nothing_before_it(order: Order, attention: Attention) -> None:
+@pytest.mark.parametrize("gradients", [True, False])
+def test_a_change_at_a_frame_moves_nothing_before_it(order: Order, attention: Attention, gradients: bool) -> None:
+    # Torch takes another path through its encoders without gradients.
+    with torch.set_grad_enabled(gradients):
+        assert_causal(order, attention)
+
+
+def assert_causal(order: Order, attention: Attention) -> None:
     net, streams = core(other(order=order, attention=attention)), given()
     before = net.states(*streams)
     for k, at in itertools.product(range(3), (1, FRAMES - 2)):
