@@ -179,7 +179,7 @@ class Director:
 
     @staticmethod
     def _junction_ahead(sumo: Any, vehicle: str, within_m: float) -> bool:
-        """Whether the vehicle comes to a signal or has to give way within a distance: what is commanded ignores both."""
+        """Whether a signal or a duty to give way is within a distance: what is commanded ignores both."""
         if any(distance < within_m for _, _, distance, _ in sumo.vehicle.getNextTLS(vehicle)):
             return True
         edge = sumo.vehicle.getRoadID(vehicle)

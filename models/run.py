@@ -30,6 +30,7 @@ from torch import nn
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
+from labeling.intentions import KNOWN
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
@@ -165,13 +166,18 @@ class NetworkPredictor:
 
 @dataclass(frozen=True)
 class TreesPredictor:
-    """Trained trees; their features are the window's statistics."""
+    """Trained trees; their features are the window's statistics. An intention they never saw is all but ruled out."""
 
     trees: Any
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)
-        return Outputs(np.asarray(self.trees.decision_function(features)), features.astype(np.float64))
+        said = np.asarray(self.trees.decision_function(features))
+        if said.ndim == 1:  # of two classes, the second's log-odds
+            said = np.stack([np.zeros_like(said), said], axis=1)
+        logits = np.repeat(said.min(axis=1, keepdims=True) + np.log(LEAST_PROBABILITY), len(KNOWN), axis=1)
+        logits[:, self.trees.classes_] = said
+        return Outputs(logits, features.astype(np.float64))
 
 
 @dataclass(frozen=True)

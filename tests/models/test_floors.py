@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from made_up import MADE_OF, SMALL_RUN, make_records
 
 from models.floors import STATISTICS, TreesSettings, fit_trees, statistics
-from models.run import Run, load_run
+from models.run import Run, TreesPredictor, load_run
 from models.training import train_records
 from models.windows import Records, Windows, WindowSettings, cut, draw_ends
 
@@ -48,3 +49,19 @@ def test_the_ensemble_says_the_mean_of_both(records: Records, network_run: Run, 
     np.testing.assert_allclose(said.probabilities, (network.probabilities + trees.probabilities) / 2, atol=1e-6)
     np.testing.assert_array_equal(said.features, network.features)
     np.testing.assert_array_equal(run.reference[0], network_run.reference[0])
+
+
+@pytest.mark.parametrize("taught", [(0, 3), (0, 2, 5)])
+def test_an_intention_that_trees_never_saw_keeps_its_place_among_the_logits(taught: tuple[int, ...]) -> None:
+    """An urban network may have no overtakes: the answers are still about six intentions, in their order."""
+    records = make_records(4, 2)
+    records = records.take(np.isin(records.label, taught))
+    ends = draw_ends(records, WindowSettings(), "test")
+    windows, label = cut(records, ends, WindowSettings()), records.label[ends.row]
+    trees = fit_trees(statistics(windows), label, TreesSettings(rounds=10), seed=3, threads=1)
+    said = TreesPredictor(trees)(windows)
+    assert said.logits.shape == (len(label), 6)
+    np.testing.assert_array_equal(said.logits.argmax(axis=1), trees.predict(statistics(windows)))
+    expected = np.zeros((len(label), 6))
+    expected[:, list(taught)] = trees.predict_proba(statistics(windows))
+    np.testing.assert_allclose(said.probabilities, expected, atol=1e-9)
