@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from labeling.dataset import Dataset
     from labeling.engine import Engine
     from labeling.log import Note
+    from labeling.study import DatasetStudy
 
 app = typer.Typer(
     add_completion=False,
@@ -62,6 +63,9 @@ def run(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder to write; results/<study> when absent.")
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only tell what it would take, about; nothing is written.")
+    ] = False,
     jobs: Jobs = None,
     cluster: Cluster = None,
     as_json: AsJson = False,
@@ -77,6 +81,9 @@ def run(
 
     began = time.monotonic()
     console, content = _console(quiet), read_study(study)
+    if dry_run:
+        _show_estimate(content.dataset, jobs or _cores(), console, as_json)
+        return
     folder = out or Path("results") / content.name
 
     def make(where: Path) -> Dataset:
@@ -355,6 +362,21 @@ def _show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     for fault in faults(found):
         print(f"warning: {fault}", file=sys.stderr)
     return found
+
+
+def _show_estimate(study: DatasetStudy, jobs: int, console: Console, as_json: bool) -> None:
+    """What a study would take, for people and as JSON."""
+    from labeling.estimate import estimate
+
+    found = estimate(study)
+    seconds = found.cpu_s / min(jobs, found.episodes)
+    console.print(f"1 cell: about {found.episodes} episodes, {found.samples} samples, {found.bytes / 1e6:.0f} MB")
+    console.print(
+        f"about {found.cpu_s / 60:.0f} minutes of processor time, {seconds / 60:.0f} minutes on {jobs} workers"
+    )
+    console.print("by what the bundled motorway takes; training and evaluation come on top", soft_wrap=True)
+    if as_json:
+        print(json.dumps({"cells": 1, **dataclasses.asdict(found), "jobs": jobs, "seconds": round(seconds, 1)}))
 
 
 def _placed(
