@@ -17,10 +17,11 @@ import pytest
 from scripted import InlineEngine, ScriptedSource, small_study
 
 import cosim
-from isacsim.errors import InputError, OutputError, output_error
+from isacsim.errors import InputError, OutputError, RunError, output_error
 from isacsim.recording import Recording
 from isacsim.scenario import Scenario
 from labeling.dataset import Dataset, read_shard
+from labeling.engine import Engine, LocalEngine
 from labeling.generate import generate
 from labeling.summary import faults, summary
 
@@ -147,7 +148,9 @@ def masts(first: tuple[float, float]) -> str:
     )
 
 
-def on_road(folder: Path, cars: str, lanes: int, first: tuple[float, float] = (60, 80)) -> Dataset:
+def on_road(
+    folder: Path, cars: str, lanes: int, first: tuple[float, float] = (60, 80), engine: Engine = INLINE
+) -> Dataset:
     """A dataset of 40 s of SUMO's traffic on a straight road."""
     scenario = straight_road(folder / "r", cars, masts(first), lanes=lanes)
     study = small_study(
@@ -156,7 +159,7 @@ def on_road(folder: Path, cars: str, lanes: int, first: tuple[float, float] = (6
         traffic={"run_in_s": 30.0, "duration_s": 40.0},
         maneuvers={"rest_s": 1.0},
     )
-    return generate(study, folder / "data", INLINE)
+    return generate(study, folder / "data", engine)
 
 
 def convoy(lane: int) -> str:
@@ -185,3 +188,12 @@ def test_a_site_on_top_of_the_road_sees_what_it_sees(tmp_path: Path) -> None:
     made.verify()
     assert made.meta.samples > 0
     assert max(error for shard in made.meta.shards for error in shard.episode.state_error_m) < 0.5
+
+
+def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> None:
+    """From a worker process, where SUMO's own exceptions cannot leave: a car that wants to enter beyond the limit."""
+    with pytest.raises(RunError) as caught:
+        on_road(tmp_path, vehicle("racer", depart=1.0, lane=0, speed=90.0), 1, engine=LocalEngine(1))
+    assert str(caught.value).startswith("all 1 episodes failed, the first with: r, seed 1: Departure speed for vehicle")
+    (line,) = (tmp_path / "data/log.jsonl").read_text().splitlines()
+    assert (json.loads(line)["outcome"], json.loads(line)["retries"]) == ("lost", 2)
