@@ -34,7 +34,10 @@ SEED = 1
 
 
 def run() -> dict[str, Any]:
-    """Measure; keys `ratio` (traffic alone over the whole episode), `stages_s`, `samples_per_s`, `record_s`."""
+    """Measure.
+
+    Keys `ratio` (traffic alone over the whole episode), `labels_over_traffic`, `stages_s`, `samples_per_s`, `record_s`.
+    """
     with threadpool_limits(1):
         return _measured()
 
@@ -59,6 +62,7 @@ def _measured() -> dict[str, Any]:
     return {
         "ratio": round(stages["traffic"] / whole, 4),
         "ratio_of": "CPU seconds of the traffic alone over those of the whole episode, from simulation to shard",
+        "labels_over_traffic": round((stages["labels"] + stages["candidates"]) / stages["traffic"], 4),
         "stages_s": {name: round(spent, 3) for name, spent in stages.items()},
         "episode_s": round(whole, 3),
         "samples": len(samples),

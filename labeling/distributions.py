@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ SEEDS_TO_SPLIT = 5
 
 
 def distributions(dataset: Dataset) -> dict[str, dict[str, Any]]:
-    """Per intention: samples by scenario, seeds, and quantiles (5, 25, 50, 75, 95 %) over its samples.
+    """Per intention: samples by scenario and by seed, seeds, and quantiles (5, 25, 50, 75, 95 %) over its samples.
 
     duration_s: onset to end. lead_s: onset to commit. peak_along_mps2, peak_across_mps2: of the true acceleration along
     and across the driving direction from onset to the record's end, the value of largest size with its sign (left and
@@ -32,9 +33,11 @@ def distributions(dataset: Dataset) -> dict[str, dict[str, Any]]:
     found = {}
     for intention in Intention:
         mine = frame[frame["intention"] == intention.text]
+        by_seed = Counter(map("{}-{}".format, mine["scenario"], mine["seed"]))
         found[intention.text] = {
             "by_scenario": {str(name): int(n) for name, n in mine.groupby("scenario").size().items()},
-            "seeds": int(mine[["scenario", "seed"]].drop_duplicates().shape[0]),
+            "by_seed": dict(by_seed),
+            "seeds": len(by_seed),
             **{name: _quantiles(mine[name].to_numpy(np.float64)) for name in measured},
         }
     return found
