@@ -111,6 +111,7 @@ def test_a_finished_dataset_is_left_as_it_is(undisturbed: Dataset, source: Scrip
 
 def _generate(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None:
     os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     with contextlib.suppress(KeyboardInterrupt):
         generate(study, folder, LocalEngine(2), source=source)
     sys.exit(130)
@@ -132,7 +133,7 @@ def test_an_interrupted_command_is_resumed(
     os.killpg(process.pid, how)
     process.join(30)
     assert process.exitcode == (130 if how == signal.SIGINT else -signal.SIGKILL)
-    assert list(shards.glob("road-*"))  # what a worker was just finishing may stand too
+    assert 1 <= len(list(shards.glob("road-*"))) < 4
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(folder)
     generate(study, folder, INLINE, source=source)
