@@ -242,8 +242,12 @@ def calibration(logits: Array, label: Ints, temperature: float) -> dict[str, flo
 
 
 def unseen(records: Records, runs: Sequence[Run]) -> Records:
-    """The records of scenario seeds that none of the runs was trained or chosen on."""
-    seen = {group for run in runs for side in ("train", "validation") for group in run.card.split[side]}
+    """The records of scenario seeds that none of the runs was trained or chosen on.
+
+    Seeds that a run with a smaller training share left unused are no test seeds either: runs of all shares are measured
+    on the same ones.
+    """
+    seen = {group for run in runs for side, groups in run.card.split.items() if side != "test" for group in groups}
     left = ~np.isin(records.groups, list(seen))
     if not (left & np.isin(records.label, KNOWN)).any():
         raise InputError("every scenario seed of the dataset was used in training: evaluate on other seeds")

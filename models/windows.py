@@ -65,6 +65,9 @@ class SplitSettings(Settings):
 
     validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds that choose the best epoch")
     test: float = Field(0.25, gt=0, lt=1, description="share of the seeds that nothing is chosen on")
+    training_share: float = Field(
+        1.0, gt=0, le=1, description="share of the training seeds that are used; a smaller share is part of a larger"
+    )
     seed: int = Field(0, description="of the draw among the possible splits")
 
     @model_validator(mode="after")
@@ -286,6 +289,9 @@ def _gather(states: Float32, row: Ints, last: Ints, n: int) -> Array:
 def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
     """The sides `train`, `validation` and `test`, each a sorted list of `<scenario>-<seed>`.
 
+    Training seeds beyond `training_share` are on a side `unused` that is there only with a share below 1: validation
+    and test seeds are the same for every share.
+
     Of many random splits of the seeds the one is taken that leaves the fewest intentions off a side, known ones first,
     and among those the one whose sides hold shares of every intention closest to the asked ones. InputError with fewer
     than 3 seeds.
@@ -304,7 +310,14 @@ def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
     side = np.repeat([0, 1, 2], [len(groups) - n_test - n_validation, n_validation, n_test])
     rng = stream("split", settings.seed)
     best = min((rng.permutation(side) for _ in range(500)), key=lambda s: _imbalance(s, counts, wanted))
-    return {name: groups[best == k].tolist() for k, name in enumerate(("train", "validation", "test"))}
+    sides: dict[str, list[str]] = {
+        name: groups[best == k].tolist() for k, name in enumerate(("train", "validation", "test"))
+    }
+    if settings.training_share < 1:
+        order = stream("training share", settings.seed).permutation(sides["train"]).tolist()
+        used = max(1, round(settings.training_share * len(order)))
+        sides |= {"train": sorted(order[:used]), "unused": sorted(order[used:])}
+    return sides
 
 
 def _imbalance(side: Ints, counts: Array, wanted: Array) -> tuple[int, int, float]:

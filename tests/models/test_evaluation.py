@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -109,6 +110,13 @@ def test_other_traffic_is_all_unseen(network_run: Run) -> None:
     other = make_records(2, 1)
     other.table["scenario"] = "elsewhere"
     assert len(unseen(other, [network_run])) == len(other)
+
+
+def test_seeds_that_a_training_share_left_out_are_not_measured(records: Records, network_run: Run) -> None:
+    split = network_run.card.split
+    fewer = {**split, "train": split["train"][:1], "unused": split["train"][1:]}
+    run = replace(network_run, card=network_run.card.model_copy(update={"split": fewer}))
+    assert sorted(set(unseen(records, [run]).groups)) == split["test"]
 
 
 def test_the_table_and_the_page_say_the_same(evaluated: tuple[dict[str, Any], Path]) -> None:

@@ -194,6 +194,17 @@ def test_a_rare_intention_is_on_each_side() -> None:
     assert {side for side, groups in sides.items() for k in range(3) if f"toy-{k}" in groups} == set(sides)
 
 
+def test_a_smaller_training_share_is_part_of_a_larger_and_moves_no_other_side() -> None:
+    records = make_records(12, 1)
+    whole = split(records, SplitSettings())
+    parts = [split(records, SplitSettings(training_share=share)) for share in (0.1, 0.3, 0.6)]
+    assert [len(part["train"]) for part in parts] == [round(share * len(whole["train"])) for share in (0.1, 0.3, 0.6)]
+    assert set(parts[0]["train"]) < set(parts[1]["train"]) < set(parts[2]["train"]) < set(whole["train"])
+    for part in parts:
+        assert (part["validation"], part["test"]) == (whole["validation"], whole["test"])
+        assert sorted(part["train"] + part["unused"]) == whole["train"]
+
+
 def test_three_seeds_are_the_least() -> None:
     assert [len(side) for side in split(make_records(3, 1), SplitSettings(test=0.6)).values()] == [1, 1, 1]
     with pytest.raises(InputError, match="2 scenario seed"):
