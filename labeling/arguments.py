@@ -27,16 +27,19 @@ def number_range(text: str, option: str, kind: Callable[[str], Any], example: st
     return low, high
 
 
-def channel(snr: str) -> dict[str, Any]:
-    """The channel that --snr names: LO:HI, one value, both dB, or `link`. Raises InputError where it is none."""
+def channel(snr: str, option: str = "--snr") -> dict[str, Any]:
+    """The channel that an SNR names: LO:HI, one value, both dB, or `link`. Raises InputError where it is none.
+
+    option: what the user wrote it behind.
+    """
     if snr == LINK:
         return {"kind": "link"}
     if ":" in snr:
-        return {"kind": "uniform", "snr_range_db": number_range(snr, "--snr", float, "0:10")}
+        return {"kind": "uniform", "snr_range_db": number_range(snr, option, float, "0:10")}
     try:
         return {"kind": "fixed", "snr_db": float(snr)}
     except ValueError:
-        raise InputError(f"--snr {snr}: is no range, value or link; write it like 0:10, 5 or link") from None
+        raise InputError(f"{option} {snr}: is no range, value or link; write it like 0:10, 5 or link") from None
 
 
 def box_of(text: str) -> tuple[float, float, float, float]:
