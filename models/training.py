@@ -64,11 +64,19 @@ def train(dataset: Dataset, out: str | Path, settings: TrainSettings, progress: 
 
 
 def train_records(
-    records: Records, made_of: dict[str, Any], out: str | Path, settings: TrainSettings, progress: Console | None = None
+    records: Records,
+    made_of: dict[str, Any],
+    out: str | Path,
+    settings: TrainSettings,
+    progress: Console | None = None,
+    sides: dict[str, list[str]] | None = None,
 ) -> Run:
-    """`train` on records in memory; made_of: what the run's card says of the dataset, `digest` among it."""
+    """`train` on records in memory; made_of: what the run's card says of the dataset, `digest` among it.
+
+    sides: the scenario seeds to train, validate and test on, as `split` gives them, where they are settled already.
+    """
     folder = Path(out)
-    card = _card(records, made_of, settings)
+    card = _card(records, made_of, settings, sides or split(records, settings.split))
     if _claim(folder, card):
         return load_run(folder)
     known = records.take(np.isin(records.label, KNOWN))
@@ -103,8 +111,7 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     }  # fmt: skip
 
 
-def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings) -> RunCard:
-    sides = split(records, settings.split)
+def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, sides: dict[str, list[str]]) -> RunCard:
     n_tv, n_uv = lengths(records, settings.windows)
     label = records.label[np.isin(records.groups, sides["train"])]
     if len(np.intersect1d(label, KNOWN)) < 2:
