@@ -10,7 +10,8 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -104,18 +105,30 @@ class ClusterEngine:
 
     address: str
 
+    def check(self) -> None:
+        """Raises InputError where no scheduler or no fit worker answers."""
+        with self._connected():
+            pass
+
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+        with self._connected() as client:
+            yield from run_on(client, task, items, lambda: max(1, len(client.nthreads())))
+
+    @contextmanager
+    def _connected(self) -> Iterator[Client]:
+        """A client of the scheduler, whose workers are fit."""
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             client = Client(self.address, timeout=ANSWER_S)
-        except (OSError, TimeoutError, TypeError, ValueError):
+        except Exception as error:  # an address raises whatever its parts make the library raise
             raise InputError(
-                f"--cluster {self.address}: no dask scheduler answers; start one, or mend the address (tcp://HOST:PORT)"
+                f"--cluster {self.address}: no dask scheduler answers ({describe(error)}); start one, or mend the "
+                "address (tcp://HOST:PORT)"
             ) from None
         try:
             with client:
                 self._check(client)
-                yield from run_on(client, task, items, lambda: max(1, len(client.nthreads())))
+                yield client
         except OSError:
             raise RunError(GONE) from None
 
