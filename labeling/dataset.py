@@ -20,12 +20,12 @@ import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from isacsim.errors import InputError, writing
 from isacsim.recording import Lane
 from isacsim.scenario import Site
-from isacsim.settings import Settings
+from isacsim.settings import Settings, read_json
 from labeling.intentions import Intention
 from labeling.shard import (
     ARRAYS,
@@ -298,15 +298,7 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
 
 def read_meta(folder: Path) -> Meta | None:
     """A folder's `dataset.json`, or None where it has none. Raises InputError where it cannot be understood."""
-    path = folder / META_FILE
-    try:
-        return Meta.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {where}: {first['msg']}; it was damaged or made by another version") from None
+    return read_json(Meta, folder / META_FILE)
 
 
 def write_meta(folder: Path, meta: Meta) -> None:

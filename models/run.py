@@ -25,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 import skops.io
 import torch
-from pydantic import Field, ValidationError
+from pydantic import Field
 from torch import nn
 
 from isacsim.errors import InputError, writing
-from isacsim.settings import Settings
+from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.castformer import Castformer, CastformerSettings
@@ -245,15 +245,7 @@ def build_network(card: RunCard) -> WindowNetwork:
 
 def read_card(folder: Path) -> RunCard | None:
     """A folder's `run.json`, or None where it has none. InputError where it is damaged or of another version."""
-    path = folder / CARD_FILE
-    try:
-        return RunCard.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(f"{path}: {where}: {first['msg']}; it was damaged or made by another version") from None
+    return read_json(RunCard, folder / CARD_FILE)
 
 
 def write_card(folder: Path, card: RunCard) -> None:
