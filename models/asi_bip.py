@@ -40,14 +40,18 @@ class AsiBipSettings(Settings):
         False,
         description="train the LSTMs in bfloat16, faster on processors that have it; predictions are always float32",
     )
-    tv_stride: int = Field(
-        1, ge=1, description="extension, not in the paper: TV samples averaged into one before the LSTM; 1 is full rate"
+    tv_patch: int = Field(
+        1, ge=1, description="extension, not in the paper: TV samples that one step of the LSTM takes side by side"
     )
+    uv_patch: int = Field(1, ge=1, description="extension, as tv_patch: UV samples of one step")
 
     @model_validator(mode="after")
-    def _heads_divide(self) -> Self:
+    def _fit_together(self) -> Self:
         if self.width % self.heads:
             raise ValueError(f"width {self.width} is no multiple of heads {self.heads}")
+        for pool, patch in ((self.tv_pool, self.tv_patch), (self.uv_pool, self.uv_patch)):
+            if self.tokens == "pooled" and pool % patch:
+                raise ValueError(f"a token of {pool} samples is no whole number of patches of {patch}")
         return self
 
 
@@ -63,9 +67,15 @@ class AsiBip(WindowNetwork):
         super().__init__(n_classes)
         self.head = linear_head(settings.width, n_classes, settings.dropout)
         self.settings = settings
-        pools = (settings.tv_pool, settings.uv_pool) if settings.tokens == "pooled" else (1, 1)
-        self.tv_branch = Branch(settings, -(-tv_length // settings.tv_stride), pools[0]) if streams != "uv" else None
-        self.uv_branch = Branch(settings, uv_length, pools[1]) if streams != "tv" else None
+        self.tv_branch, self.uv_branch = (
+            Branch(settings, length, patch, pool // patch if settings.tokens == "pooled" else 1)
+            if streams in ("both", name)
+            else None
+            for name, length, patch, pool in (
+                ("tv", tv_length, settings.tv_patch, settings.tv_pool),
+                ("uv", uv_length, settings.uv_patch, settings.uv_pool),
+            )
+        )
         self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
         layer = nn.TransformerEncoderLayer(
             settings.width, settings.heads, settings.feedforward, settings.dropout, "gelu",
@@ -79,8 +89,6 @@ class AsiBip(WindowNetwork):
         """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
         tokens = [self.class_token.expand(tv.shape[0], -1, -1)]
         if self.tv_branch is not None:
-            if self.settings.tv_stride > 1:
-                tv = nn.functional.avg_pool1d(tv, self.settings.tv_stride, ceil_mode=True)
             tokens.append(self.tv_branch(tv))
         if self.uv_branch is not None:
             tokens.append(self.uv_branch(uv))
@@ -88,26 +96,40 @@ class AsiBip(WindowNetwork):
 
 
 class Branch(nn.Module):
-    """One stream: bidirectional LSTM, pooling, projection, learned position and stream embedding."""
+    """One stream: patches, bidirectional LSTM, pooling, projection, learned position and stream embedding.
 
-    def __init__(self, settings: AsiBipSettings, length: int, pool: int) -> None:
+    length: samples of the stream. patch: of them in one step of the LSTM. pool: steps in one token.
+    """
+
+    def __init__(self, settings: AsiBipSettings, length: int, patch: int, pool: int) -> None:
         super().__init__()
-        self.lstm = nn.LSTM(N_STATES, settings.hidden, settings.lstm_layers, bidirectional=True)
-        self.pool = pool
+        self.lstm = nn.LSTM(patch * N_STATES, settings.hidden, settings.lstm_layers, bidirectional=True)
+        self.patch, self.pool = patch, pool
         self.coarse = settings.lstm_bfloat16
         self.project = nn.Linear(2 * settings.hidden, settings.width)
-        self.position = nn.Parameter(0.02 * torch.randn(1, -(-length // pool), settings.width))
+        self.position = nn.Parameter(0.02 * torch.randn(1, -(-length // (patch * pool)), settings.width))
         self.stream = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
         self.dropout = nn.Dropout(settings.dropout)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Tokens (B, ceil(T / pool), width) of a standardised stream (B, 6, T)."""
+        """Tokens (B, ceil(T / (patch pool)), width) of a standardised stream (B, 6, T)."""
         # Time stays the first axis up to the tokens: transposing all LSTM outputs would cost as much as attention does.
         with torch.autocast("cpu", torch.bfloat16, enabled=self.coarse and self.training):
-            out = self.lstm(x.permute(2, 0, 1))[0]
+            out = self.lstm(patches(x, self.patch))[0]
         out = pooled(out.to(x.dtype), self.pool)
         tokens = self.project(out).transpose(0, 1) + self.position + self.stream
         return torch.as_tensor(self.dropout(tokens))
+
+
+def patches(x: Tensor, size: int) -> Tensor:
+    """`size` samples side by side a step, (ceil(T / size), B, 6 size) of a stream (B, 6, T).
+
+    Patches end with the window's last sample; what the first one lacks is filled with the window's first sample.
+    """
+    if size > 1:
+        x = nn.functional.pad(x, (-x.shape[2] % size, 0), mode="replicate")
+        x = x.reshape(*x.shape[:2], -1, size).transpose(2, 3).flatten(1, 2)
+    return x.permute(2, 0, 1)
 
 
 def pooled(x: Tensor, size: int) -> Tensor:

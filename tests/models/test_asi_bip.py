@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from models.asi_bip import AsiBip, AsiBipSettings, Branch
+from models.asi_bip import AsiBip, AsiBipSettings, Branch, patches
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 
@@ -41,7 +41,7 @@ def test_lengths_that_the_pools_do_not_divide_keep_their_tail() -> None:
 
 def test_a_branch_is_lstm_mean_projection_and_embeddings() -> None:
     torch.manual_seed(2)
-    branch = Branch(SMALL, 40, 20).eval()
+    branch = Branch(SMALL, 40, 1, 20).eval()
     x = torch.randn(3, 6, 40)
     cell = nn.LSTM(6, 6, batch_first=True, bidirectional=True)
     cell.load_state_dict(branch.lstm.state_dict())
@@ -95,10 +95,42 @@ def test_attention_dropout_is_a_setting_of_its_own() -> None:
     assert [layer.dropout.p for layer in net.encoder.layers] == [0.3, 0.3]
 
 
-def test_the_strided_extension_averages_before_the_lstm() -> None:
-    strided = network(SMALL.model_copy(update={"tv_stride": 4}), tv=320)
-    tv, uv = torch.randn(2, 6, 320), torch.randn(2, 6, 20)
-    torch.testing.assert_close(strided(tv, uv), network(tv=80)(tv.reshape(2, 6, 80, 4).mean(dim=3), uv))
+def test_patches_are_samples_side_by_side_up_to_the_window_s_end() -> None:
+    x = torch.randn(2, 6, 11)
+    found = patches(x, 4)
+    assert found.shape == (3, 2, 24)
+    for component in range(6):
+        torch.testing.assert_close(found[2, 1, 4 * component : 4 * component + 4], x[1, component, 7:])
+        first = torch.stack([x[1, component, k] for k in (0, 0, 1, 2)])
+        torch.testing.assert_close(found[0, 1, 4 * component : 4 * component + 4], first)
+
+
+def test_patches_shorten_the_lstms_and_keep_the_tokens() -> None:
+    net = network(SMALL.model_copy(update={"tv_patch": 10, "uv_patch": 5}), tv=880, uv=220)
+    steps: list[int] = []
+    for branch in (net.tv_branch, net.uv_branch):
+        branch.lstm.register_forward_pre_hook(lambda _, args: steps.append(len(args[0])))
+    assert seen_tokens(net, 880, 220) == 1 + 44 + 44
+    assert steps == [88, 44]
+
+
+def test_a_patched_branch_that_weighs_its_samples_alike_sees_their_mean() -> None:
+    patched, plain = (
+        network(SMALL.model_copy(update={"tv_patch": 4})),
+        network(SMALL.model_copy(update={"tv_pool": 5}), tv=20),
+    )
+    state = plain.state_dict()
+    for name in ("weight_ih_l0", "weight_ih_l0_reverse"):
+        state[f"tv_branch.lstm.{name}"] = state[f"tv_branch.lstm.{name}"].repeat_interleave(4, dim=1) / 4
+    patched.load_state_dict(state)
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    torch.testing.assert_close(patched(tv, uv), plain(tv.reshape(2, 6, 20, 4).mean(dim=3), uv))
+
+
+def test_tokens_hold_whole_patches() -> None:
+    with pytest.raises(ValueError, match="no whole number of patches"):
+        AsiBipSettings(tv_patch=8)
+    assert AsiBipSettings(tv_patch=8, tokens="literal").tv_patch == 8
 
 
 def test_heads_divide_the_width() -> None:
