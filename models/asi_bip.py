@@ -77,12 +77,7 @@ class AsiBip(WindowNetwork):
             )
         )
         self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
-        layer = nn.TransformerEncoderLayer(
-            settings.width, settings.heads, settings.feedforward, settings.dropout, "gelu",
-            batch_first=True, norm_first=settings.norm_first,
-        )  # fmt: skip
-        layer.self_attn.dropout = settings.attention_dropout
-        self.encoder = nn.TransformerEncoder(layer, settings.encoder_layers, enable_nested_tensor=False)
+        self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
@@ -92,7 +87,47 @@ class AsiBip(WindowNetwork):
             tokens.append(self.tv_branch(tv))
         if self.uv_branch is not None:
             tokens.append(self.uv_branch(uv))
-        return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))[:, 0]))
+        return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))))
+
+
+class ClassTokenEncoder(nn.Module):
+    """A Transformer encoder of which the first token alone is asked.
+
+    The last layer makes nothing else: it attends to all tokens, but what it would make of them nobody reads.
+    """
+
+    def __init__(self, settings: AsiBipSettings) -> None:
+        super().__init__()
+        layers = [
+            nn.TransformerEncoderLayer(
+                settings.width, settings.heads, settings.feedforward, settings.dropout, "gelu",
+                batch_first=True, norm_first=settings.norm_first,
+            )
+            for _ in range(settings.encoder_layers)
+        ]  # fmt: skip
+        for layer in layers:
+            layer.self_attn.dropout = settings.attention_dropout
+        self.layers = nn.ModuleList(layers)
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        """The first token encoded, (B, width), of tokens (B, n, width)."""
+        *whole, last = self.layers
+        for layer in whole:
+            tokens = layer(tokens)
+        assert isinstance(last, nn.TransformerEncoderLayer)
+        return first_of(last, tokens)
+
+
+def first_of(layer: nn.TransformerEncoderLayer, tokens: Tensor) -> Tensor:
+    """The layer's first output, (B, width), of tokens (B, n, width); the others are not computed."""
+    first = tokens[:, :1]
+    context = layer.norm1(tokens) if layer.norm_first else tokens
+    first = first + layer.dropout1(layer.self_attn(context[:, :1], context, context, need_weights=False)[0])
+    if not layer.norm_first:
+        first = layer.norm1(first)
+    hidden = layer.dropout(layer.activation(layer.linear1(layer.norm2(first) if layer.norm_first else first)))
+    first = first + layer.dropout2(layer.linear2(hidden))
+    return torch.as_tensor(first if layer.norm_first else layer.norm2(first))[:, 0]
 
 
 class Branch(nn.Module):

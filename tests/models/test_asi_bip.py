@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from models.asi_bip import AsiBip, AsiBipSettings, Branch, patches
+from models.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 
@@ -93,6 +93,18 @@ def test_attention_dropout_is_a_setting_of_its_own() -> None:
     net = network(SMALL.model_copy(update={"dropout": 0.3, "attention_dropout": 0.2}))
     assert [layer.self_attn.dropout for layer in net.encoder.layers] == [0.2, 0.2]
     assert [layer.dropout.p for layer in net.encoder.layers] == [0.3, 0.3]
+
+
+@pytest.mark.parametrize("norm_first", [True, False])
+@pytest.mark.parametrize("training", [True, False])
+def test_the_class_token_is_that_of_a_whole_encoder(norm_first: bool, training: bool) -> None:
+    settings = SMALL.model_copy(update={"norm_first": norm_first, "dropout": 0.0, "encoder_layers": 3})
+    encoder = ClassTokenEncoder(settings).train(training)
+    layer = nn.TransformerEncoderLayer(16, 4, 20, 0.0, "gelu", batch_first=True, norm_first=norm_first)
+    whole = nn.TransformerEncoder(layer, 3, enable_nested_tensor=False).train(training)
+    whole.load_state_dict(encoder.state_dict())
+    tokens = torch.randn(3, 9, 16)
+    torch.testing.assert_close(encoder(tokens), whole(tokens)[:, 0])
 
 
 def test_patches_are_samples_side_by_side_up_to_the_window_s_end() -> None:
