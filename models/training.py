@@ -20,6 +20,7 @@ from isacsim.errors import InputError
 from labeling.intentions import KNOWN
 from models import openset
 from models.calibration import fit_temperature
+from models.checkpoints import Checkpoints, read_tensors, write_tensors
 from models.floors import fit_trees, statistics
 from models.lesson import MONITOR, History, Lesson, WindowData, torch_seed
 from models.losses import inverse_frequency
@@ -169,7 +170,7 @@ def _train_network(
             {k.removeprefix("network."): v for k, v in best["state_dict"].items() if k.startswith("network.")}
         )
         state = {name: value.clone() for name, value in network.state_dict().items()}
-        replace(folder / WEIGHTS_FILE, lambda path: torch.save(state, path))
+        write_tensors(folder / WEIGHTS_FILE, state)
         _write_reference(training, NetworkPredictor(network.eval()), folder, card)
     finally:
         torch.set_num_threads(threads)
@@ -204,14 +205,14 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
             accelerator="cpu", max_epochs=optimiser.epochs, callbacks=callbacks,
             gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
+            plugins=[Checkpoints()],
         )  # fmt: skip
         try:
             trainer.fit(lesson, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
         except SystemExit:
             # Lightning turns Ctrl-C into an exit of its own.
             raise KeyboardInterrupt from None
-    best: dict[str, Any] = torch.load(keeper.best_model_path, map_location="cpu", weights_only=True)
-    return best
+    return read_tensors(Path(keeper.best_model_path))
 
 
 def _write_reference(training: Records, predictor: Predictor, folder: Path, card: RunCard) -> None:

@@ -111,12 +111,21 @@ class Evil:
         return Path.touch, (self.mark,)
 
 
-@pytest.mark.parametrize(("kind", "file"), [("network_run", "weights.pt"), ("trees_run", "trees.skops")])
+@pytest.mark.parametrize(
+    ("kind", "file"),
+    [("network_run", "weights.pt"), ("trees_run", "trees.skops"), ("network_run", "reference.npz")],
+)
 def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run = tmp_path / "run"
     shutil.copytree(request.getfixturevalue(kind).path, run)
-    for evil in (lambda: torch.save(Evil(tmp_path / "mark"), run / file), lambda: write_pickle(run / file, tmp_path)):
-        evil()
+    evil = Evil(tmp_path / "mark")
+    objects = np.array([evil], object)
+    for write in (
+        lambda: torch.save(evil, run / file),
+        lambda: write_pickle(run / file, tmp_path),
+        lambda: np.savez(run / "reference.npz", features=objects, label=objects),
+    ):
+        write()
         with pytest.raises(InputError, match="damaged"):
             load_run(run)
         assert not (tmp_path / "mark").exists()
