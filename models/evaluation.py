@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 from pydantic import Field
 from scipy.special import softmax
@@ -17,17 +15,17 @@ from sklearn.metrics import roc_curve
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
-from labeling.intentions import KNOWN, Intention
-from models import figures, metrics, openset
+from labeling.intentions import Intention
+from models import figures, metrics, openset, unknown
+from models.answers import Answers, answers, unseen
 from models.calibration import calibration_error
-from models.run import HISTORY_FILE, Outputs, Run, replace, versions
-from models.windows import Array, Ends, Ints, Records, WindowSettings, batches, draw_ends, end_bounds
+from models.run import HISTORY_FILE, Run, replace, versions
+from models.windows import Array, Ends, Ints, Records, WindowSettings, draw_ends, end_bounds
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
 
 METRICS_FILE = "metrics.json"
-BATCH = 64
 
 
 class SweepSettings(Settings):
@@ -52,32 +50,6 @@ class EvaluateSettings(Settings):
     seed: int = Field(0, description="of the window ends")
     end_after_s: tuple[float, float] | None = Field(None, description="range of window ends, s; none: as in training")
     sweep: SweepSettings | None = Field(None, description="measure at fixed window ends too, where given")
-
-
-@dataclass(frozen=True)
-class Answers:
-    """What a run said about the windows of records no choice was made on.
-
-    known, unknown: rows of `outputs` that belong to a known intention and to `following`.
-    """
-
-    outputs: Outputs
-    label: Ints
-    group: npt.NDArray[np.object_]
-    lead_s: Array
-    snr_db: Array
-
-    @property
-    def known(self) -> npt.NDArray[np.bool_]:
-        return np.asarray(np.isin(self.label, KNOWN))
-
-    @property
-    def unknown(self) -> npt.NDArray[np.bool_]:
-        return np.asarray(self.label == Intention.FOLLOWING)
-
-    @property
-    def predicted(self) -> Ints:
-        return np.asarray(self.outputs.logits.argmax(axis=1), dtype=np.int64)
 
 
 def evaluate(
@@ -108,21 +80,15 @@ def evaluate_records(
     if settings.end_after_s is not None:
         windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
     ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
-    mine = answers(run, records, ends)
-    result = measure(run, mine) | swept(run, records, settings)
+    mine, result = measured(run, records, ends, settings)
     result["compared"] = []
     for other in against:
-        theirs = answers(other, records, ends)
+        theirs, found = measured(other, records, ends, settings)
+        both = mine.known & theirs.known
         difference = metrics.paired_difference(
-            mine.label[mine.known],
-            mine.predicted[mine.known],
-            theirs.predicted[mine.known],
-            mine.group[mine.known],
-            run.card.classes,
+            mine.label[both], mine.predicted[both], theirs.predicted[both], mine.group[both], run.card.classes
         )
-        result["compared"].append(
-            {**measure(other, theirs), **swept(other, records, settings), "paired_difference": difference}
-        )
+        result["compared"].append({**found, "paired_difference": difference})
     result["windows"] = {**windows.model_dump(mode="json"), **settings.model_dump(mode="json", exclude={"end_after_s"})}
     result["made_by"] = {
         "dataset": made_of,
@@ -135,47 +101,46 @@ def evaluate_records(
     return result
 
 
-def answers(run: Run, records: Records, ends: Ends) -> Answers:
-    """The run's outputs on those windows."""
-    if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
-        raise InputError(
-            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, the dataset has "
-            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset of the same rates"
-        )
-    parts = [run.predictor(w) for w in batches(records, ends, run.card.settings.windows, BATCH)]
-    outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
-    table = records.table.iloc[ends.row]
-    lead = table["t_commit"].to_numpy(dtype=np.float64) - ends.times(records)
-    return Answers(
-        outputs, records.label[ends.row], records.groups[ends.row], lead, table["snr_db"].to_numpy(dtype=np.float64)
-    )
+def measured(run: Run, records: Records, ends: Ends, settings: EvaluateSettings) -> tuple[Answers, dict[str, Any]]:
+    """The run's answers on those windows, and all its metrics."""
+    given, scores = answers(run, records, ends), openset.scores(run.reference)
+    found = measure(run, given, scores) | swept(run, records, settings, scores[run.card.unknown_score])
+    return given, found
 
 
-def measure(run: Run, given: Answers) -> dict[str, Any]:
-    """The metrics of one run's answers, by the contract's names."""
+def measure(run: Run, given: Answers, scores: Mapping[str, openset.Score]) -> dict[str, Any]:
+    """The metrics of one run's answers, by the contract's names; scores: `openset.scores` of the run."""
     classes, known = run.card.classes, given.known
     label, predicted = given.label[known], given.predicted[known]
+    value = {name: score(given.outputs) for name, score in scores.items()}
+    chosen = value[run.card.unknown_score]
     result: dict[str, Any] = {"model": run.card.settings.model, "name": run.name, "classes": list(classes)}
     result |= metrics.summary(label, predicted, classes)
-    result |= maneuvers(run, given)
-    result |= unknown_metrics(run, given)
+    result |= maneuvers(run, given, chosen)
+    result["overtake_against_left"] = metrics.pair_confusion(
+        given.outputs.logits[known], label, classes, (int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE))
+    )
+    result |= unknown.unknown_metrics(run, given, value)
     result["calibration"] = calibration(given.outputs.logits[known], label, run.card.temperature)
-    result["by_lead_time"] = metrics.by_lead_time(given.lead_s[known], label, predicted, len(classes))
+    result["by_lead_time"] = metrics.by_lead_time(
+        given.lead_s[known], label, predicted, len(classes), unknown.against_rows(chosen[known], chosen[given.unknown])
+    )
     result["by_snr"] = metrics.by_snr(given.snr_db[known], label, predicted, len(classes))
     return result
 
 
-def maneuvers(run: Run, given: Answers) -> dict[str, Any]:
+def maneuvers(run: Run, given: Answers, score: Array) -> dict[str, Any]:
     """Eq. (13) of CaSTFormer: `maneuvers` on windows of known intentions, and `maneuvers_with_background`.
 
-    In the second, windows of `following` are the background, and every window that the run rejects is taken for it.
+    In the second, windows of `following` are the background, and every window that the run rejects is taken for it;
+    score: the run's chosen one, of every window.
     """
     background = len(run.card.classes)
     rows = given.known | given.unknown
     label = np.where(given.known, given.label, background)
     rejected = np.zeros(len(label), dtype=bool)
     if run.card.unknown_threshold is not None:
-        rejected = openset.of_run(run, run.card.unknown_score)(given.outputs) < run.card.unknown_threshold
+        rejected = score < run.card.unknown_threshold
     said = np.where(rejected, background, given.predicted)
     known = metrics.confusion(given.label[given.known], given.predicted[given.known], background)
     everything = metrics.confusion(label[rows], said[rows], background + 1)
@@ -185,10 +150,11 @@ def maneuvers(run: Run, given: Answers) -> dict[str, Any]:
     }
 
 
-def swept(run: Run, records: Records, settings: EvaluateSettings) -> dict[str, Any]:
+def swept(run: Run, records: Records, settings: EvaluateSettings, score: openset.Score) -> dict[str, Any]:
     """`by_window_end`: scores with every window ending at the same time after onset or commit; empty without a sweep.
 
-    Only records that hold a window with that end take part; an end that no record holds is left out.
+    Only records that hold a window with that end take part; an end that no record holds is left out. score: the run's
+    chosen one.
     """
     if settings.sweep is None:
         return {}
@@ -206,52 +172,21 @@ def swept(run: Run, records: Records, settings: EvaluateSettings) -> dict[str, A
             continue
         given = answers(run, records, draw_ends(records, windows, "sweep"))
         found = metrics.summary(given.label[given.known], given.predicted[given.known], run.card.classes)
-        score = openset.of_run(run, run.card.unknown_score)(given.outputs)
+        value = score(given.outputs)
         rows.append(
             {
                 "end_s": end,
                 **{name: found[name] for name in ("n", "accuracy", "macro_f1", "per_class_f1")},
-                "auroc_unknown": openset.auroc(score[given.known], score[given.unknown]),
+                **unknown.entries(value[given.known], value[given.unknown]),
             }
         )
     return {"by_window_end": rows}
-
-
-def unknown_metrics(run: Run, given: Answers) -> dict[str, Any]:
-    """AUROC and false-positive rate at 95 % recall of every score; `auroc_unknown` is of the run's chosen score."""
-    each = {}
-    for name, score in openset.scores(run.reference).items():
-        value = score(given.outputs)
-        known, unknown = value[given.known], value[given.unknown]
-        each[name] = {
-            "auroc": openset.auroc(known, unknown),
-            "fpr_at_95_recall": openset.accepted_unknown(known, unknown),
-        }
-    return {
-        "n_unknown": int(given.unknown.sum()),
-        "auroc_unknown": each[run.card.unknown_score]["auroc"],
-        "unknown_score": run.card.unknown_score,
-        "unknown_scores": each,
-    }
 
 
 def calibration(logits: Array, label: Ints, temperature: float) -> dict[str, float]:
     """Expected calibration error of the known windows, with and without the temperature chosen in training."""
     plain, cooled = (calibration_error(softmax(logits / t, axis=1), label) for t in (1.0, temperature))
     return {"error": plain, "temperature": temperature, "error_with_temperature": cooled}
-
-
-def unseen(records: Records, runs: Sequence[Run]) -> Records:
-    """The records of scenario seeds that none of the runs was trained or chosen on.
-
-    Seeds that a run with a smaller training share left unused are no test seeds either: runs of all shares are measured
-    on the same ones.
-    """
-    seen = {group for run in runs for side, groups in run.card.split.items() if side != "test" for group in groups}
-    left = ~np.isin(records.groups, list(seen))
-    if not (left & np.isin(records.label, KNOWN)).any():
-        raise InputError("every scenario seed of the dataset was used in training: evaluate on other seeds")
-    return records.take(left)
 
 
 def claim(folder: Path, mark: str) -> None:
@@ -268,9 +203,14 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
         each["name"]: each["by_lead_time"] for each in result["compared"]
     }
     figures.lead_time(rows, folder / "lead_time.png")
+    if mine.unknown.any():
+        figures.unknown_lead_time(rows, folder / "unknown_lead_time.png")
     if "by_window_end" in result:
         ends = {each["name"]: each["by_window_end"] for each in (result, *result["compared"])}
-        figures.window_end(ends, result["windows"]["sweep"]["relative_to"], folder / "window_end.png")
+        relative_to = result["windows"]["sweep"]["relative_to"]
+        figures.window_end(ends, relative_to, folder / "window_end.png")
+        if mine.unknown.any():
+            figures.unknown_window_end(ends, relative_to, folder / "unknown_window_end.png")
     if (run.path / HISTORY_FILE).exists():
         figures.loss_curves(pd.read_csv(run.path / HISTORY_FILE), folder / "loss.png")
     if mine.unknown.any():

@@ -138,6 +138,47 @@ def window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str
         axes.legend(loc="lower right")
 
 
+def unknown_lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
+    """`unknown_against` lead time, rows of `by_lead_time`; bins of fewer than `least` known windows are left out."""
+    kept = {name: [b for b in bins if b["n"] >= least] for name, bins in rows.items()}
+    lines = {name: (_middles(bins), bins) for name, bins in kept.items()}
+    with unknown_against(lines, path) as below:
+        below.set_xlabel("lead time of the known: commit minus end of window, s")
+        # Time runs to the right: windows that end long before the commit come first.
+        below.invert_xaxis()
+
+
+def unknown_window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str, path: Path) -> None:
+    """`unknown_against` the time at which every window ends; rows: of `by_window_end`."""
+    lines = {name: ([e["end_s"] for e in ends], ends) for name, ends in rows.items()}
+    with unknown_against(lines, path) as below:
+        below.set_xlabel(f"end of window after {relative_to}, s")
+
+
+@contextmanager
+def unknown_against(
+    lines: Mapping[str, tuple[Sequence[float], Sequence[Mapping[str, Any]]]], path: Path
+) -> Iterator[Axes]:
+    """AUROC of `following` over its false-positive rate at 95 % recall, each against one quantity.
+
+    lines: of every predictor, the quantity and its rows. Yields the lower axes, whose x axis is still to be named.
+    """
+    with figure(path, 7, 5) as drawn:
+        above, below = drawn.subplots(2, 1, sharex=True)
+        for name, (x, rows) in lines.items():
+            for axes, key in ((above, "auroc_unknown"), (below, "fpr_at_95_recall")):
+                y = [np.nan if row[key] is None else row[key] for row in rows]
+                axes.plot(x, y, "o-", ms=4, label=name)
+        for axes in (above, below):
+            axes.axvline(0, color=GREY, lw=1, ls="--")
+        above.axhline(0.5, color=GREY, lw=1.2, ls=":")
+        above.set(ylabel="AUROC", ylim=(0, 1.02))
+        above.set_title("Following told apart from the known intentions")
+        above.legend(loc="lower right")
+        below.set(ylabel="following taken for known,\nwhere 95 % of the known are kept", ylim=(0, 1.02))
+        yield below
+
+
 def _middles(bins: Sequence[Mapping[str, Any]]) -> list[float]:
     return [(b["from_s"] + b["to_s"]) / 2 for b in bins]
 

@@ -6,10 +6,12 @@ is undefined: it is None, and a macro-F1 is the mean over the classes that have 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.metrics import roc_auc_score
 
 from isacsim.seeding import stream
 
@@ -74,29 +76,64 @@ def maneuver_scores(counts: npt.NDArray[Any], background: int | None = None) -> 
     return {"precision": precision, "recall": recall, "f1": f1}
 
 
-def by_bin(value: Array, width: float, unit: str, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
-    """`n`, `accuracy`, `macro_f1` in bins of a quantity (n,), multiples of `width`, `from_<unit>` to `to_<unit>`."""
+def pair_confusion(logits: Array, label: Ints, classes: tuple[str, ...], pair: tuple[int, int]) -> dict[str, Any]:
+    """How well two intentions are told from each other, where there are no others.
+
+    Windows (n,) whose true intention is one of the pair, each answered by the likelier of the two. `confusion` (2, 2)
+    has rows true; `auroc` is that of the second against the first, by the difference of their logits.
+    """
+    here = np.isin(label, pair)
+    second = label[here] == pair[1]
+    margin = logits[here, pair[1]] - logits[here, pair[0]]
+    counts = confusion(second.astype(np.int64), (margin > 0).astype(np.int64), 2)
+    both = second.any() and not second.all()
+    return {
+        "intentions": [classes[k] for k in pair],
+        "n": len(second),
+        "accuracy": number(np.mean((margin > 0) == second)) if len(second) else None,
+        "confusion": counts.tolist(),
+        "auroc": float(roc_auc_score(second, margin)) if both else None,
+    }
+
+
+def bins(value: Array, width: float, unit: str) -> Iterator[tuple[dict[str, Any], npt.NDArray[np.bool_]]]:
+    """Bins of a quantity (n,), multiples of `width`: `from_<unit>`, `to_<unit>` and `n` of each, and its rows."""
     # The tiny shift keeps values that are multiples of the width, but for rounding, in the bin they open.
     place = np.floor(value / width + 1e-6).astype(np.int64)
-    rows = []
     for k in np.unique(place):
         here = place == k
+        ends = {f"from_{unit}": round(float(k * width), 6), f"to_{unit}": round(float((k + 1) * width), 6)}
+        yield {**ends, "n": int(here.sum())}, here
+
+
+def by_bin(
+    value: Array,
+    width: float,
+    unit: str,
+    label: Ints,
+    predicted: Ints,
+    n_classes: int,
+    more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
+) -> list[dict[str, Any]]:
+    """`bins` with `accuracy` and `macro_f1` of each; more: further entries, of the rows of a bin."""
+    rows = []
+    for row, here in bins(value, width, unit):
         counts = confusion(label[here], predicted[here], n_classes)
-        rows.append(
-            {
-                f"from_{unit}": round(float(k * width), 6),
-                f"to_{unit}": round(float((k + 1) * width), 6),
-                "n": int(here.sum()),
-                "accuracy": number(np.mean(label[here] == predicted[here])),
-                "macro_f1": number(macro_f1(counts, LEAST_IN_BIN)),
-            }
-        )
+        row["accuracy"] = number(np.mean(label[here] == predicted[here]))
+        row["macro_f1"] = number(macro_f1(counts, LEAST_IN_BIN))
+        rows.append(row | (more(here) if more else {}))
     return rows
 
 
-def by_lead_time(lead_s: Array, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
-    """Scores against lead time (commit minus window end, s), in steps of LEAD_BIN_S."""
-    return by_bin(lead_s, LEAD_BIN_S, "s", label, predicted, n_classes)
+def by_lead_time(
+    lead_s: Array,
+    label: Ints,
+    predicted: Ints,
+    n_classes: int,
+    more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
+) -> list[dict[str, Any]]:
+    """Scores against lead time (commit minus window end, s), in steps of LEAD_BIN_S; more: as in `by_bin`."""
+    return by_bin(lead_s, LEAD_BIN_S, "s", label, predicted, n_classes, more)
 
 
 def by_snr(snr_db: Array, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:

@@ -64,6 +64,11 @@ def accepted_unknown(known: Array, unknown: Array, recall: float = 0.95) -> floa
     return float(np.mean(unknown >= threshold_at_recall(known, recall)))
 
 
+def told_apart(known: Array, unknown: Array) -> dict[str, float | None]:
+    """`auroc` and `fpr_at_95_recall` of one score."""
+    return {"auroc": auroc(known, unknown), "fpr_at_95_recall": accepted_unknown(known, unknown)}
+
+
 def _negative_entropy(out: Outputs) -> Array:
     p = out.probabilities
     return np.asarray((p * np.log(np.maximum(p, 1e-300))).sum(axis=1))

@@ -13,7 +13,8 @@ from rich.table import Table
 
 from isacsim.errors import InputError
 from labeling.intentions import Intention
-from models.evaluation import METRICS_FILE, unseen
+from models.answers import unseen
+from models.evaluation import METRICS_FILE
 from models.figures import spoken
 from models.record_view import RecordView, draw_record
 from models.run import Run, replace
@@ -32,6 +33,8 @@ FIGURES = {
     "confusion.png": "Where the windows of each intention went.",
     "lead_time.png": "Score against the time left until the maneuver commits.",
     "window_end.png": "Score against the time at which every window ends.",
+    "unknown_lead_time.png": "Telling following apart, against the time left until the maneuver commits.",
+    "unknown_window_end.png": "Telling following apart, against the time at which every window ends.",
     "unknown_roc.png": "Telling the intentions that were trained apart from following, which was not.",
     "loss.png": "Training.",
 }
@@ -132,6 +135,8 @@ def _rows(found: dict[str, Any]) -> list[list[str]]:
     )
     blank = [""] * len(pairs)
     rows.append(["accuracy", *(_cell(each["accuracy"]) for each in everyone), *blank])
+    pairs_told = [each["overtake_against_left"] for each in everyone]
+    rows.append(["overtake against left change alone: AUROC", *(_cell(each["auroc"]) for each in pairs_told), *blank])
     if found["auroc_unknown"] is not None:
         rows.append(["AUROC of following", *(_cell(each["auroc_unknown"]) for each in everyone), *blank])
     return rows

@@ -30,7 +30,7 @@ from torch import nn
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings, read_json
-from labeling.intentions import KNOWN
+from labeling.intentions import KNOWN, Intention
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
@@ -43,6 +43,7 @@ CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
 )  # fmt: skip
 CHECKPOINTS = "checkpoints"
 PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
+HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel", "evasive_swerve"]
 Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees"]
 NAMES: dict[Model, str] = {
     "asi-bip": "ASI-BIP", "tv-alone": "TV alone", "uv-alone": "UV alone", "aligned": "aligned fusion",
@@ -88,6 +89,9 @@ class TrainSettings(Settings):
 
     model: Model = Field("asi-bip", description="the predictor")
     seed: int = Field(0, description="of initial weights, window ends and batches")
+    held_out: HeldOut | None = Field(
+        None, description="known intention that is left out of training, to be one more unknown in evaluation"
+    )
     windows: WindowSettings = WindowSettings()
     split: SplitSettings = SplitSettings()
     ends_per_record: int = Field(1, ge=1, description="windows drawn anew of each record in an epoch")
@@ -98,6 +102,11 @@ class TrainSettings(Settings):
     trees: TreesSettings = TreesSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = OptimiserSettings()
+
+    @property
+    def left_out(self) -> Intention | None:
+        """The intention held out, if any."""
+        return None if self.held_out is None else Intention[self.held_out.upper()]
 
 
 class RunCard(Settings):

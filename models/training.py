@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import lightning
 import numpy as np
+import numpy.typing as npt
 import skops.io
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from rich.console import Console
 
 from isacsim.errors import InputError
-from labeling.intentions import KNOWN
+from labeling.intentions import KNOWN, Intention
 from models import openset
 from models.calibration import fit_temperature
 from models.checkpoints import Checkpoints, read_tensors, write_tensors
@@ -80,7 +81,7 @@ def train_records(
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     if _claim(folder, card):
         return load_run(folder)
-    known = records.take(np.isin(records.label, KNOWN))
+    known = records.take(_taught(records, settings))
     training = known.take(np.isin(known.groups, card.split["train"]))
     validation = known.take(np.isin(known.groups, card.split["validation"]))
     if settings.model in ("trees", "ensemble"):
@@ -92,10 +93,16 @@ def train_records(
     return load_run(folder)
 
 
+def _taught(records: Records, settings: TrainSettings) -> npt.NDArray[np.bool_]:
+    """Which records are of an intention that is trained."""
+    return np.asarray(np.isin(records.label, [i for i in KNOWN if i is not settings.left_out]))
+
+
 def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict[str, Any]:
     """For the card: the score that tells `following` apart best on the validation seeds, its threshold, temperature."""
     run = open_run(folder, card)
-    validation = records.take(np.isin(records.groups, card.split["validation"]))
+    offered = _taught(records, card.settings) | (records.label == Intention.FOLLOWING)
+    validation = records.take(offered & np.isin(records.groups, card.split["validation"]))
     windows = card.settings.windows
     ends = draw_ends(validation, windows, "validation", card.settings.seed, per_record=card.settings.validation_ends)
     parts = [run.predictor(w) for w in batches(validation, ends, windows, 64)]
@@ -114,7 +121,8 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
 
 def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, sides: dict[str, list[str]]) -> RunCard:
     n_tv, n_uv = lengths(records, settings.windows)
-    label = records.label[np.isin(records.groups, sides["train"])]
+    side = np.isin(records.groups, sides["train"])
+    label = records.label[side & (_taught(records, settings) | (records.label == Intention.FOLLOWING))]
     if len(np.intersect1d(label, KNOWN)) < 2:
         raise InputError("the dataset's training seeds hold fewer than two known intentions: generate more seeds")
     return RunCard(

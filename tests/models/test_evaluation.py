@@ -16,8 +16,10 @@ from sklearn.metrics import f1_score, roc_auc_score
 from isacsim.errors import InputError
 from isacsim.recording import Lane
 from isacsim.scenario import Site
+from labeling.intentions import Intention
 from models import openset
-from models.evaluation import EvaluateSettings, SweepSettings, answers, evaluate_records, unseen
+from models.answers import answers, unseen
+from models.evaluation import EvaluateSettings, SweepSettings, evaluate_records
 from models.record_view import draw_record
 from models.report import record_view, table, verdict, write_page
 from models.run import Run
@@ -86,6 +88,30 @@ def test_the_unknown_score_was_chosen_on_validation_seeds(
     assert found["auroc_unknown"] == found["unknown_scores"][card.unknown_score]["auroc"]
 
 
+def test_the_unknown_against_lead_time_and_the_hard_pair(
+    evaluated: tuple[dict[str, Any], Path], records: Records, network_run: Run
+) -> None:
+    found, _ = evaluated
+    card = network_run.card
+    left = records.take(np.isin(records.groups, card.split["test"]))
+    given = answers(network_run, left, draw_ends(left, card.settings.windows, "evaluate", 0, per_record=2))
+    score = openset.of_run(network_run, card.unknown_score)(given.outputs)
+    following = given.label == Intention.FOLLOWING
+    for row in found["by_lead_time"]:
+        here = ~following & (given.lead_s >= row["from_s"]) & (given.lead_s < row["to_s"])
+        truth = np.concatenate([np.ones(here.sum()), np.zeros(following.sum())])
+        values = np.concatenate([score[here], score[following]])
+        assert row["auroc_unknown"] == pytest.approx(roc_auc_score(truth, values))
+        assert row["fpr_at_95_recall"] == pytest.approx((score[following] >= np.quantile(score[here], 0.05)).mean())
+    pair = found["overtake_against_left"]
+    logits = given.outputs.logits[:, [Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE]]
+    for k, intention in enumerate((Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)):
+        said = logits[given.label == intention].argmax(axis=1)
+        assert pair["confusion"][k] == [(said == 0).sum(), (said == 1).sum()]
+    assert pair["n"] == np.sum(pair["confusion"])
+    assert pair["accuracy"] == pytest.approx(np.trace(pair["confusion"]) / pair["n"])
+
+
 def test_a_range_of_window_ends_of_its_own(records: Records, network_run: Run, tmp_path: Path) -> None:
     settings = EvaluateSettings(ends_per_record=1, end_after_s=(2.0, 2.2))
     found = evaluate_records(network_run, records, MADE_OF, tmp_path / "late", settings)
@@ -150,7 +176,7 @@ def test_the_page_needs_no_other_file_and_shows_every_figure(
     draw_record(view, lanes, [Site("s", 100, 20, 25, 0)], out / "record.png")
     page = write_page(found, out).read_text()
     sources = re.findall(r'src="([^"]+)"', page)
-    assert len(sources) == len(list(out.glob("*.png"))) == 5
+    assert len(sources) == len(list(out.glob("*.png"))) == 6
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     assert "href" not in page
 
@@ -224,3 +250,9 @@ def test_a_sweep_measures_at_fixed_ends(
         assert row["accuracy"] == pytest.approx((said == label)[label < 6].mean())
     assert rows[0]["accuracy"] < rows[-1]["accuracy"]
     assert (tmp_path / "out" / "window_end.png").stat().st_size > 5000
+    assert (tmp_path / "out" / "unknown_window_end.png").stat().st_size > 5000
+    following = left.label == Intention.FOLLOWING
+    late = cut(left, Ends(np.flatnonzero(usable), step[usable]), network_run.card.settings.windows)
+    score = openset.of_run(network_run, network_run.card.unknown_score)(network_run.predictor(late))
+    kept = np.quantile(score[~following[usable]], 0.05)
+    assert rows[-1]["fpr_at_95_recall"] == pytest.approx((score[following[usable]] >= kept).mean())
