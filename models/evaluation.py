@@ -103,13 +103,13 @@ def evaluate_records(
 
 def measured(run: Run, records: Records, ends: Ends, settings: EvaluateSettings) -> tuple[Answers, dict[str, Any]]:
     """The run's answers on those windows, and all its metrics."""
-    given, scores = answers(run, records, ends), openset.scores(run.reference)
+    given, scores = answers(run, records, ends), openset.of_run(run)
     found = measure(run, given, scores) | swept(run, records, settings, scores[run.card.unknown_score])
     return given, found
 
 
 def measure(run: Run, given: Answers, scores: Mapping[str, openset.Score]) -> dict[str, Any]:
-    """The metrics of one run's answers, by the contract's names; scores: `openset.scores` of the run."""
+    """The metrics of one run's answers, by the contract's names; scores: all of the run."""
     classes, known = run.card.classes, given.known
     label, predicted = given.label[known], given.predicted[known]
     value = {name: score(given.outputs) for name, score in scores.items()}
@@ -216,7 +216,7 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
     if mine.unknown.any():
         curves = {}
         for name in dict.fromkeys((run.card.unknown_score, openset.PLAIN)):
-            value = openset.of_run(run, name)(mine.outputs)
+            value = openset.of_run(run)[name](mine.outputs)
             pick = mine.known | mine.unknown
             false, true, _ = roc_curve(mine.known[pick], value[pick])
             curves[f"{name.replace('_', ' ')} (AUROC {result['unknown_scores'][name]['auroc']:.3f})"] = (false, true)

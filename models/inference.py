@@ -47,7 +47,7 @@ class Infer:
     def load(cls, path: str | Path) -> Self:
         """From a run's folder. InputError where it is none."""
         run = load_run(path)
-        return cls(run, openset.of_run(run, run.card.unknown_score))
+        return cls(run, openset.chosen(run))
 
     def __call__(self, tv: npt.NDArray[np.floating], uv: npt.NDArray[np.floating]) -> Inference:
         """Answer one window, (6, T) and (6, U), or a batch, (n, 6, T) and (n, 6, U), in the scenario's plane.

@@ -6,6 +6,7 @@ Every score is higher for the known. None is fitted to samples of the unknown cl
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,15 +22,18 @@ Ints = npt.NDArray[np.int64]
 Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
-SCORES = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis")
+SCORES = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude")
 PLAIN = "msp"
 """Always reported, and used where there is nothing to choose on."""
 
 
-def scores(reference: tuple[npt.NDArray[np.float32], Ints]) -> dict[str, Score]:
-    """All SCORES; reference: features (n, F) and labels (n,) of training windows, for knn and mahalanobis."""
+def scores(reference: tuple[npt.NDArray[np.float32], Ints], preludes: Any | None = None) -> dict[str, Score]:
+    """All SCORES; reference: features (n, F) and labels (n,) of training windows, for knn and mahalanobis.
+
+    preludes: trees of `models.preludes`; without them there is no score of that name.
+    """
     features, label = reference[0].astype(np.float64), reference[1]
-    return {
+    found: dict[str, Score] = {
         "msp": lambda out: np.asarray(out.probabilities.max(axis=1)),
         "max_logit": lambda out: np.asarray(out.logits.max(axis=1)),
         "energy": lambda out: np.asarray(logsumexp(out.logits, axis=1)),
@@ -37,11 +41,20 @@ def scores(reference: tuple[npt.NDArray[np.float32], Ints]) -> dict[str, Score]:
         "knn": _neighbours(features),
         "mahalanobis": _mahalanobis(features, label),
     }
+    if preludes is not None:
+        # Trees split at float32 values, as they were trained on.
+        found["prelude"] = lambda out: np.asarray(preludes.decision_function(out.features.astype(np.float32)))
+    return found
 
 
-def of_run(run: Run, name: str) -> Score:
-    """One score, ready for a run's outputs."""
-    return scores(run.reference)[name]
+def of_run(run: Run) -> dict[str, Score]:
+    """The scores of a run's outputs."""
+    return scores(run.reference, run.preludes)
+
+
+def chosen(run: Run) -> Score:
+    """The score that was chosen on the run's validation seeds."""
+    return of_run(run)[run.card.unknown_score]
 
 
 def auroc(known: Array, unknown: Array) -> float | None:

@@ -2,7 +2,9 @@
 
     RUN/run.json          what made it: settings, split, classes, dataset, versions
     RUN/weights.pt        tensors only, of the best epoch; trees are in trees.skops, an ensemble has both
+    RUN/rule.json         instead of weights, the thresholds of the rule
     RUN/reference.npz     features of training windows, for the scores that compare with them
+    RUN/preludes.skops    trees that know windows before onset, for the score that tells maneuvers from them
     RUN/history.csv       loss and scores of every epoch
     RUN/checkpoints/      what training resumes from
 
@@ -36,18 +38,22 @@ from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
 from models.losses import LossSettings
 from models.network import WindowNetwork
+from models.preludes import PreludeSettings
+from models.rule import RuleSettings, drive, logits
 from models.windows import Array, Float32, SplitSettings, Windows, WindowSettings
 
-CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, HISTORY_FILE = (
-    "run.json", "weights.pt", "trees.skops", "reference.npz", "history.csv",
+CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, PRELUDES_FILE, HISTORY_FILE = (
+    "run.json", "weights.pt", "trees.skops", "reference.npz", "preludes.skops", "history.csv",
 )  # fmt: skip
+RULE_FILE = "rule.json"
 CHECKPOINTS = "checkpoints"
 PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
 HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel", "evasive_swerve"]
-Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees"]
+Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees", "rule"]
 NAMES: dict[Model, str] = {
     "asi-bip": "ASI-BIP", "tv-alone": "TV alone", "uv-alone": "UV alone", "aligned": "aligned fusion",
     "castformer": "CaSTFormer", "ensemble": "ASI-BIP with trees", "trees": "boosted trees",
+    "rule": "rule of the road",
 }  # fmt: skip
 DAMAGE = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
@@ -59,7 +65,9 @@ TRUSTED = (
     "numpy.dtype",
     "sklearn._loss.link.Interval",
     "sklearn._loss.link.LogLink",
+    "sklearn._loss.link.LogitLink",
     "sklearn._loss.link.MultinomialLogit",
+    "sklearn._loss.loss.HalfBinomialLoss",
     "sklearn._loss.loss.HalfMultinomialLoss",
     "sklearn.ensemble._hist_gradient_boosting.binning._BinMapper",
     "sklearn.ensemble._hist_gradient_boosting.predictor.TreePredictor",
@@ -100,6 +108,8 @@ class TrainSettings(Settings):
     aligned: AlignedSettings = AlignedSettings()
     castformer: CastformerSettings = CastformerSettings()
     trees: TreesSettings = TreesSettings()
+    rule: RuleSettings = RuleSettings()
+    preludes: PreludeSettings = PreludeSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = OptimiserSettings()
 
@@ -190,6 +200,17 @@ class TreesPredictor:
 
 
 @dataclass(frozen=True)
+class RulePredictor:
+    """The rule of the road; its features are its logits."""
+
+    settings: RuleSettings
+
+    def __call__(self, windows: Windows) -> Outputs:
+        said = logits(drive(windows, self.settings.smooth_s), self.settings)
+        return Outputs(said, said)
+
+
+@dataclass(frozen=True)
 class EnsemblePredictor:
     """The mean of a network's and the trees' probabilities; its features are the network's."""
 
@@ -204,12 +225,16 @@ class EnsemblePredictor:
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run: its folder, its card, the predictor, and features (n, F) and labels (n,) of training windows."""
+    """A finished run: its folder, its card, the predictor, and features (n, F) and labels (n,) of training windows.
+
+    preludes: trees that tell maneuvers (1) from windows before onset (0) by their features, where they were learnt.
+    """
 
     path: Path
     card: RunCard
     predictor: Predictor
     reference: tuple[Float32, npt.NDArray[np.int64]]
+    preludes: Any | None = None
 
     @property
     def name(self) -> str:
@@ -233,10 +258,11 @@ def open_run(folder: Path, card: RunCard) -> Run:
         predictor = _load_predictor(folder, card)
         with np.load(folder / REFERENCE_FILE, allow_pickle=False) as stored:
             reference = (stored["features"], stored["label"])
+        preludes = _read_trees(folder / PRELUDES_FILE) if (folder / PRELUDES_FILE).exists() else None
     except DAMAGE as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{folder}: the run is damaged ({reason}); train it again") from None
-    return Run(folder, card, predictor, reference)
+    return Run(folder, card, predictor, reference, preludes)
 
 
 def build_network(card: RunCard) -> WindowNetwork:
@@ -287,6 +313,8 @@ def versions() -> dict[str, str]:
 def _load_predictor(folder: Path, card: RunCard) -> Predictor:
     if card.settings.model == "trees":
         return _load_trees(folder)
+    if card.settings.model == "rule":
+        return RulePredictor(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
     network = _load_network(folder, card)
     return EnsemblePredictor(network, _load_trees(folder)) if card.settings.model == "ensemble" else network
 
@@ -299,4 +327,8 @@ def _load_network(folder: Path, card: RunCard) -> NetworkPredictor:
 
 
 def _load_trees(folder: Path) -> TreesPredictor:
-    return TreesPredictor(skops.io.load(folder / TREES_FILE, trusted=list(TRUSTED)))
+    return TreesPredictor(_read_trees(folder / TREES_FILE))
+
+
+def _read_trees(path: Path) -> Any:
+    return skops.io.load(path, trusted=list(TRUSTED))

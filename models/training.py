@@ -25,16 +25,21 @@ from models.checkpoints import Checkpoints, read_tensors, write_tensors
 from models.floors import fit_trees, statistics
 from models.lesson import MONITOR, History, Lesson, WindowData, torch_seed
 from models.losses import inverse_frequency
+from models.preludes import fit_preludes, holds_preludes, prelude_windows
 from models.progress import EpochProgress
+from models.rule import Drive, drive, fitted
 from models.run import (
     CHECKPOINTS,
     HISTORY_FILE,
+    PRELUDES_FILE,
     REFERENCE_FILE,
+    RULE_FILE,
     TREES_FILE,
     WEIGHTS_FILE,
     NetworkPredictor,
     Outputs,
     Predictor,
+    RulePredictor,
     Run,
     RunCard,
     TrainSettings,
@@ -86,8 +91,11 @@ def train_records(
     validation = known.take(np.isin(known.groups, card.split["validation"]))
     if settings.model in ("trees", "ensemble"):
         _train_trees(training, folder, card)
-    if settings.model != "trees":
+    if settings.model == "rule":
+        _train_rule(training, folder, card)
+    elif settings.model != "trees":
         card = _train_network(training, validation, folder, card, progress)
+    _learn_preludes(training, folder, card)
     card = card.model_copy(update={"complete": True})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
     return load_run(folder)
@@ -108,7 +116,7 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     parts = [run.predictor(w) for w in batches(validation, ends, windows, 64)]
     outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
     known = np.isin(validation.label[ends.row], KNOWN)
-    value = {name: score(outputs) for name, score in openset.scores(run.reference).items()}
+    value = {name: score(outputs) for name, score in openset.of_run(run).items()}
     areas = {name: openset.auroc(v[known], v[~known]) for name, v in value.items()}
     found = {name: area for name, area in areas.items() if area is not None}
     best = max(found, key=lambda name: found[name], default=openset.PLAIN)
@@ -150,6 +158,16 @@ def _claim(folder: Path, card: RunCard) -> bool:
     return found.complete
 
 
+def _train_rule(training: Records, folder: Path, card: RunCard) -> None:
+    settings, rule = card.settings, card.settings.rule
+    if rule.fit:
+        ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.ends_per_record)
+        seen = Drive.joined([drive(w, rule.smooth_s) for w in batches(training, ends, settings.windows, 256)])
+        rule = fitted(seen, training.label[ends.row], rule)
+    replace(folder / RULE_FILE, lambda path: path.write_text(rule.model_dump_json(indent=1) + "\n"))
+    _write_reference(training, RulePredictor(rule), folder, card)
+
+
 def _train_trees(training: Records, folder: Path, card: RunCard) -> None:
     settings = card.settings
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.trees.ends_per_record)
@@ -158,6 +176,21 @@ def _train_trees(training: Records, folder: Path, card: RunCard) -> None:
     trees = fit_trees(features, label, settings.trees, settings.seed, settings.optimiser.threads)
     replace(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
     _write_reference(training, TreesPredictor(trees), folder, card)
+
+
+def _learn_preludes(training: Records, folder: Path, card: RunCard) -> None:
+    """The reject option, where it is wanted and the records reach far enough back."""
+    settings = card.settings
+    wanted, windows = settings.preludes, settings.windows
+    if not wanted.use or not holds_preludes(training, windows, wanted):
+        return
+    predictor, features = open_run(folder, card).predictor, []
+    for purpose, seen in (("maneuvers", windows), ("preludes", prelude_windows(windows, wanted))):
+        ends = draw_ends(training, seen, purpose, settings.seed, per_record=wanted.ends_per_record)
+        parts = [predictor(w).features for w in batches(training, ends, seen, 64)]
+        features.append(np.concatenate(parts).astype(np.float32))
+    trees = fit_preludes(features[0], features[1], wanted, settings.seed, settings.optimiser.threads)
+    replace(folder / PRELUDES_FILE, lambda path: skops.io.dump(trees, path))
 
 
 def _train_network(

@@ -9,6 +9,7 @@ from isacsim.seeding import stream
 from labeling.intentions import Intention
 from models.asi_bip import AsiBipSettings
 from models.floors import TreesSettings
+from models.preludes import PreludeSettings
 from models.run import OptimiserSettings, TrainSettings
 from models.windows import Records, WindowSettings
 
@@ -97,4 +98,5 @@ SMALL_RUN = TrainSettings(
     asi_bip=AsiBipSettings(hidden=12, width=16, heads=4, feedforward=32, dropout=0.05),
     optimiser=OptimiserSettings(epochs=3, batch=16, learning_rate=5e-3, schedule="cosine", threads=1),
     trees=TreesSettings(rounds=10, ends_per_record=1),
+    preludes=PreludeSettings(rounds=20, ends_per_record=1),
 )

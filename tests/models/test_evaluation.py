@@ -95,7 +95,7 @@ def test_the_unknown_against_lead_time_and_the_hard_pair(
     card = network_run.card
     left = records.take(np.isin(records.groups, card.split["test"]))
     given = answers(network_run, left, draw_ends(left, card.settings.windows, "evaluate", 0, per_record=2))
-    score = openset.of_run(network_run, card.unknown_score)(given.outputs)
+    score = openset.chosen(network_run)(given.outputs)
     following = given.label == Intention.FOLLOWING
     for row in found["by_lead_time"]:
         here = ~following & (given.lead_s >= row["from_s"]) & (given.lead_s < row["to_s"])
@@ -209,7 +209,7 @@ def test_maneuvers_with_background_count_the_rejected_and_the_following(
     ends = draw_ends(left, card.settings.windows, "evaluate", 0, per_record=2)
     given = answers(network_run, left, ends)
     assert card.unknown_threshold is not None
-    rejected = openset.of_run(network_run, card.unknown_score)(given.outputs) < card.unknown_threshold
+    rejected = openset.chosen(network_run)(given.outputs) < card.unknown_threshold
     assert 0 < rejected.sum() < len(rejected)
     said = np.where(rejected, 6, given.predicted)
     recalls = [(said[given.label == g] == g).mean() for g in range(6)]
@@ -253,6 +253,6 @@ def test_a_sweep_measures_at_fixed_ends(
     assert (tmp_path / "out" / "unknown_window_end.png").stat().st_size > 5000
     following = left.label == Intention.FOLLOWING
     late = cut(left, Ends(np.flatnonzero(usable), step[usable]), network_run.card.settings.windows)
-    score = openset.of_run(network_run, network_run.card.unknown_score)(network_run.predictor(late))
+    score = openset.chosen(network_run)(network_run.predictor(late))
     kept = np.quantile(score[~following[usable]], 0.05)
     assert rows[-1]["fpr_at_95_recall"] == pytest.approx((score[following[usable]] >= kept).mean())

@@ -8,7 +8,7 @@ from made_up import SMALL_RUN
 from models.asi_bip import AsiBip
 from models.floors import Aligned
 from models.inference import Infer
-from models.openset import of_run
+from models.openset import chosen
 from models.run import Run, build_network
 from models.windows import Ends, Records, cut
 
@@ -33,7 +33,7 @@ def test_a_batch_is_answered_as_in_evaluation(kind: str, records: Records, reque
     expected = torch.softmax(torch.from_numpy(outputs.logits) / run.card.temperature, 1).numpy()
     np.testing.assert_allclose(found.probabilities, expected, atol=1e-6)
     assert run.card.unknown_threshold is not None
-    score = of_run(run, run.card.unknown_score)(outputs)
+    score = chosen(run)(outputs)
     np.testing.assert_array_equal(found.rejected, score < run.card.unknown_threshold)
     assert found.intentions == [run.card.classes[k] for k in outputs.logits.argmax(axis=1)]
     assert found.latency_ms > 0

@@ -12,6 +12,7 @@ import torch
 from made_up import MADE_OF, SMALL_RUN
 
 from isacsim.errors import InputError
+from labeling.intentions import Intention
 from models import training
 from models.run import Run, TrainSettings, load_run
 from models.training import train_records
@@ -113,7 +114,12 @@ class Evil:
 
 @pytest.mark.parametrize(
     ("kind", "file"),
-    [("network_run", "weights.pt"), ("trees_run", "trees.skops"), ("network_run", "reference.npz")],
+    [
+        ("network_run", "weights.pt"),
+        ("trees_run", "trees.skops"),
+        ("network_run", "reference.npz"),
+        ("network_run", "preludes.skops"),
+    ],
 )
 def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run = tmp_path / "run"
@@ -146,6 +152,21 @@ def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
 def test_a_dataset_without_known_intentions_is_refused(records: Records, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="known intentions"):
         train_records(records.take(records.label == 6), MADE_OF, tmp_path / "run", TrainSettings())
+
+
+def test_a_held_out_intention_is_not_trained_and_not_chosen_on(records: Records, tmp_path: Path) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": "trees", "held_out": "overtake"})
+    run = train_records(records, MADE_OF, tmp_path / "run", settings)
+    assert run.card.counts["overtake"] == 0
+    assert Intention.OVERTAKE not in run.reference[1]
+    garbled = records.tv.copy()
+    garbled[records.label == Intention.OVERTAKE] = 0
+    other = Records(garbled, records.uv, records.tv_rate_hz, records.uv_rate_hz, records.table)
+    again = train_records(other, MADE_OF, tmp_path / "again", settings)
+    assert again.card == run.card
+    windows = windows_of(records, run)
+    np.testing.assert_array_equal(again.predictor(windows).logits, run.predictor(windows).logits)
+    assert (run.predictor(windows).logits.argmax(axis=1) != Intention.OVERTAKE).all()
 
 
 def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
