@@ -246,7 +246,7 @@ class Dataset:
         for shard in self.meta.shards:
             path = self.shard_path(shard)
             try:
-                yield pq.ParquetFile(path).read(columns)
+                yield pq.ParquetFile(path, page_checksum_verification=True).read(columns)
             except (OSError, ValueError) as error:
                 reason = " ".join(str(error).split())
                 raise InputError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -84,6 +85,19 @@ def made(tmp_path: Path) -> Dataset:
     return generate(STUDY, tmp_path / "data", INLINE, source=ScriptedSource(tmp_path))
 
 
+def test_a_flipped_byte_is_told_by_whoever_reads_it(made: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
+    """In the values, where the file's own structure does not notice."""
+    shard = made.shard_path(made.meta.shards[1])
+    group = pq.ParquetFile(shard).metadata.row_group(0)
+    tv = next(group.column(k) for k in range(group.num_columns) if group.column(k).path_in_schema.startswith("tv."))
+    content = bytearray(shard.read_bytes())
+    content[tv.data_page_offset + tv.total_compressed_size // 2] ^= 4
+    shard.write_bytes(content)
+    for line in ("inspect DATA --verify", "train DATA -o DATA/../run", "sense DATA -o DATA/../anew --sensor truth"):
+        assert cosim.main(line.replace("DATA", str(made.path)).split()) == 2
+        assert capfd.readouterr().err.splitlines()[-1].startswith(f"cosim: {shard}: ")
+
+
 def test_a_truncated_shard_is_told_by_whoever_reads_it(made: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
     shard = made.shard_path(made.meta.shards[1])
     shard.write_bytes(shard.read_bytes()[:-100])
@@ -139,8 +153,9 @@ def test_a_read_only_folder_is_bad_input(made: Dataset, tmp_path: Path) -> None:
 
 
 def masts(first: tuple[float, float]) -> str:
-    """Sites 80 m off both sides of a road along x, but for the first."""
-    places = [first, *((60 + 150 * (k // 2), 80 if k % 2 else -80) for k in range(1, 14))]
+    """Sites 80 m off both sides of a road along x, over a kilometre from the first on, which may stand elsewhere."""
+    begin = 150 * (first[0] // 150) + 60
+    places = [first, *((begin + 150 * (k // 2), 80 if k % 2 else -80) for k in range(1, 14))]
     return "".join(
         f'<poi id="s{k}" x="{x}" y="{y}" type="isac_site"><param key="height" value="15"/>'
         f'<param key="azimuth" value="{180 if y >= 0 else 0}"/></poi>'
@@ -149,21 +164,26 @@ def masts(first: tuple[float, float]) -> str:
 
 
 def on_road(
-    folder: Path, cars: str, lanes: int, first: tuple[float, float] = (60, 80), engine: Engine = INLINE
+    folder: Path,
+    cars: str,
+    lanes: int,
+    first: tuple[float, float] = (60, 80),
+    engine: Engine = INLINE,
+    seeds: int = 1,
 ) -> Dataset:
     """A dataset of 40 s of SUMO's traffic on a straight road."""
     scenario = straight_road(folder / "r", cars, masts(first), lanes=lanes)
     study = small_study(
         scenarios=[str(scenario)],
-        seeds={"first": 1, "last": 1},
+        seeds={"first": 1, "last": seeds},
         traffic={"run_in_s": 30.0, "duration_s": 40.0},
         maneuvers={"rest_s": 1.0},
     )
     return generate(study, folder / "data", engine)
 
 
-def convoy(lane: int) -> str:
-    return "".join(vehicle(f"v{k}", depart=2.5 * k, lane=lane, speed=20.0) for k in range(12))
+def convoy(lane: int, position: float = 10.0) -> str:
+    return "".join(vehicle(f"v{k}", depart=2.5 * k, lane=lane, position=position, speed=20.0) for k in range(12))
 
 
 def test_one_lane_roads_have_no_events_across_lanes(tmp_path: Path) -> None:
@@ -184,10 +204,21 @@ def test_no_traffic_makes_an_empty_dataset_that_says_so(tmp_path: Path) -> None:
 
 
 def test_a_site_on_top_of_the_road_sees_what_it_sees(tmp_path: Path) -> None:
-    made = on_road(tmp_path, convoy(1), 3, first=(300.0, -5.4))
+    made = on_road(tmp_path, convoy(1), 3, first=(90.0, -5.4))
     made.verify()
     assert made.meta.samples > 0
     assert max(error for shard in made.meta.shards for error in shard.episode.state_error_m) < 0.5
+
+
+def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_path: Path) -> None:
+    """The first of them reach the end of the road, at 3 km, while they are recorded."""
+    made = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=4)
+    made.verify()
+    left_out = made.meta.left_out()
+    assert left_out.get("tv_outside_track", 0) + left_out.get("uv_outside_track", 0) > 0
+    assert made.meta.samples > 0
+    for name in ("tv_truth", "uv"):
+        assert made.arrays(name)[name][:, 0].max() <= 3000.0
 
 
 def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -197,3 +228,47 @@ def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> N
     assert str(caught.value).startswith("all 1 episodes failed, the first with: r, seed 1: Departure speed for vehicle")
     (line,) = (tmp_path / "data/log.jsonl").read_text().splitlines()
     assert (json.loads(line)["outcome"], json.loads(line)["retries"]) == ("lost", 2)
+
+
+BACKWARDS = """
+import time
+
+began, real = time.monotonic(), time.time
+
+
+def shifted():
+    "The wall clock, set back by an hour every other second."
+    return real() - 3600.0 * int((time.monotonic() - began) / 2)
+
+
+time.time = shifted
+"""
+COMMAND = """
+import sys, time
+from pathlib import Path
+
+from labeling.engine import LocalEngine
+from labeling.generate import generate
+from scripted import ScriptedSource, small_study
+
+if __name__ == "__main__":
+    before = time.time()
+    study = small_study(seeds={"first": 1, "last": 6})
+    generate(study, Path("data"), LocalEngine(2), source=ScriptedSource(Path.cwd(), pause_s=1.0))
+    assert time.time() < before - 3000
+"""
+
+
+def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
+    """In the command, the scheduler and the workers alike."""
+    (tmp_path / "sitecustomize.py").write_text(BACKWARDS)
+    (tmp_path / "command.py").write_text(COMMAND)
+    root = Path(cosim.__file__).parent
+    path = os.pathsep.join(map(str, (tmp_path, root, Path(__file__).parent)))
+    subprocess.run([sys.executable, "command.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, check=True)
+    study = small_study(seeds={"first": 1, "last": 6})
+    undisturbed = generate(study, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path))
+    assert Dataset.open(tmp_path / "data").digest == undisturbed.digest
+    log = [json.loads(line) for line in (tmp_path / "data/log.jsonl").read_text().splitlines()]
+    assert len(log) == 6
+    assert all(1.0 <= each["seconds"] < 60.0 for each in log)
