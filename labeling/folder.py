@@ -8,12 +8,13 @@ import importlib.metadata
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from isacsim.errors import InputError, RunError
-from labeling.dataset import META_FILE, ROADS, SHARDS, Lost, Meta, Shard, read_meta, read_shard, write_meta
+from labeling.dataset import META_FILE, ROADS, SHARDS, Lost, Meta, Shard, read_meta, read_shard, shard_name, write_meta
 
 VERSIONED = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
 """Packages whose version may change the bytes of a shard."""
@@ -106,24 +107,29 @@ def _first_difference(path: str, before: Any, now: Any) -> str | None:
     return None if before == now else f"{path} is {json.dumps(before)} there and {json.dumps(now)} here"
 
 
-def standing(out: Path, started: Meta, files: Sequence[str]) -> dict[str, Shard]:
-    """Those of the shards named that stand already, whole and of this study, by file."""
+def standing(out: Path, started: Meta) -> dict[str, Shard]:
+    """The shards of this study that stand already, whole, by file."""
     before = read_meta(out)
     known = {shard.file: shard for shard in before.shards} if before else {}
-    found = {}
-    for file in files:
-        path = out / SHARDS / file
-        if not path.is_file():
-            continue
-        shard = known.get(file)
-        if shard is None or shard.bytes != path.stat().st_size:
-            try:
-                shard = read_shard(path)
-            except InputError:
-                continue
-        if shard.episode.fingerprint == started.fingerprint:
-            found[file] = shard
-    return found
+
+    def whole(path: Path) -> Shard | None:
+        shard = known.get(path.name)
+        if shard is not None and shard.bytes == path.stat().st_size:
+            return shard
+        try:
+            return read_shard(path)
+        except InputError:
+            return None
+
+    # Reading them takes most of a core each, and lets go of Python's lock.
+    with ThreadPoolExecutor() as threads:
+        found = [shard for shard in threads.map(whole, sorted((out / SHARDS).iterdir())) if shard is not None]
+    return {
+        shard.file: shard
+        for shard in found
+        if shard.episode.fingerprint == started.fingerprint
+        and shard.file == shard_name(shard.episode.scenario, shard.episode.seed)
+    }
 
 
 def finish(

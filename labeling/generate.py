@@ -23,14 +23,13 @@ from labeling.dataset import (
     ScenarioMeta,
     Shard,
     SiteMeta,
-    shard_name,
     write_roads,
 )
 from labeling.engine import Engine, LocalEngine
 from labeling.episode import Source, SumoSource, shard_of
 from labeling.folder import Progress, claimed, fingerprint, finish, standing, versions
 from labeling.log import Entry, Note
-from labeling.plan import Job, Plan
+from labeling.plan import Job, Jobs, Plan
 from labeling.study import DatasetStudy
 
 
@@ -57,14 +56,15 @@ def generate(
     for name, scenario in scenarios.items():
         if tell and scenario.overridden:
             tell(name, scenario.overridden)
-    started = _describe(study, scenarios)
+    started = describe(study, scenarios)
     with claimed(out, started):
-        plan = Plan([Job(w, s.name, seed) for seed in study.seeds for w, s in scenarios.items()], study.selection)
+        jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
+        plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
-        files = {shard_name(job.scenario, job.seed): job for job in plan.jobs}
-        for file, shard in standing(out, started, list(files)).items():
-            plan.add(files[file], shard)
+        for shard in standing(out, started).values():
+            if job := jobs.find(shard.episode.scenario, shard.episode.seed):
+                plan.add(job, shard)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
             noted = partial(log.record, out, note)
@@ -128,7 +128,7 @@ def _load(source: Source, where: str) -> Scenario:
     return source.load(where)
 
 
-def _describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
+def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     """The `dataset.json` of a dataset of which no episode is made yet."""
     names = [scenario.name for scenario in scenarios.values()]
     if twice := [name for name, times in Counter(names).items() if times > 1]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import overload
 
 from labeling.dataset import Lost, Shard
 from labeling.intentions import KNOWN
-from labeling.study import SelectionSettings
+from labeling.study import SeedRange, SelectionSettings
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,38 @@ class Job:
     where: str
     scenario: str
     seed: int
+
+
+@dataclass(frozen=True)
+class Jobs(Sequence[Job]):
+    """Every scenario with the first seed, then every one with the next. Made when asked for: a range may be long.
+
+    scenarios: where each one is, and its name.
+    """
+
+    scenarios: tuple[tuple[str, str], ...]
+    seeds: SeedRange
+
+    def __len__(self) -> int:
+        return len(self.scenarios) * len(self.seeds)
+
+    @overload
+    def __getitem__(self, number: int) -> Job: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[Job]: ...
+
+    def __getitem__(self, number: int | slice) -> Job | list[Job]:
+        if isinstance(number, slice):
+            return [self[each] for each in range(len(self))[number]]
+        turn, which = divmod(range(len(self))[number], len(self.scenarios))
+        return Job(*self.scenarios[which], self.seeds.first + turn)
+
+    def find(self, scenario: str, seed: int) -> Job | None:
+        """The job of a scenario, by its name, and a seed; None where there is none."""
+        where = {name: where for where, name in self.scenarios}.get(scenario)
+        within = self.seeds.first <= seed <= self.seeds.last
+        return Job(where, scenario, seed) if where is not None and within else None
 
 
 @dataclass

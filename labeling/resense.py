@@ -91,7 +91,7 @@ def resense(
     with claimed(out, started):
         for scenario in dataset.meta.scenarios:
             write_roads(out, scenario.name, dataset.roads(scenario.name))
-        made |= standing(out, started, [job.shard.file for job in jobs])
+        made |= standing(out, started)
         missing = [job for job in jobs if job.shard.file not in made]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())

@@ -85,7 +85,8 @@ def test_more_jobs_make_the_same_bytes(
 def test_what_stands_is_kept_and_what_is_missing_is_made(
     undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path
 ) -> None:
-    """As after an interruption: one shard gone, one cut short, one left half-written under its temporary name."""
+    """As after an interruption: one shard gone, one cut short, one left half-written under its temporary name,
+    and one under another's name."""
     folder = tmp_path / "data"
     generate(study, folder, INLINE, source=source)
     started = read_meta(folder)
@@ -95,6 +96,7 @@ def test_what_stands_is_kept_and_what_is_missing_is_made(
     cut = folder / "shards/road-3.parquet"
     cut.write_bytes(cut.read_bytes()[:1000])
     (folder / "shards/.road-4.parquet.77").write_bytes(b"PAR1")
+    (folder / "shards/road-9.parquet").write_bytes((folder / "shards/road-1.parquet").read_bytes())
     kept = (folder / "shards/road-1.parquet").stat().st_ino
     generate(study, folder, INLINE, source=source)
     assert bytes_of(folder) == bytes_of(undisturbed.path)
@@ -177,7 +179,7 @@ def test_a_fault_of_the_scenario_ends_the_command(source: ScriptedSource, study:
 
 def test_windows_take_the_shortest_run_of_seeds(source: ScriptedSource, tmp_path: Path) -> None:
     """Two samples an episode, none of seed 2: five are reached with seed 4, and surplus episodes leave nothing."""
-    study = small_study(seeds={"first": 1, "last": 50}, selection={"windows": 5})
+    study = small_study(seeds={"first": 1, "last": 2**31 - 1}, selection={"windows": 5})
     sparse = ScriptedSource(source.folder, empty=(2,))
     one = generate(study, tmp_path / "one", INLINE, source=sparse)
     assert [shard.samples for shard in one.meta.shards] == [2, 0, 2, 2]

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from labeling.dataset import Episode, Lost, Shard
 from labeling.intentions import KNOWN
-from labeling.plan import Job, Plan
-from labeling.study import SelectionSettings
+from labeling.plan import Job, Jobs, Plan
+from labeling.study import SeedRange, SelectionSettings
 
 NAMES = [intention.text for intention in KNOWN]
 
@@ -60,6 +60,25 @@ def test_the_run_is_the_shortest_whatever_the_order(
             plan.add(jobs[number], shard(jobs[number], episodes[number]))
     assert plan.done
     assert len(plan.run()) == shortest_run(episodes, windows, least, patience)
+
+
+def test_jobs_are_every_scenario_seed_by_seed() -> None:
+    jobs = Jobs((("nets/a", "a"), ("nets/b", "b")), SeedRange(first=3, last=5))
+    listed = [Job(f"nets/{name}", name, seed) for seed in (3, 4, 5) for name in "ab"]
+    assert list(jobs) == listed
+    assert jobs[1:4] == listed[1:4]
+    assert jobs[-1] == listed[-1]
+    assert jobs.find("b", 5) == listed[-1]
+    assert jobs.find("b", 6) is jobs.find("nets/b", 5) is None
+
+
+def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
+    jobs = Jobs((("road", "road"),), SeedRange(first=0, last=2**31 - 1))
+    plan = Plan(jobs, SelectionSettings(windows=12))
+    for job in plan.missing():
+        plan.add(job, shard(job, [1] * 6))
+    assert plan.progress() == (12, 12)
+    assert len(plan.run()) == 2
 
 
 def test_without_windows_every_episode_is_used() -> None:
