@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isacsim.recording import Recording, Track
 from isacsim.settings import Settings
@@ -38,12 +38,18 @@ CAR_MPS2, CAR_MPS3 = 9.0, 25.0
 """What a passenger car can do: acceleration, m/s2, and its change, m/s3."""
 MIN_TRACK_S = 1.0
 """Shorter tracks hold no event that could be told."""
+PRESET = "isac-1"
+"""Name and version of the default definitions. Other defaults are another preset."""
 
 
 class LabelSettings(Settings):
-    """What counts as each intention. `preset` names the set of values; change it with them."""
+    """What counts as each intention. `preset` names the set of values: other values need another name.
 
-    preset: str = Field("isac-1", min_length=1, description="name and version of these definitions")
+    width_s is one of the definitions, since the thresholds are for motion so smoothed: what is sensed may be
+    conditioned otherwise (`isacsim.motion.MotionSettings`), and the events stay the same.
+    """
+
+    preset: str = Field(PRESET, min_length=1, description="name and version of these definitions")
     width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the conditioning kernel, s")
     lane_change: LaneChangeSettings = LaneChangeSettings()
     overtake: OvertakeSettings = OvertakeSettings()
@@ -51,6 +57,15 @@ class LabelSettings(Settings):
     hard_accel: HardAccelSettings = HardAccelSettings()
     evasive_swerve: EvasiveSwerveSettings = EvasiveSwerveSettings()
     following: FollowingSettings = FollowingSettings()
+
+    @model_validator(mode="after")
+    def _truly_named(self) -> Self:
+        changed = [n for n, f in type(self).model_fields.items() if n != "preset" and getattr(self, n) != f.default]
+        if self.preset == PRESET and changed:
+            raise ValueError(
+                f"{changed[0]} is not that of preset {PRESET}; give these definitions a preset name of their own"
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -93,9 +108,7 @@ def label(recording: Recording, settings: LabelSettings, around: Surroundings | 
         jumps[track.vehicle] = motion.jumps
         changes[track.vehicle] = tuple(lane_change.detect(motion))
         crossings = lane_change.crossings(motion)
-        counts.update(
-            dithering=crossings.dithering, cut_off=crossings.cut_off, beyond_car=beyond_car(motion)
-        )
+        counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off, beyond_car=beyond_car(motion))
         own = _events_of(around, track, motion, changes[track.vehicle], settings)
         events += own
         kept = sum(event.intention in _CROSSING for event in own)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from builders import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
+from pydantic import ValidationError
 
 from isacsim.recording import Command, Recording
 from labeling.evasive_swerve import EvasiveSwerveSettings
@@ -119,6 +120,14 @@ def test_thresholds_are_settings() -> None:
     loose = LabelSettings(preset="mine", evasive_swerve=EvasiveSwerveSettings(threshold_mps2=9.0))
     assert label(busy(), loose).of(Intention.EVASIVE_SWERVE) == []
     assert label(busy(), loose).settings.preset == "mine"
+
+
+def test_a_preset_s_name_stands_for_its_values() -> None:
+    assert LabelSettings.model_validate(LabelSettings().model_dump(mode="json")) == LabelSettings()
+    for changed in ({"width_s": 0.2}, {"hard_brake": {"hold_s": 0.4}}):
+        with pytest.raises(ValidationError, match="not that of preset isac-1"):
+            LabelSettings.model_validate(changed)
+        assert LabelSettings.model_validate({"preset": "mine", **changed}) != LabelSettings()
 
 
 def test_a_vehicle_seen_for_a_moment_has_no_events() -> None:

@@ -11,8 +11,8 @@ ROAD = Road((Stretch(900.0), Stretch(4.0, internal=True), Stretch(6000.0)))
 
 
 def windows(recording: Recording, vehicle: str = "tv", **settings: float) -> list[Event]:
-    found = label(recording, LabelSettings(following=FollowingSettings(**settings))).of(Intention.FOLLOWING)
-    return [event for event in found if event.vehicle == vehicle]
+    labels = label(recording, LabelSettings(preset="mine", following=FollowingSettings(**settings)))
+    return [event for event in labels.of(Intention.FOLLOWING) if event.vehicle == vehicle]
 
 
 def test_steady_following_gives_windows_at_the_spacing() -> None:
