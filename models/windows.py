@@ -6,8 +6,9 @@ the last TV sample and the last UV sample of a window are taken at the same time
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -19,6 +20,7 @@ from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
+from models.lanes import LaneMap
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 Float32 = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+LaneMaps = Callable[[str], LaneMap]
+"""The lanes of a scenario, by its name."""
 
 COLUMNS = ("sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db")
 """The scalar columns of a dataset that predictors and their evaluation read."""
@@ -82,6 +86,7 @@ class Records:
     """The records of a dataset, in memory.
 
     tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, float32. table: one row a record, with COLUMNS.
+    lane_maps: the roads they drove on, for predictors that ask for them.
     """
 
     tv: Float32
@@ -89,6 +94,7 @@ class Records:
     tv_rate_hz: float
     uv_rate_hz: float
     table: pd.DataFrame
+    lane_maps: LaneMaps | None = None
 
     @classmethod
     def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self:
@@ -96,7 +102,13 @@ class Records:
         arrays = dataset.arrays(sensed, "uv")
         table = dataset.frame(COLUMNS)
         rates = dataset.meta
-        return cls(arrays[sensed], arrays["uv"], rates.tv_rate_hz, rates.uv_rate_hz, table.reset_index(drop=True))
+
+        @cache
+        def lane_map(scenario: str) -> LaneMap:
+            return LaneMap.of(dataset.roads(scenario))
+
+        table = table.reset_index(drop=True)
+        return cls(arrays[sensed], arrays["uv"], rates.tv_rate_hz, rates.uv_rate_hz, table, lane_map)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -104,7 +116,7 @@ class Records:
     def take(self, rows: npt.NDArray[np.bool_] | Ints) -> Records:
         """The records at those rows (a mask or positions)."""
         table = self.table.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows].reset_index(drop=True)
-        return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table)
+        return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps)
 
     @property
     def label(self) -> Ints:
@@ -137,11 +149,26 @@ class Ends:
 
 
 @dataclass(frozen=True)
+class OnMap:
+    """The same windows in the scenario's plane: tv (n, 6, T), uv (n, 6, U), the scenario of each, (n,), and its lanes."""
+
+    tv: Array
+    uv: Array
+    tv_rate_hz: float
+    scenario: npt.NDArray[np.object_]
+    lane_maps: LaneMaps
+
+
+@dataclass(frozen=True)
 class Windows:
-    """A batch of windows: tv (n, 6, T) and uv (n, 6, U), float32, in the frame that the settings name."""
+    """A batch of windows: tv (n, 6, T) and uv (n, 6, U), float32, in the frame that the settings name.
+
+    on_map: where the roads are known, for predictors that look at lanes.
+    """
 
     tv: Float32
     uv: Float32
+    on_map: OnMap | None = None
 
     def __len__(self) -> int:
         return len(self.tv)
@@ -223,7 +250,11 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
     tv = _gather(records.tv, ends.row, tv_end, n_tv)
     uv = _gather(records.uv, ends.row, ends.step, n_uv)
-    return in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
+    windows = in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
+    if records.lane_maps is None:
+        return windows
+    scenario = records.table["scenario"].to_numpy(dtype=object)[ends.row]
+    return replace(windows, on_map=OnMap(tv, uv, records.tv_rate_hz, scenario, records.lane_maps))
 
 
 def batches(records: Records, ends: Ends, settings: WindowSettings, size: int) -> Iterator[Windows]:

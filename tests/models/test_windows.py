@@ -1,5 +1,7 @@
 """Windows: the same instant in both streams, nothing after it, the frame, and splits by seed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -44,6 +46,22 @@ def test_both_streams_end_at_the_drawn_instant_and_are_contiguous(records: Recor
     np.testing.assert_allclose(windows.uv[:, 0, -1], since_start, atol=1e-5)
     np.testing.assert_allclose(np.diff(windows.tv[:, 0], axis=1), 1 / 400, atol=1e-6)
     np.testing.assert_allclose(np.diff(windows.uv[:, 0], axis=1), 1 / 100, atol=1e-6)
+
+
+def test_windows_on_the_map_are_the_same_in_the_scenario_s_plane(records: Records) -> None:
+    maps = {"toy": object()}
+    placed = replace(records, lane_maps=maps.__getitem__)  # type: ignore[arg-type]
+    few = placed.take(np.arange(5, 40))
+    ends = draw_ends(few, ABSOLUTE, "test")
+    assert cut(records, ends, ABSOLUTE).on_map is None
+    for frame in ("relative", "moving", "absolute"):
+        seen = cut(few, ends, WindowSettings(frame=frame)).on_map
+        assert seen is not None
+        plain = cut(few, ends, ABSOLUTE)
+        np.testing.assert_array_equal(seen.tv, plain.tv)
+        np.testing.assert_array_equal(seen.uv, plain.uv)
+        assert seen.lane_maps(seen.scenario[0]) is maps["toy"]
+        assert len(seen.scenario) == len(ends)
 
 
 @pytest.mark.parametrize(
