@@ -48,21 +48,19 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     Raises InputError when SUMO refuses the scenario, TrafficError when it fails on the way.
     """
     messages: Counter[str] = Counter()
-    with session(scenario, seed, traffic, messages) as sumo:
+    begin = round(scenario.begin_s / traffic.step_s)
+    first = begin + round(traffic.run_in_s / traffic.step_s)
+    last = first + round(traffic.duration_s / traffic.step_s)
+    log = StateLog(scenario, traffic.step_s, first)
+    with session(scenario, seed, traffic, messages, log) as sumo:
         director = Director(
             maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
         )
-        log = StateLog(scenario, sumo, traffic.step_s)
-        begin = round(scenario.begin_s / traffic.step_s)
-        first = begin + round(traffic.run_in_s / traffic.step_s)
-        last = first + round(traffic.duration_s / traffic.step_s)
         try:
             for step in range(begin, last):
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
-                log.incidents()
-                if step >= first:
-                    log.states(step + 1)
+                log.step(sumo)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
@@ -81,11 +79,16 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
 
 @contextlib.contextmanager
 def session(
-    scenario: Scenario, seed: int, traffic: TrafficSettings, messages: Counter[str] | None = None
+    scenario: Scenario,
+    seed: int,
+    traffic: TrafficSettings,
+    messages: Counter[str] | None = None,
+    log: StateLog | None = None,
 ) -> Iterator[Any]:
     """A running libsumo simulation of a scenario, closed at the end. Nothing but the input files is taken from it.
 
     messages: is given, at the end, how many warnings SUMO had (`WARNING`).
+    log: is given the states; it can make tracks of them when the session has ended.
     """
     # Imported here: loading it costs a second and it needs SUMO_HOME.
     import sumo as sumo_package
@@ -115,6 +118,7 @@ def session(
             "error-log": str(Path(folder) / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
+            **(log.options(Path(folder)) if log else {}),
         }
         arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
         try:
@@ -122,6 +126,8 @@ def session(
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise InputError(f"SUMO refuses scenario {scenario.name}: {one_line(error)}") from None
         try:
+            if log:
+                log.attach()
             # SUMO's time is whole milliseconds: it rounds what it cannot hold, and says nothing.
             step_s = libsumo.simulation.getDeltaT()
             if abs(step_s - traffic.step_s) > 1e-9:

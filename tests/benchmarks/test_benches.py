@@ -28,8 +28,8 @@ def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:
 def test_traffic_compares_recording_with_bare_stepping(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda: SHORT)
-    monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 2)
+    monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda **_: SHORT)
+    monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 1)
     found = reported("traffic", capfd)
     assert {"ratio", "ratio_of", "ratio_with_maneuvers", "simulated_s_per_cpu_s", "vehicles"} <= set(found)
     assert set(found["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]

@@ -1,3 +1,4 @@
+import tempfile
 from collections import Counter
 from pathlib import Path
 
@@ -6,11 +7,13 @@ import pytest
 from roads import straight_road, vehicle
 
 from isacsim.errors import InputError
-from isacsim.maneuvers import ManeuverSettings
+from isacsim.maneuvers import Director, ManeuverSettings
 from isacsim.motion import condition
 from isacsim.recording import COLUMNS, Recording
 from isacsim.scenario import load
-from isacsim.traffic import WARNING, TrafficSettings, record, session
+from isacsim.seeding import stream
+from isacsim.state_log import StateLog
+from isacsim.traffic import LOG_FILE, WARNING, TrafficSettings, record, session
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
 SHORT = TrafficSettings(run_in_s=40.0, duration_s=15.0)
@@ -36,10 +39,34 @@ def test_the_same_seed_gives_the_same_recording_and_another_seed_another(motorwa
     assert not same(motorway, record(load("motorway"), 4, SHORT, BRAKING))
 
 
-def test_emptying_the_buffers_changes_nothing(motorway: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three times on the way, the last one at the very end."""
-    monkeypatch.setattr("isacsim.state_log.EMPTY_EVERY_S", SHORT.duration_s / 3)
-    assert same(motorway, record(load("motorway"), 3, SHORT, BRAKING))
+def test_the_recording_is_what_sumo_answers_when_asked(motorway: Recording) -> None:
+    """The slow way: every vehicle is asked for its state after every step. Equal to the last bit."""
+    scenario = load("motorway")
+    lane_number = {lane.id: k for k, lane in enumerate(scenario.lanes)}
+    rng = stream("maneuvers", scenario.name, 3)
+    director = Director(BRAKING, scenario.sites, scenario.origin, rng, SHORT.step_s)
+    asked: dict[str, list[tuple[float, ...]]] = {}
+    first_step: dict[str, int] = {}
+    facts: dict[str, tuple[str, float, float]] = {}
+    with session(scenario, 3, SHORT) as sumo:
+        get = sumo.vehicle
+        for step in range(5500):
+            director.step(sumo, step * 0.01)
+            sumo.simulationStep()
+            for name in get.getIDList() if step >= 4000 else ():
+                first_step.setdefault(name, step + 1)
+                facts[name] = (get.getVehicleClass(name), get.getLength(name), get.getWidth(name))
+                along = (get.getSpeed(name), lane_number[get.getLaneID(name)], get.getLanePosition(name))
+                asked.setdefault(name, []).append(
+                    (*get.getPosition(name), *along, get.getLateralLanePosition(name)),
+                )
+        director.finish(55.0)
+    left_out = {*motorway.incidents.collided, *motorway.incidents.teleported}
+    assert [name for name in asked if name not in left_out] == list(motorway.tracks)
+    for name, track in motorway.tracks.items():
+        assert (track.kind, track.length_m, track.width_m) == facts[name]
+        assert track.first_step == first_step[name]
+        np.testing.assert_array_equal(np.stack([getattr(track, column) for column in COLUMNS], axis=1), asked[name])
 
 
 def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_path: Path) -> None:
@@ -90,6 +117,40 @@ def test_collided_vehicles_have_no_track(tmp_path: Path) -> None:
     recording = record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=15.0), NONE)
     assert set(recording.incidents.collided) == {"blind", "wall"}
     assert set(recording.tracks) == {"free"}
+
+
+def test_steps_of_5_ms_and_a_network_far_from_the_origin(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a", position=10.0, speed=25.0), shift=400_000.0))
+    recording = record(scenario, 1, TrafficSettings(step_s=0.005, run_in_s=1.0, duration_s=2.0), NONE)
+    track = recording.tracks["a"]
+    assert track.first_step == 201
+    np.testing.assert_allclose(track.x[0], 400_010.0 + 25.0 - scenario.origin[0], atol=2.0)
+    np.testing.assert_allclose(np.diff(track.x), 0.5 * (track.speed[1:] + track.speed[:-1]) * 0.005, atol=1e-9)
+
+
+def test_who_walks_is_not_recorded_and_an_empty_road_gives_no_tracks(tmp_path: Path) -> None:
+    walker = '<person id="p" depart="0"><walk edges="e0" departPos="10" arrivalPos="60"/></person>'
+    scenario = load(straight_road(tmp_path / "road", walker + vehicle("a", depart=5.0)))
+    assert set(record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=6.0), NONE).tracks) == {"a"}
+    assert record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=4.0), NONE).tracks == {}
+
+
+def test_a_vehicle_that_asks_not_to_be_recorded_is_told(tmp_path: Path) -> None:
+    shy = vehicle("shy").replace("/>", '><param key="has.fcd.device" value="false"/></vehicle>')
+    with pytest.raises(InputError, match=r"shy has has\.fcd\.device = false"):
+        record(load(straight_road(tmp_path / "road", shy)), 1, SHORT, NONE)
+
+
+def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a")))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    log = StateLog(scenario, 0.01, 0)
+    with session(scenario, 1, TrafficSettings(), log=log) as sumo:
+        for _ in range(100):
+            sumo.simulationStep()
+            log.step(sumo)
+        assert [file.name for file in tmp_path.glob("cosim-*/*")] == [LOG_FILE]
+    assert len(log.tracks()["a"]) == 100
 
 
 def test_a_step_that_sumo_cannot_hold_is_refused(tmp_path: Path) -> None:

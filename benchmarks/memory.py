@@ -1,0 +1,83 @@
+"""How much memory a long recording takes: whether it grows with simulated time.
+
+The bundled motorway, recorded and labelled; every tenth of a second the process's memory is read. Anonymous memory is
+what the process holds itself; the resident size also counts pages of its temporary files, which the system may drop.
+Linux only.
+
+Run: python -m benchmarks.memory [SIMULATED SECONDS, 3600 if not given]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.scenario import load
+from isacsim.traffic import TrafficSettings, record
+from labeling.events import label
+from labeling.study import DatasetStudy
+
+SCENARIO = "motorway"
+SEED = 1
+EVERY_S = 0.1
+QUANTITIES = {"anonymous_mib": "RssAnon:", "resident_mib": "VmRSS:"}
+
+
+def run(duration_s: float = 3600.0) -> dict[str, Any]:
+    """Measure; peaks in MiB of `recording` and of `labelling`, and of the first tenth and the whole of the former."""
+    study = DatasetStudy(scenarios=(SCENARIO,), traffic=TrafficSettings(duration_s=duration_s))
+    with _sampled() as recording:
+        recorded = record(load(SCENARIO), SEED, study.traffic, ManeuverSettings())
+    with _sampled() as labelling:
+        labels = label(recorded, study.labels)
+    return {
+        "recording": _peaks(recording),
+        "recording_first_tenth": _peaks(recording[: len(recording) // 10 + 1]),
+        "labelling": _peaks(labelling),
+        "rows": sum(map(len, recorded.tracks.values())),
+        "vehicles": len(recorded.tracks),
+        "events": len(labels.events),
+        "duration_s": duration_s,
+    }
+
+
+@contextmanager
+def _sampled() -> Iterator[list[dict[str, float]]]:
+    """The process's memory, MiB, at every tenth of a second of the block's run."""
+    samples = [_memory()]
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.wait(EVERY_S):
+            samples.append(_memory())
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield samples
+    finally:
+        done.set()
+        watcher.join()
+        samples.append(_memory())
+
+
+def _memory() -> dict[str, float]:
+    words = Path("/proc/self/status").read_text().split()
+    return {name: int(words[words.index(field) + 1]) / 1024.0 for name, field in QUANTITIES.items()}
+
+
+def _peaks(samples: list[dict[str, float]]) -> dict[str, float]:
+    return {name: round(max(sample[name] for sample in samples)) for name in QUANTITIES}
+
+
+if __name__ == "__main__":
+    began = time.monotonic()
+    found = run(*map(float, sys.argv[1:2]))
+    print(json.dumps({**found, "wall_s": round(time.monotonic() - began)}, indent=2))
