@@ -38,7 +38,7 @@ def run_study(study: Study, out: Path, generate: Generate, console: Console) -> 
     generate: makes the dataset; the command line puts a progress bar around it. console: where training draws its own.
     Raises InputError where the folder holds something else or another study.
     """
-    _claim(out, study)
+    claim(out, study)
     dataset = generate(out / "dataset")
     trained = train(dataset, out / "run", study.training, console)
     floor = train(dataset, out / "floor", study.floor, console)
@@ -47,7 +47,7 @@ def run_study(study: Study, out: Path, generate: Generate, console: Console) -> 
     return found
 
 
-def _claim(out: Path, study: Study) -> None:
+def claim(out: Path, study: Study) -> None:
     """Make the folder this study's. Raises InputError where it is another's, or no study's."""
     written = study.model_dump(mode="json")
     mark = out / STUDY_FILE
@@ -55,7 +55,8 @@ def _claim(out: Path, study: Study) -> None:
         if json.loads(mark.read_text()) != written:
             raise InputError(f"{out}: holds the results of another study; choose another folder with -o")
         return
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    # A command that was killed may have left its temporary file.
+    if out.exists() and (not out.is_dir() or any(not path.name.endswith(STUDY_FILE) for path in out.iterdir())):
         raise InputError(f"{out}: holds something that is no study's results; choose a new folder with -o")
     out.mkdir(parents=True, exist_ok=True)
     replace(mark, lambda path: path.write_text(json.dumps(written, indent=1) + "\n"))

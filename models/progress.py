@@ -1,7 +1,10 @@
-"""The bar of a training: epochs, validation score, time left."""
+"""The bar of a training: epochs, validation score, time left; and the steps of a sweep."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import lightning
@@ -45,3 +48,36 @@ class EpochProgress(Callback):
 
     def on_exception(self, *_: Any) -> None:
         self.bar.stop()
+
+
+class Steps:
+    """Says what is worked on, and about how long everything that is left will take.
+
+    expected_s: of all steps together, s. Their time left is scaled by how long those done here took, over expected.
+    """
+
+    def __init__(self, console: Console, expected_s: float) -> None:
+        self.console, self.left_s = console, expected_s
+        self.took_s = self.expected_s = 0.0
+
+    @contextmanager
+    def step(self, title: str, expected_s: float, standing: bool) -> Iterator[None]:
+        """Around the work of a step; standing: whether it was done before, and is passed over."""
+        began = time.monotonic()
+        if not standing:
+            left_s = self.left_s * (self.took_s / self.expected_s if self.expected_s else 1.0)
+            self.console.print(f"{title}; about {spoken_time(left_s)} left", highlight=False, soft_wrap=True)
+        try:
+            yield
+        finally:
+            self.left_s -= expected_s
+            if not standing:
+                self.took_s += time.monotonic() - began
+                self.expected_s += expected_s
+
+
+def spoken_time(seconds: float) -> str:
+    """As people say it: `40 s`, `12 min`, `3.5 h`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

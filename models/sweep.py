@@ -1,0 +1,249 @@
+"""A sweep: the datasets, trainings and evaluations of many cells, and one table of them.
+
+    OUT/datasets/<network>/<sensing>/               the first generated, the others its records sensed anew
+    OUT/cells/<network>/<sensing>/<model>/seed-<n>/
+        run/                                        the predictor trained with that seed
+        report/                                     measured on its network's test seeds
+        report_<network>/                           measured on another network's
+    OUT/table.csv, OUT/table.json                   a row a cell
+    OUT/report/                                     the table and its figure as a page
+
+All cells of a network train, validate and test on the same scenario seeds, on the same records but for those that a
+sensor cannot use. Every part resumes where it stopped. A cell that fails is told and left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from isacsim.errors import NO_ROOM, InputError, OutputError, RunError
+from labeling.dataset import Dataset, read_meta
+from labeling.engine import describe
+from labeling.estimate import estimate, sensed_anew
+from labeling.resense import ResenseSettings
+from labeling.study import DatasetStudy
+from models.axes import Cell, Sensing, sensings
+from models.estimate import cell_s, estimate_study
+from models.evaluation import METRICS_FILE, evaluate_records
+from models.main_job import claim
+from models.progress import Steps
+from models.report import PAGE, write_page
+from models.run import Run, load_run, versions
+from models.study import FLOOR, Study
+from models.sweep_report import rows, write_sweep
+from models.training import train_records
+from models.windows import COLUMNS, Records, SplitSettings, split
+
+Generate = Callable[[DatasetStudy, Path], Dataset]
+"""Makes a dataset in the folder given."""
+Sense = Callable[[Dataset, ResenseSettings, Path], Dataset]
+"""Senses a dataset's records anew into the folder given."""
+
+
+def run_sweep(
+    study: Study, out: Path, generate: Generate, sense: Sense, console: Console, workers: int = 1
+) -> dict[str, Any]:
+    """Run all cells of a study in a folder that is its own; returns what `table.json` holds.
+
+    workers: processes that datasets are made on, for the time left. Raises InputError where a dataset's settings or
+    folder are at fault, OutputError where nothing can be written.
+    """
+    claim(out, study)
+    sweep = Sweep(study, out, generate, sense, console, workers)
+    sweep.make_datasets()
+    sweep.measure_cells()
+    found = {
+        "study": study.name,
+        "trainings": len(study.cells) * len(sweep.axes.training_seeds),
+        "cells": rows(sweep.measured),
+        "failed": sweep.failed,
+        "made_by": {
+            "study": study.model_dump(mode="json"),
+            "datasets": {f"{network}/{way.name}": made.digest for (network, way), made in sweep.datasets.items()},
+            "seeds": sweep.sides,
+            "versions": versions(),
+        },
+    }
+    write_sweep(found, out)
+    return found
+
+
+class Sweep:
+    """What stands of a sweep so far.
+
+    datasets: by network and way of sensing. sides: of each network the scenario seeds to train, validate and test on.
+    measured: what a cell's trainings reached on a network, by the cell and that network. failed: what was left out.
+    """
+
+    def __init__(
+        self, study: Study, out: Path, generate: Generate, sense: Sense, console: Console, workers: int
+    ) -> None:
+        self.study, self.out, self.generate, self.sense = study, out, generate, sense
+        self.console, self.workers, self.axes = console, workers, study.axes
+        self.datasets: dict[tuple[str, Sensing], Dataset] = {}
+        self.sides: dict[str, dict[str, list[str]]] = {}
+        self.measured: dict[tuple[Cell, str], list[dict[str, Any]]] = {}
+        self.failed: list[dict[str, Any]] = []
+        self.steps = Steps(console, estimate_study(study).seconds(workers))
+        # Those that a cell is trained on, and those that it is tested on besides.
+        self.records = lru_cache(maxsize=1 + len(self.axes.test_on))(self._load)
+
+    def make_datasets(self) -> None:
+        """Of every network, generated once and sensed in every way; a network without samples is left out."""
+        for network, study in self.study.networks.items():
+            try:
+                made = self._make(network, study)
+                self.sides[network] = shared_split(made, self.study.training.split)
+            except OutputError:
+                raise
+            except RunError as error:
+                self._leave_out([cell for cell in self.study.cells if cell.network == network], error)
+                continue
+            self._sense(network, study, made)
+
+    def measure_cells(self) -> None:
+        """Train and evaluate every cell whose dataset stands; a cell's floor comes before it."""
+        cells = self.study.cells
+        for number, cell in enumerate(cells):
+            if (cell.network, cell.sensing) not in self.datasets:
+                continue
+            for seed in self.axes.training_seeds:
+                title = f"cell {number + 1} of {len(cells)} ({cell}), training seed {seed}"
+                try:
+                    self._measure(cell, seed, title)
+                except Exception as error:
+                    if isinstance(error, OutputError) or getattr(error, "errno", None) in NO_ROOM:
+                        raise
+                    self._leave_out([cell], error, seed)
+
+    def _make(self, network: str, study: DatasetStudy) -> Dataset:
+        """Generate a network's dataset."""
+        expected = estimate(study)
+        folder = self._folder(network, self.study.first)
+        title = f"dataset of {network}, {self.study.first}"
+        with self.steps.step(title, expected.cpu_s / min(self.workers, expected.episodes), finished(folder)):
+            return self.generate(study, folder)
+
+    def _sense(self, network: str, study: DatasetStudy, made: Dataset) -> None:
+        """Sense a network's dataset in every way."""
+        for way in sensings(self.axes):
+            if way == self.study.first:
+                self.datasets[network, way] = made
+                continue
+            expected_s = sensed_anew(study, estimate(study), way.sensor).cpu_s / self.workers
+            settings = ResenseSettings(sensor=way.sensor, sensing=self.study.sensing_at(way.snr))
+            folder = self._folder(network, way)
+            with self.steps.step(f"dataset of {network}, {way}", expected_s, finished(folder)):
+                self.datasets[network, way] = self.sense(made, settings, folder)
+
+    def _measure(self, cell: Cell, seed: int, title: str) -> None:
+        """Train a cell with one seed and evaluate it, where that does not stand yet, and take in what it reached."""
+        folder = self.out / "cells" / cell.path / f"seed-{seed}"
+        targets = [cell.network, *(each for each in self.axes.test_on if each != cell.network)]
+        targets = [each for each in targets if (each, cell.sensing) in self.datasets]
+        reports = {each: folder / ("report" if each == cell.network else f"report_{each}") for each in targets}
+        found = {each: self._standing(reports[each], self.datasets[each, cell.sensing]) for each in targets}
+        missing = [each for each in targets if found[each] is None]
+        expected_s = cell_s(self.study, cell.model, estimate(self.study.networks[cell.network]).samples)
+        with self.steps.step(title, expected_s, not missing):
+            if missing:
+                run, against = self._train(cell, seed, folder), self._floor(cell, seed)
+            for target in missing:
+                found[target] = self._evaluate(run, against, target, cell.sensing, reports[target])
+        for target, metrics in found.items():
+            assert metrics is not None
+            reached = self.measured.setdefault((cell, target), [])
+            reached.append(
+                {**_brief(metrics), "training_seed": seed, "report": str(reports[target].relative_to(self.out))}
+            )
+
+    def _train(self, cell: Cell, seed: int, folder: Path) -> Run:
+        dataset = self.datasets[cell.network, cell.sensing]
+        return train_records(
+            self.records(cell.network, cell.sensing),
+            made_of(dataset),
+            folder / "run",
+            self.study.training_of(cell.model, seed),
+            self.console,
+            self.sides[cell.network],
+        )
+
+    def _floor(self, cell: Cell, seed: int) -> list[Run]:
+        """The floor of the same training seed; none for the floor itself, and where it failed, which is told."""
+        if cell.model == FLOOR:
+            return []
+        try:
+            return [
+                load_run(self.out / "cells" / Cell(cell.network, cell.sensing, FLOOR).path / f"seed-{seed}" / "run")
+            ]
+        except InputError:
+            return []
+
+    def _evaluate(self, run: Run, against: list[Run], network: str, sensing: Sensing, out: Path) -> dict[str, Any]:
+        """Measure a run on the test seeds of a network."""
+        records = self.records(network, sensing)
+        tested = records.take(np.isin(records.groups, self.sides[network]["test"]))
+        made = made_of(self.datasets[network, sensing])
+        metrics = evaluate_records(run, tested, made, out, self.study.evaluation, against)
+        write_page(metrics, out)
+        return metrics
+
+    def _standing(self, report: Path, dataset: Dataset) -> dict[str, Any] | None:
+        """The metrics of a finished evaluation on that dataset; the page is written last."""
+        if not (report / PAGE).is_file():
+            return None
+        metrics: dict[str, Any] = json.loads((report / METRICS_FILE).read_text())
+        return metrics if metrics["made_by"]["dataset"]["digest"] == dataset.digest else None
+
+    def _load(self, network: str, sensing: Sensing) -> Records:
+        return Records.of(self.datasets[network, sensing])
+
+    def _folder(self, network: str, sensing: Sensing) -> Path:
+        return self.out / "datasets" / network / sensing.name
+
+    def _leave_out(self, cells: Sequence[Cell], error: Exception, seed: int | None = None) -> None:
+        """Take cells for failed, with one training seed or with all of them, and tell."""
+        reason = describe(error)
+        seeds = self.axes.training_seeds if seed is None else (seed,)
+        self.failed += [
+            {"cell": str(cell), "training_seed": each, "reason": reason} for cell in cells for each in seeds
+        ]
+        what = cells[0].network if len(cells) > 1 else f"{cells[0]}, training seed {seed}"
+        self.console.print(f"left out: {what}: {reason}", highlight=False, soft_wrap=True, markup=False)
+
+
+def shared_split(dataset: Dataset, settings: SplitSettings) -> dict[str, list[str]]:
+    """The sides that all ways of sensing a dataset share. Raises RunError where its seeds are too few."""
+    table = dataset.frame(COLUMNS)
+    nothing = np.empty((len(table), 6, 0), np.float32)
+    try:
+        return split(Records(nothing, nothing, dataset.meta.tv_rate_hz, dataset.meta.uv_rate_hz, table), settings)
+    except InputError as error:
+        raise RunError(str(error)) from None
+
+
+def finished(folder: Path) -> bool:
+    """Whether a folder holds a whole dataset."""
+    meta = read_meta(folder)
+    return meta is not None and meta.complete
+
+
+def made_of(dataset: Dataset) -> dict[str, Any]:
+    """What results say of the dataset that they come from."""
+    return {"digest": dataset.digest, "study": dataset.meta.study}
+
+
+def _brief(metrics: dict[str, Any]) -> dict[str, Any]:
+    """Of an evaluation, what the table is made of; the difference to the floor has an interval over the test seeds."""
+    taken = {name: metrics[name] for name in ("n", "macro_f1", "accuracy", "auroc_unknown")}
+    if not metrics["compared"]:
+        return {**taken, "ahead_of_floor": None}
+    paired = metrics["compared"][0]["paired_difference"]["macro_f1"]
+    return {**taken, "ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}

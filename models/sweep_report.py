@@ -1,0 +1,143 @@
+"""The table of a sweep: its rows, its files, its look on a terminal, and the page with its figure."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich import box
+from rich.table import Table
+
+from models import page
+from models.axes import Cell, Sensing
+from models.figures import CYCLE, figure
+from models.report import PAGE
+from models.run import replace
+
+TABLE_JSON, TABLE_CSV, REPORT, FIGURE = "table.json", "table.csv", "report", "macro_f1.png"
+SCORES = {
+    "macro_f1": "macro-F1", "accuracy": "accuracy", "ahead_of_floor": "over trees",
+    "auroc_unknown": "AUROC of following",
+}  # fmt: skip
+"""What has a mean and a spread over the training seeds, and its heading."""
+ON_TERMINAL = ("macro_f1", "accuracy", "ahead_of_floor")
+Row = Mapping[str, Any]
+
+
+def rows(measured: Mapping[tuple[Cell, str], Sequence[Row]]) -> list[dict[str, Any]]:
+    """A row a cell and network that it was tested on: mean and standard deviation of SCORES over its training seeds.
+
+    measured: what each training reached; `runs` of the row holds them. The standard deviation of one training is None,
+    and so is the mean of a score that none has.
+    """
+    return [_row(cell, tested_on, runs) for (cell, tested_on), runs in measured.items()]
+
+
+def write_sweep(found: dict[str, Any], out: Path) -> None:
+    """Write table.csv and table.json, and the report folder with the figure and the page."""
+    cells, report = found["cells"], out / REPORT
+    report.mkdir(exist_ok=True)
+    plain = pd.DataFrame([{name: value for name, value in row.items() if name != "runs"} for row in cells])
+    replace(out / TABLE_CSV, lambda path: plain.to_csv(path, index=False))
+    replace(out / TABLE_JSON, lambda path: path.write_text(json.dumps(found, indent=1) + "\n"))
+    if cells:
+        draw(cells, report / FIGURE)
+    replace(report / PAGE, lambda path: path.write_text(_page(found, report), encoding="utf-8"))
+
+
+def table(found: dict[str, Any]) -> Table:
+    """For the terminal."""
+    drawn = Table(title="Unseen seeds: mean and spread over training seeds", title_justify="left", box=box.SIMPLE_HEAD)
+    names = _names(found["cells"])
+    for name in names:
+        drawn.add_column(name, no_wrap=True)
+    for name in ON_TERMINAL:
+        drawn.add_column(SCORES[name], no_wrap=True, justify="right")
+    for row in found["cells"]:
+        drawn.add_row(*_named(row, names), *(_score(row, name) for name in ON_TERMINAL))
+    return drawn
+
+
+def draw(cells: Sequence[Row], path: Path) -> None:
+    """Macro-F1 of every cell, mean and standard deviation; a line a way of sensing, a colour a predictor."""
+    names = [name for name in _names(cells) if name != "model"]
+    models = list(dict.fromkeys(row["model"] for row in cells))
+    places = list(dict.fromkeys(", ".join(_named(row, names)) for row in cells))
+    with figure(path, 8, 1.4 + 0.4 * len(places)) as drawn:
+        axes = drawn.subplots()
+        for k, model in enumerate(models):
+            shown = [row for row in cells if row["model"] == model and row["macro_f1"] is not None]
+            # Predictors of one line stand a little apart.
+            aside = 0.5 * ((k + 0.5) / len(models) - 0.5)
+            axes.errorbar(
+                [row["macro_f1"] for row in shown],
+                [places.index(", ".join(_named(row, names))) + aside for row in shown],
+                xerr=[row["macro_f1_sd"] or 0.0 for row in shown],
+                fmt="o", ms=5, capsize=3, color=CYCLE[k % len(CYCLE)], label=model,
+            )  # fmt: skip
+        axes.set_yticks(range(len(places)), places)
+        axes.set(xlabel="macro-F1 on unseen seeds", ylim=(len(places) - 0.5, -0.5))
+        drawn.legend(loc="outside upper right", ncols=len(models))
+
+
+def _row(cell: Cell, tested_on: str, runs: Sequence[Row]) -> dict[str, Any]:
+    named = {"network": cell.network, "sensor": cell.sensing.sensor, "snr": cell.sensing.snr, "model": cell.model}
+    row = {**named, "tested_on": tested_on, "trainings": len(runs), "windows": runs[0]["n"]}
+    for name in SCORES:
+        values = [run[name] for run in runs if run[name] is not None]
+        row[name] = float(np.mean(values)) if values else None
+        row[f"{name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 else None
+    return {**row, "runs": list(runs)}
+
+
+def _names(cells: Sequence[Row]) -> list[str]:
+    """Headings of what names a row; `tested on` only where that is not always the network itself."""
+    crossed = any(row["tested_on"] != row["network"] for row in cells)
+    return ["network", *(["tested on"] if crossed else []), "sensed by", "model"]
+
+
+def _named(row: Row, names: Sequence[str]) -> list[str]:
+    texts = {**row, "tested on": row["tested_on"], "sensed by": str(Sensing(row["sensor"], row["snr"]))}
+    return [texts[name] for name in names]
+
+
+def _score(row: Row, name: str) -> str:
+    mean, spread = row[name], row[f"{name}_sd"]
+    if mean is None:
+        return "-"
+    text = f"{mean:+.3f}" if name == "ahead_of_floor" else f"{mean:.3f}"
+    return text if spread is None else f"{text} ±{spread:.3f}"
+
+
+def _page(found: dict[str, Any], report: Path) -> str:
+    cells, names = found["cells"], _names(found["cells"])
+    head = [*names, "trainings", "windows", *SCORES.values(), "reports"]
+    lines = [
+        [
+            *(html.escape(text) for text in _named(row, names)),
+            str(row["trainings"]), str(row["windows"]),
+            *(_score(row, name) for name in SCORES),
+            " ".join(
+                f'<a href="../{html.escape(run["report"])}/{PAGE}">{run["training_seed"]}</a>' for run in row["runs"]
+            ),
+        ]
+        for row in cells
+    ]  # fmt: skip
+    body = f"""<p>Measured on scenario seeds that were neither trained nor chosen on, the same in all cells of a
+network. Scores are means over training seeds, ± their standard deviation. Macro-F1 over that of the trees is paired on
+the same windows and training seed; its interval over the test seeds is in each training's report.</p>
+{page.table(head, lines)}
+"""
+    if cells:
+        body += page.image(report / FIGURE, "Macro-F1 by cell; whiskers: standard deviation over training seeds.")
+    if found["failed"]:
+        failed = [
+            f"{each['cell']}, training seed {each['training_seed']}: {each['reason']}" for each in found["failed"]
+        ]
+        body += f"<h2>Left out</h2><ul>{''.join(f'<li>{html.escape(line)}</li>' for line in failed)}</ul>"
+    return page.document(f"Sweep {found['study']}", body + page.made_by(json.dumps(found["made_by"], indent=1)))

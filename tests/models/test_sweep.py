@@ -1,0 +1,295 @@
+"""Sweeps: their cells, their table against the evaluations it is made of, resumption, and cells that fail."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up import SMALL_RUN
+from made_up_dataset import InlineEngine, write_dataset
+from rich.console import Console
+
+from isacsim.errors import InputError, OutputError, RunError
+from labeling.dataset import Dataset
+from labeling.resense import ResenseSettings, resense
+from labeling.study import DatasetStudy, checked
+from models import sweep, sweep_report
+from models.axes import Sensing
+from models.estimate import estimate_study
+from models.evaluation import EvaluateSettings
+from models.study import Study
+
+TINY = {
+    **SMALL_RUN.model_dump(),
+    "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
+    "trees": {"rounds": 4, "ends_per_record": 1},
+}
+EVALUATION = EvaluateSettings(ends_per_record=1).model_dump()
+SEEDS = {"north": 4, "south": 5}
+
+
+def study_of(**axes: object) -> Study:
+    return checked(Study, {"name": "small", "training": TINY, "evaluation": EVALUATION, "sweep": axes}, "test")
+
+
+class Makers:
+    """Makes datasets of made-up records, and keeps what was asked for; broken: networks that give no samples."""
+
+    def __init__(self, *broken: str) -> None:
+        self.broken, self.generated, self.sensed = broken, [], []
+
+    def generate(self, study: DatasetStudy, folder: Path) -> Dataset:
+        (network,) = study.scenarios
+        if network in self.broken:
+            raise RunError("all 5 episodes failed, the first with: no lane")
+        self.generated.append((network, folder))
+        return Dataset.open(folder) if folder.exists() else write_dataset(folder, network, SEEDS[network])
+
+    def sense(self, dataset: Dataset, settings: ResenseSettings, folder: Path) -> Dataset:
+        self.sensed.append((settings.sensor, folder))
+        return resense(dataset, settings, folder, InlineEngine())
+
+
+def run(study: Study, out: Path, makers: Makers) -> tuple[dict[str, Any], str]:
+    """What the sweep found, and what it told meanwhile."""
+    console = Console(file=io.StringIO(), width=200)
+    found = sweep.run_sweep(study, out, makers.generate, makers.sense, console)
+    return found, console.file.getvalue()  # type: ignore[attr-defined]
+
+
+TWO_WAYS = study_of(scenarios=["north"], sensors=["isac", "truth"], models=["asi-bip"], training_seeds=[3, 4])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_figures() -> Iterator[None]:
+    """The figures of single evaluations take most of the time, and are tested where they are made."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("models.evaluation._draw", lambda *_: None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory, no_figures: None) -> tuple[dict[str, Any], Path, Makers, str]:
+    """One network, two ways of sensing, a network and its floor, two training seeds."""
+    makers, out = Makers(), tmp_path_factory.mktemp("sweep") / "out"
+    found, said = run(TWO_WAYS, out, makers)
+    return found, out, makers, said
+
+
+def contents(out: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
+
+
+def test_the_table_has_the_mean_and_spread_of_the_evaluations(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    found, out, _, _ = swept
+    assert [(row["sensor"], row["model"], row["trainings"]) for row in found["cells"]] == [
+        ("isac", "trees", 2), ("isac", "asi-bip", 2), ("truth", "trees", 2), ("truth", "asi-bip", 2),
+    ]  # fmt: skip
+    for row in found["cells"]:
+        folder = out / "cells" / "north" / row["sensor"] / row["model"]
+        of_seeds = [json.loads((folder / f"seed-{seed}" / "report" / "metrics.json").read_text()) for seed in (3, 4)]
+        assert [each["made_by"]["runs"][0]["settings"]["seed"] for each in of_seeds] == [3, 4]
+        for name in ("macro_f1", "accuracy", "auroc_unknown"):
+            a, b = (each[name] for each in of_seeds)
+            assert row[name] == pytest.approx((a + b) / 2)
+            assert row[f"{name}_sd"] == pytest.approx(abs(a - b) / np.sqrt(2))
+        if row["model"] == "trees":
+            assert row["ahead_of_floor"] is None
+        else:
+            differences = [each["macro_f1"] - each["compared"][0]["macro_f1"] for each in of_seeds]
+            assert row["ahead_of_floor"] == pytest.approx(np.mean(differences))
+            assert all(each["low"] <= each["ahead_of_floor"] <= each["high"] for each in row["runs"])
+    assert json.loads((out / "table.json").read_text()) == json.loads(json.dumps(found))
+    table = pd.read_csv(out / "table.csv")
+    assert table["macro_f1"].tolist() == pytest.approx([row["macro_f1"] for row in found["cells"]])
+
+
+def test_cells_of_a_network_share_its_records_and_its_seeds(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    found, out, makers, _ = swept
+    assert makers.generated == [("north", out / "datasets" / "north" / "isac")]
+    assert makers.sensed == [("truth", out / "datasets" / "north" / "truth")]
+    sides = found["made_by"]["seeds"]["north"]
+    for card in out.glob("cells/**/run.json"):
+        assert json.loads(card.read_text())["split"] == sides
+    for metrics in out.glob("cells/**/metrics.json"):
+        assert json.loads(metrics.read_text())["made_by"]["seeds"] == sides["test"]
+
+
+def test_a_sweep_tells_where_it_is_and_ends_in_a_page(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    found, out, _, said = swept
+    assert "dataset of north, truth; about " in said
+    assert "cell 4 of 4 (north, truth, asi-bip), training seed 4; about " in said
+    page = (out / "report" / "index.html").read_text()
+    assert page.count("<tr>") == 5
+    assert 'href="../cells/north/truth/asi-bip/seed-4/report/index.html"' in page
+    assert (out / "cells/north/truth/asi-bip/seed-4/report/index.html").is_file()
+    assert "data:image/png" in page
+    drawn = io.StringIO()
+    Console(file=drawn, width=80).print(sweep_report.table(found))
+    assert f"{found['cells'][3]['macro_f1']:.3f} ±{found['cells'][3]['macro_f1_sd']:.3f}" in drawn.getvalue()
+    assert max(map(len, drawn.getvalue().splitlines())) <= 80
+
+
+def test_a_finished_sweep_answers_again_and_does_nothing(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    found, out, _, _ = swept
+    before = contents(out)
+    again, said = run(TWO_WAYS, out, Makers())
+    assert again == found
+    after = contents(out)
+    kept = [path for path in before if "cells" in path.parts or "shards" in path.parts]
+    assert len(kept) > 40
+    assert [before[path] for path in kept] == [after[path] for path in kept]
+    assert said == ""
+
+
+def test_a_sweep_goes_on_where_it_was_interrupted(
+    swept: tuple[dict[str, Any], Path, Makers, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped within the second training of a cell, it does that and what follows, and finds the same."""
+    found, _, _, _ = swept
+    train, calls = sweep.train_records, []
+
+    def counted(*arguments: Any) -> Any:
+        calls.append(arguments[2])
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return train(*arguments)
+
+    monkeypatch.setattr(sweep, "train_records", counted)
+    with pytest.raises(KeyboardInterrupt):
+        run(TWO_WAYS, tmp_path / "out", Makers())
+    standing = contents(tmp_path / "out" / "cells")
+    again, _ = run(TWO_WAYS, tmp_path / "out", Makers())
+    assert again == found
+    assert len(calls) == 4 + 5
+    assert {path: contents(tmp_path / "out")[path] for path in standing} == standing
+
+
+def test_what_fails_is_told_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A network without samples, and a training that breaks; what else there is stands in the table."""
+    train = sweep.train_records
+
+    def fragile(records: Any, made_of: Any, out: Path, settings: Any, *others: Any) -> Any:
+        if "truth" in out.parts and settings.seed == 1:
+            raise ValueError("the loss\nis no number")
+        return train(records, made_of, out, settings, *others)
+
+    monkeypatch.setattr(sweep, "train_records", fragile)
+    axes = {"sensors": ["isac", "truth"], "models": ["trees"], "training_seeds": [0, 1]}
+    study = study_of(scenarios=["north", "south"], **axes)
+    found, said = run(study, tmp_path / "out", Makers("south"))
+    assert [(row["network"], row["sensor"], row["trainings"]) for row in found["cells"]] == [
+        ("north", "isac", 2), ("north", "truth", 1),
+    ]  # fmt: skip
+    assert found["cells"][1]["macro_f1_sd"] is None
+    assert len(found["failed"]) == 5
+    assert found["trainings"] == 8
+    assert "left out: south: all 5 episodes failed, the first with: no lane" in said
+    assert "left out: north, truth, trees, training seed 1: ValueError: the loss is no number" in said
+    page = (tmp_path / "out" / "report" / "index.html").read_text()
+    assert page.count("<li>") == 5
+    monkeypatch.undo()
+    mended, _ = run(study, tmp_path / "out", Makers())
+    assert mended["failed"] == []
+    assert [row["trainings"] for row in mended["cells"]] == [2, 2, 2, 2]
+
+
+@pytest.mark.parametrize("error", [OutputError("full"), OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_what_no_other_cell_would_survive_ends_the_sweep(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(sweep, "train_records", full)
+    with pytest.raises(type(error)):
+        run(study_of(scenarios=["north"]), tmp_path / "out", Makers())
+
+
+def test_predictors_of_one_network_are_tested_on_another(tmp_path: Path) -> None:
+    """On that network's own test seeds, beside its own predictors."""
+    study = study_of(scenarios=["north", "south"], models=["trees"], test_on=["south"])
+    found, _ = run(study, tmp_path, Makers())
+    assert [(row["network"], row["tested_on"]) for row in found["cells"]] == [
+        ("north", "north"), ("north", "south"), ("south", "south"),
+    ]  # fmt: skip
+    crossed, own = (tmp_path / row["runs"][0]["report"] for row in found["cells"][1:])
+    seeds = [json.loads((each / "metrics.json").read_text())["made_by"]["seeds"] for each in (crossed, own)]
+    assert seeds[0] == seeds[1] == found["made_by"]["seeds"]["south"]["test"]
+    assert "<th>tested on</th>" in (tmp_path / "report" / "index.html").read_text()
+
+
+def test_the_folder_of_another_sweep_is_refused(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    with pytest.raises(InputError, match="another study"):
+        run(study_of(scenarios=["north"]), swept[1], Makers())
+
+
+def test_cells_are_the_product_of_the_axes() -> None:
+    """The SNR is the sites' alone; axes that are left out have the study's own value."""
+    axes = {"snr": ["0:10", "link"], "sensors": ["truth", "isac", "radar"], "models": ["castformer", "trees"]}
+    study = study_of(scenarios=["a/x.sumocfg", "y"], **axes)
+    ways = [Sensing("truth"), Sensing("isac", "0:10"), Sensing("isac", "link"), Sensing("radar")]
+    assert [(each.network, each.sensing, each.model) for each in study.cells] == [
+        (network, way, model) for network in ("x", "y") for way in ways for model in ("trees", "castformer")
+    ]
+    assert len({each.path for each in study.cells}) == 16
+    assert study.networks["x"].scenarios == ("a/x.sumocfg",)
+    assert study.networks["x"].sensing.channel.snr_range_db == (0.0, 10.0)
+    assert study.sensing_at("link").channel.kind == "link"
+    assert study_of().axes.training_seeds == (study.training.seed,)
+    assert list(study_of().networks) == ["motorway"]
+
+
+WRONG: dict[str, dict[str, Any]] = {
+    "sweep.seeds: unknown key": {"seeds": [1]},
+    "sweep.snr.1: snr loud: is no range, value or link": {"snr": ["0:10", "loud"]},
+    "sweep.snr.0: snr_range_db 0:900 is no range": {"snr": ["0:900"]},
+    "sweep.sensors.0: ": {"sensors": ["sonar"]},
+    "sweep.sensors: ": {"sensors": []},
+    "sweep.models.0: ": {"models": ["oracle"]},
+    "sweep: training_seeds has 1 twice": {"training_seeds": [1, 1]},
+    "sweep: scenarios has road twice": {"scenarios": ["a/road", "b/road.sumocfg"]},
+    "sweep: snr is of the sites": {"snr": ["link"], "sensors": ["truth"]},
+    "sweep: test_on names south, which is not among scenarios": {"scenarios": ["north"], "test_on": ["south"]},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_a_wrong_axis_is_told_by_its_key(message: str) -> None:
+    with pytest.raises(InputError) as told:
+        study_of(**WRONG[message])
+    assert str(told.value).startswith(f"test: {message}")
+    assert "\n" not in str(told.value)
+
+
+def test_blockage_is_not_sensed_anew() -> None:
+    content = {"dataset": {"sensing": {"channel": {"blockage": True}}}, "sweep": {"snr": ["link", "0:10"]}}
+    with pytest.raises(InputError, match=r"sweep\.snr: with more than one"):
+        checked(Study, content, "test")
+
+
+def test_what_a_sweep_takes_grows_with_its_axes() -> None:
+    one = estimate_study(study_of(scenarios=["motorway"], models=["asi-bip"]))
+    assert (one.cells, one.trainings, one.datasets, one.sensed_anew) == (2, 2, 1, 0)
+    seeds = estimate_study(study_of(scenarios=["motorway"], models=["asi-bip"], training_seeds=[0, 1, 2]))
+    assert (seeds.cells, seeds.trainings, seeds.cpu_s) == (2, 6, one.cpu_s)
+    assert seeds.training_s == pytest.approx(3 * one.training_s, rel=0.01)
+    ways = estimate_study(
+        study_of(scenarios=["motorway"], models=["asi-bip"], snr=["link", "0"], sensors=["isac", "truth"])
+    )
+    assert (ways.cells, ways.datasets, ways.episodes) == (6, 3, one.episodes)
+    assert ways.sensed_anew == 2 * ways.samples == 2 * one.samples
+    assert one.cpu_s < ways.cpu_s < 2 * one.cpu_s
+    networks = estimate_study(study_of(scenarios=["motorway", "urban"], models=["asi-bip"]))
+    assert (networks.cells, networks.samples) == (4, 2 * one.samples)
+    assert networks.seconds(1) == pytest.approx(2 * one.seconds(1), rel=0.01)
+    assert networks.seconds(4) == pytest.approx(networks.cpu_s / 4 + networks.training_s, abs=0.1)
+    assert one.bytes < seeds.bytes < ways.bytes
+    plain = estimate_study(checked(Study, {"training": TINY}, "test"))
+    assert (plain.cells, plain.trainings) == (1, 2)
