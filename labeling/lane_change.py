@@ -68,17 +68,17 @@ class LaneChange:
             of_marking[crossing.marking].append(crossing)
         completed: list[Crossing] = []
         cut_off = 0
-        last = float(motion.times[-1])
         for crossings in of_marking.values():
             settled_left = not crossings[0].left
-            until = [crossing.time for crossing in crossings[1:]] + [last]
+            until = [crossing.time for crossing in crossings[1:]] + [motion.until]
             for crossing, stop in zip(crossings, until, strict=True):
                 if crossing.left == settled_left:
                     continue
-                if stop - crossing.time >= self.settings.stay_s:
+                # A stay of exactly that long is one, whatever rounding makes of the difference of two times.
+                if stop - crossing.time >= self.settings.stay_s - 1e-6:
                     settled_left = crossing.left
                     completed.append(crossing)
-                elif stop == last:
+                elif stop == motion.until:
                     cut_off += 1
         dithering = len(motion.crossings) - len(completed) - cut_off
         return Crossings(sorted(completed, key=lambda crossing: crossing.time), dithering, cut_off)

@@ -49,6 +49,7 @@ class RoadMotion:
     times: s of simulation time. v, a: speed and acceleration along the road, m/s, m/s2.
     q, vq, aq: lateral position from the centre line of the lane the track starts in, lateral speed and acceleration,
     m, m/s, m/s2, left positive. crossings: of markings, in order. jumps: times of steps that are no motion, s.
+    until: of the track's last row, s, up to `GRID_S` after the last sample.
     """
 
     vehicle: str
@@ -60,6 +61,7 @@ class RoadMotion:
     aq: Array
     crossings: tuple[Crossing, ...]
     jumps: tuple[float, ...]
+    until: float
 
     def lateral_at(self, time: float) -> float:
         """Lateral position at an instant, m."""
@@ -85,6 +87,7 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
         aq=slope(vq, grid_s),
         crossings=tuple(crossings),
         jumps=tuple(sorted({*jumps, *_plane_jumps(track, times, recording.step_s)})),
+        until=float(times[-1]),
     )
 
 

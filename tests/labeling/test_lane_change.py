@@ -70,6 +70,15 @@ def test_a_crossing_just_before_the_end_of_the_track_is_cut_off() -> None:
     assert (found.completed, found.dithering, found.cut_off) == ([], 0, 1)
 
 
+@pytest.mark.parametrize(("after_s", "completed"), [(0.97, 0), (0.99, 0), (1.0, 1), (1.01, 1), (1.04, 1)])
+def test_the_second_across_is_counted_to_the_very_end_of_the_track(after_s: float, completed: int) -> None:
+    lateral = ramps((10.0, 0.0), (14.0, WIDTH_M))
+    (crossing,) = motion_of(record(Road(), Drive("tv", lateral=lateral, duration_s=20.0))).crossings
+    ends = record(Road(), Drive("tv", lateral=lateral, duration_s=round(crossing.time + after_s, 2)))
+    found = DETECTOR.crossings(motion_of(ends))
+    assert (len(found.completed), found.cut_off) == (completed, 1 - completed)
+
+
 def test_two_lanes_in_one_motion_are_two_changes_parted_at_the_middle_lane() -> None:
     first, second = changes(ramps((10.0, 0.0), (16.4, 2 * WIDTH_M)))
     assert first.intention is second.intention is LEFT
