@@ -23,6 +23,8 @@ COMMANDED_LANE_CHANGE_MODE = 512 + 1024
 RUTHLESS_LANE_CHANGE_MODE = 256 + 1024
 """As commanded, without asking for a gap, but not into a vehicle alongside."""
 OWN_LATERAL_MODE = 0
+STOP_MPS2, STOP_MPS3 = 2.5, 5.0
+"""How a vehicle comes to a stop: deceleration, m/s2, and its change, m/s3."""
 SETTLE_S = 3.0
 """What a vehicle needs, once its middle has crossed a marking, to reach the middle of the new lane, s."""
 
@@ -286,7 +288,7 @@ class SlowVehicle:
 
 @dataclass
 class StopInLane:
-    """Come to a stop at 2.5 m/s2, stand in the lane, and drive on: the obstacle others brake and swerve for."""
+    """Come to a stop at STOP_MPS2, stand in the lane, and drive on: the obstacle others brake and swerve for."""
 
     vehicle: str
     for_s: float
@@ -294,11 +296,43 @@ class StopInLane:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         speed = sumo.vehicle.getSpeed(self.vehicle)
-        profile = ramp_hold_ramp(-2.5, 5.0, speed / 2.5, 5.0, step_s)
+        profile = ramp_hold_ramp(-STOP_MPS2, STOP_MPS3, speed / STOP_MPS2, STOP_MPS3, step_s)
         yield from drive(sumo, self.vehicle, profile, step_s, floor=0.0, top=np.inf)
         sumo.vehicle.setSpeed(self.vehicle, 0.0)
         yield from wait(self.for_s, step_s)
         yield from let_go(sumo, self.vehicle, step_s)
+
+
+@dataclass
+class ClosedRampEnd:
+    """Keep to a lane that ends, stop at a place before its end, stand, and drive on: who follows has to merge before.
+
+    lane: the lane the vehicle is in. place_m: where its front bumper stops, from the lane's begin. Nobody may be
+    between the vehicle and the place. It gives up if it has not begun to brake within `patience_s`.
+    """
+
+    vehicle: str
+    lane: str
+    place_m: float
+    for_s: float
+    patience_s: float
+    name: str = "closed_ramp_end"
+
+    def steps(self, sumo: Any, step_s: float) -> Steps:
+        sumo.vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
+        for _ in range(round(self.patience_s / step_s)):
+            if self.reached(sumo) or sumo.vehicle.getLaneID(self.vehicle) != self.lane:
+                break
+            yield
+        if self.reached(sumo):
+            yield from StopInLane(self.vehicle, self.for_s).steps(sumo, step_s)
+        sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+
+    def reached(self, sumo: Any) -> bool:
+        """Whether the vehicle, in its lane, is as near to the place as stopping takes, or nearer."""
+        left_m = self.place_m - sumo.vehicle.getLanePosition(self.vehicle)
+        here = sumo.vehicle.getLaneID(self.vehicle) == self.lane
+        return bool(here and left_m <= stopping_m(sumo.vehicle.getSpeed(self.vehicle)))
 
 
 @dataclass
@@ -314,6 +348,14 @@ class CutIn:
         if (yield from change_lane(sumo, self.vehicle, self.direction, 5.0, step_s)):
             yield from wait(SETTLE_S, step_s)
         sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+
+
+def stopping_m(speed: float) -> float:
+    """What `StopInLane` takes to come to a stand from a speed, m/s: m.
+
+    v^2 / 2a, and half of what is driven at full speed in the time in which the deceleration a rises.
+    """
+    return speed**2 / (2.0 * STOP_MPS2) + speed * STOP_MPS2 / (2.0 * STOP_MPS3)
 
 
 def wait(for_s: float, step_s: float) -> Steps:

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from isacsim.commands import (
+    ClosedRampEnd,
     CutIn,
     HardAccel,
     HardBrake,
@@ -25,6 +26,7 @@ from isacsim.commands import (
     Steps,
     StopInLane,
     Swerve,
+    stopping_m,
 )
 from isacsim.recording import Command
 from isacsim.scenario import Site
@@ -36,7 +38,7 @@ def _rate(what: str, default: float) -> Any:
 
 
 class ManeuverSettings(Settings):
-    """Rates at which maneuvers are asked for, per vehicle-hour; all zero leaves the traffic alone.
+    """Rates at which maneuvers are asked for, per vehicle-hour or per lane-hour; all zero leaves the traffic alone.
 
     A maneuver that the surroundings do not allow (no gap ahead to accelerate into, no lane to change to) is not
     started, so fewer happen than are asked for.
@@ -51,13 +53,20 @@ class ManeuverSettings(Settings):
     slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down for others to react to", 1.0)
     stop_in_lane_per_vehicle_hour: float = _rate("vehicles that stop in their lane", 0.1)
     cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another", 2.0)
+    closed_ramp_end_per_lane_hour: float = Field(
+        6.0,
+        ge=0.0,
+        le=3600.0,
+        description="vehicles that stop near the end of a lane that ends, so that others have to merge before; "
+        "per hour of each such lane",
+    )
     rest_s: float = Field(12.0, ge=0.0, description="pause between two commands to one vehicle, s")
     within_m: float = Field(350.0, gt=0.0, description="only vehicles this near to a site are commanded, m")
 
     @property
     def quiet(self) -> bool:
         """Whether nothing is ever commanded."""
-        return not any(getattr(self, name) for name in type(self).model_fields if name.endswith("_per_vehicle_hour"))
+        return not any(getattr(self, name) for name in type(self).model_fields if name.endswith("_hour"))
 
 
 @dataclass
@@ -88,6 +97,10 @@ class Director:
         self._rested: dict[str, float] = {}
         self._every = round(self.decision_s / self.step_s)
         self._step = 0
+        self._ends: list[str] | None = None
+        self._due: dict[str, float] = {}
+        # Of its own, so that places have no say in what is drawn for vehicles.
+        self._places = self.rng.spawn(1)[0]
         self._choices = {
             name.removesuffix("_per_vehicle_hour"): getattr(self.settings, name) / 3600.0 * self.decision_s
             for name in ManeuverSettings.model_fields
@@ -105,6 +118,8 @@ class Director:
                 self._finish(vehicle, time)
         if self._step % self._every == 0 and not self.settings.quiet:
             self._start(sumo, sorted(present), time)
+            if self.settings.closed_ramp_end_per_lane_hour > 0.0:
+                self._close(sumo, time)
         self._step += 1
 
     def finish(self, time: float) -> None:
@@ -124,11 +139,43 @@ class Director:
         drawn = self.rng.random((len(present), len(chances))) < chances
         for vehicle_number, kind_number in np.argwhere(drawn):
             vehicle = present[vehicle_number]
-            if vehicle in self._active or self._rested.get(vehicle, 0.0) > time or not self._sensed(sumo, vehicle):
+            if not self._free(sumo, vehicle, time):
                 continue
             maneuver = self._compose(sumo, vehicle, list(self._choices)[kind_number])
             if maneuver is not None:
                 self._active[vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time)
+
+    def _close(self, sumo: Any, time: float) -> None:
+        """Draw for every lane that ends whether a closure falls due; the next vehicle that can stop there does."""
+        if self._ends is None:
+            self._ends = ending_lanes(sumo)
+        chance = self.settings.closed_ramp_end_per_lane_hour / 3600.0 * self.decision_s
+        draw = self._places.uniform
+        for number in np.flatnonzero(self._places.random(len(self._ends)) < chance):
+            length = sumo.lane.getLength(self._ends[number])
+            self._due.setdefault(self._ends[number], length - draw(0.05, 0.5) * min(length, 250.0))
+        closed = {each.maneuver.lane for each in self._active.values() if isinstance(each.maneuver, ClosedRampEnd)}
+        for lane, place in [each for each in self._due.items() if each[0] not in closed]:
+            vehicle = self._stops_at(sumo, lane, place, time)
+            if vehicle is not None:
+                del self._due[lane]
+                maneuver = ClosedRampEnd(vehicle, lane, place, draw(20.0, 60.0), 30.0)
+                self._active[vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time)
+
+    def _stops_at(self, sumo: Any, lane: str, place_m: float, time: float) -> str | None:
+        """A vehicle of the lane that may be commanded, can still stop at the place, and has nobody before it there."""
+        for vehicle in sumo.lane.getLastStepVehicleIDs(lane):
+            left_m = place_m - sumo.vehicle.getLanePosition(vehicle)
+            leader = sumo.vehicle.getLeader(vehicle, max(left_m, 0.0))
+            clear = not leader or leader[1] > left_m
+            if left_m > stopping_m(sumo.vehicle.getSpeed(vehicle)) and clear and self._free(sumo, vehicle, time):
+                return str(vehicle)
+        return None
+
+    def _free(self, sumo: Any, vehicle: str, time: float) -> bool:
+        """Whether a vehicle may be commanded: not under command, rested, and near to a site."""
+        rested = self._rested.get(vehicle, 0.0) <= time
+        return vehicle not in self._active and rested and self._sensed(sumo, vehicle)
 
     def _sensed(self, sumo: Any, vehicle: str) -> bool:
         position = np.array(sumo.vehicle.getPosition(vehicle))
@@ -198,8 +245,7 @@ class Director:
         edge = sumo.vehicle.getRoadID(vehicle)
         if edge.startswith(":") or not 0 <= target < sumo.edge.getLaneNumber(edge):
             return False
-        allowed = sumo.lane.getAllowed(f"{edge}_{target}")
-        return not allowed or sumo.vehicle.getVehicleClass(vehicle) in allowed
+        return open_to(sumo, f"{edge}_{target}", sumo.vehicle.getVehicleClass(vehicle))
 
     def _beside_free(self, sumo: Any, vehicle: str, side: int) -> bool:
         """Whether no vehicle on the neighbouring lane is within 15 m ahead or behind."""
@@ -211,3 +257,17 @@ class Director:
         followers = sumo.vehicle.getLeftFollowers if side > 0 else sumo.vehicle.getRightFollowers
         leaders = sumo.vehicle.getLeftLeaders if side > 0 else sumo.vehicle.getRightLeaders
         return float(min((gap for _, gap in (*followers(vehicle), *leaders(vehicle))), default=np.inf))
+
+
+def ending_lanes(sumo: Any) -> list[str]:
+    """Lanes for cars that end where their road goes on: no link leaves them, but one leaves a lane beside them."""
+    lanes = [lane for lane in sumo.lane.getIDList() if not lane.startswith(":") and open_to(sumo, lane, "passenger")]
+    linked = {lane for lane in lanes if sumo.lane.getLinks(lane)}
+    going_on = {sumo.lane.getEdgeID(lane) for lane in linked}
+    return [lane for lane in lanes if lane not in linked and sumo.lane.getEdgeID(lane) in going_on]
+
+
+def open_to(sumo: Any, lane: str, vehicle_class: str) -> bool:
+    """Whether vehicles of a class may use a lane."""
+    allowed = sumo.lane.getAllowed(lane)
+    return not allowed or vehicle_class in allowed

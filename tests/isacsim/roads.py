@@ -11,19 +11,38 @@ SITE = (
 )
 
 
-def straight_road(folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3, shift: float = 0.0) -> Path:
-    """A straight road of 3 km in two edges; returns the folder, a scenario."""
+def straight_road(
+    folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3, shift: float = 0.0, ending: bool = False
+) -> Path:
+    """A straight road of 3 km in two edges; returns the folder, a scenario.
+
+    ending: the right lane of the first edge ends there, and the second edge has one lane fewer.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     nodes = "".join(f'<node id="n{k}" x="{shift + 1500.0 * k}" y="{shift}"/>' for k in range(3))
     edges = "".join(
-        f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="{lanes}" speed="36.11" width="3.6"/>' for k in range(2)
+        f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="{lanes - k * ending}" speed="36.11" width="3.6"/>'
+        for k in range(2)
+    )
+    links = "".join(
+        f'<connection from="e0" to="e1" fromLane="{k}" toLane="{k - ending}"/>' for k in range(int(ending), lanes)
     )
     (folder / "r.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     (folder / "r.edg.xml").write_text(f"<edges>{edges}</edges>")
+    (folder / "r.con.xml").write_text(f"<connections>{links}</connections>")
     subprocess.run(
-        [Path(sumo.SUMO_HOME) / "bin" / "netconvert", "--node-files=r.nod.xml", "--edge-files=r.edg.xml",
-         "--output-file=r.net.xml", "--offset.disable-normalization", "--no-turnarounds"],
-        cwd=folder, check=True, capture_output=True,
+        [
+            Path(sumo.SUMO_HOME) / "bin" / "netconvert",
+            "--node-files=r.nod.xml",
+            "--edge-files=r.edg.xml",
+            "--connection-files=r.con.xml",
+            "--output-file=r.net.xml",
+            "--offset.disable-normalization",
+            "--no-turnarounds",
+        ],
+        cwd=folder,
+        check=True,
+        capture_output=True,
     )
     car = (
         'carFollowModel="IDM" accel="2" decel="4" emergencyDecel="9" speedFactor="0.8" speedDev="0" '

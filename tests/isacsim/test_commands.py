@@ -10,12 +10,15 @@ from roads import straight_road, vehicle
 from isacsim.commands import (
     DEFAULT_LANE_CHANGE_MODE,
     DEFAULT_SPEED_MODE,
+    ClosedRampEnd,
+    CutIn,
     HardAccel,
     HardBrake,
     LaneChange,
     Maneuver,
     Overtake,
     SlowVehicle,
+    StopInLane,
     Swerve,
     aside_and_back,
     ramp_hold_ramp,
@@ -30,6 +33,15 @@ STEP = 0.01
 @pytest.fixture(scope="module")
 def lone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
     return load(straight_road(tmp_path_factory.mktemp("lone"), vehicle("a")))
+
+
+@pytest.fixture(scope="module")
+def ending(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
+    """Lane 0 ends; a vehicle in it, and others that follow in it and beside."""
+    cars = [vehicle("a", 0.0, 0, 800.0, 20.0)]
+    for k in range(1, 6):
+        cars += [vehicle(f"f{k}", 2.5 * k, 0, 800.0, 20.0), vehicle(f"b{k}", 2.5 * k + 1.2, 1, 800.0, 20.0)]
+    return load(straight_road(tmp_path_factory.mktemp("ending"), "".join(cars), ending=True))
 
 
 def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[str, Any]:
@@ -51,13 +63,13 @@ def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[s
         while next(steps, "over") != "over":
             sumo.simulationStep()
             count += 1
-            rows.append((sumo.vehicle.getSpeed("a"), sumo.vehicle.getPosition("a")[1]))
+            rows.append((sumo.vehicle.getSpeed("a"), *sumo.vehicle.getPosition("a")))
         after = settings()
         for _ in range(round(after_s / STEP)):
             sumo.simulationStep()
-            rows.append((sumo.vehicle.getSpeed("a"), sumo.vehicle.getPosition("a")[1]))
-    speed, y = np.array(rows).T
-    return {"speed": speed, "y": y, "before": before, "after": after, "n": count}
+            rows.append((sumo.vehicle.getSpeed("a"), *sumo.vehicle.getPosition("a")))
+    speed, x, y = np.array(rows).T
+    return {"speed": speed, "x": x, "y": y, "before": before, "after": after, "n": count}
 
 
 @pytest.mark.parametrize(
@@ -129,6 +141,69 @@ def test_a_slow_vehicle_slows_gently_and_recovers(lone: Scenario) -> None:
     assert seen["speed"].min() == pytest.approx(0.7 * seen["speed"][0], rel=0.05)
     assert condition(seen["speed"], STEP, 0.15, 1).min() > -1.2
     assert seen["before"] == seen["after"]
+
+
+PLACE_M, STANDS_S = 1350.0, 12.0
+
+
+@pytest.mark.parametrize("maneuver", [StopInLane("a", STANDS_S), ClosedRampEnd("a", "e0_0", PLACE_M, STANDS_S, 30.0)])
+def test_a_stop_is_gentle_as_asked_and_let_go_without_a_jump(ending: Scenario, maneuver: Maneuver) -> None:
+    seen = play(ending, maneuver)
+    stands = seen["speed"] == 0.0
+    assert STANDS_S <= stands.sum() * STEP < STANDS_S + 1.5
+    if isinstance(maneuver, ClosedRampEnd):
+        assert seen["x"][stands] == pytest.approx(PLACE_M, abs=2.0)
+    assert condition(seen["speed"], STEP, 0.15, 1).min() == pytest.approx(-2.5, abs=0.2)
+    assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
+    let_go = int(np.flatnonzero(stands)[0])
+    assert np.abs(np.diff(seen["speed"][let_go:], 2)).max() / STEP < 0.5
+    assert np.abs(np.diff(seen["y"])).max() < 1.5 * STEP
+    assert seen["before"] == seen["after"]
+    assert seen["after"][:2] == (DEFAULT_SPEED_MODE, DEFAULT_LANE_CHANGE_MODE)
+
+
+def test_a_closed_ramp_end_that_is_out_of_reach_is_given_up(lone: Scenario) -> None:
+    """The vehicle has left the lane, or does not get there in time: it is as it was."""
+    for maneuver in (ClosedRampEnd("a", "e0_0", 900.0, 5.0, 30.0), ClosedRampEnd("a", "e0_1", 900.0, 5.0, 2.0)):
+        seen = play(lone, maneuver)
+        assert seen["speed"].min() > 20.0
+        assert seen["before"] == seen["after"]
+
+
+def test_those_behind_a_closed_ramp_end_merge_before_it_by_themselves(ending: Scenario) -> None:
+    with session(ending, 1, TrafficSettings()) as sumo:
+        for _ in range(500):
+            sumo.simulationStep()
+        merged: dict[str, float] = {}
+        for _ in ClosedRampEnd("a", "e0_0", PLACE_M, 40.0, 30.0).steps(sumo, STEP):
+            sumo.simulationStep()
+            for name in sumo.vehicle.getIDList():
+                if name.startswith("f") and sumo.vehicle.getLaneIndex(name) > 0 and name not in merged:
+                    merged[name] = sumo.vehicle.getPosition(name)[0]
+        assert len(merged) == 5
+        assert max(merged.values()) < PLACE_M
+        assert not sumo.simulation.getCollisions()
+
+
+def test_a_cut_in_is_smooth_and_makes_the_follower_slow_down(tmp_path: Path) -> None:
+    cars = vehicle("b", lane=0, position=12.0) + vehicle("a", lane=1, position=30.0)
+    with session(load(straight_road(tmp_path / "two", cars)), 1, TrafficSettings()) as sumo:
+        sumo.simulationStep()
+        sumo.vehicle.setMaxSpeed("a", 22.0)
+        for _ in range(100):
+            sumo.simulationStep()
+        before = [sumo.vehicle.getLaneChangeMode("a"), sumo.vehicle.getSpeedMode("a")]
+        rows = []
+        for _ in CutIn("a", -1).steps(sumo, STEP):
+            sumo.simulationStep()
+            rows.append((sumo.vehicle.getPosition("a")[1], sumo.vehicle.getSpeed("a"), sumo.vehicle.getSpeed("b")))
+        y, own, follower = np.array(rows).T
+        assert sumo.vehicle.getLaneIndex("a") == 0
+        assert y[-1] - y[0] == pytest.approx(-3.6, abs=0.1)
+        assert np.abs(np.diff(y)).max() < 1.5 * STEP
+        assert np.abs(np.diff(own, 2)).max() / STEP < 0.5
+        assert follower.min() < follower[0] - 1.0
+        assert before == [sumo.vehicle.getLaneChangeMode("a"), sumo.vehicle.getSpeedMode("a")]
 
 
 def test_profiles_have_the_jerk_and_the_peak_they_are_given() -> None:

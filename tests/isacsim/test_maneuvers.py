@@ -1,0 +1,161 @@
+"""The director: what it asks of whom, with which drawn parameters, and what it leaves alone."""
+
+from collections import defaultdict
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from roads import straight_road, vehicle
+
+from isacsim import maneuvers
+from isacsim.commands import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE, Maneuver
+from isacsim.maneuvers import Director, ManeuverSettings, ending_lanes
+from isacsim.recording import COLUMNS, Command, Recording
+from isacsim.scenario import Scenario, load
+from isacsim.seeding import stream
+from isacsim.traffic import TrafficSettings, record, session
+
+RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]
+NONE = ManeuverSettings(**dict.fromkeys(RATES, 0.0))
+STEP = 0.01
+
+
+def director(scenario: Scenario, settings: ManeuverSettings) -> Director:
+    return Director(settings, scenario.sites, scenario.origin, stream("test", 1), STEP)
+
+
+def only(**rates: float) -> ManeuverSettings:
+    return NONE.model_copy(update=rates)
+
+
+def test_without_rates_nobody_is_commanded() -> None:
+    scenario = load("ramp_weave")
+    recording = record(scenario, 1, TrafficSettings(run_in_s=20.0, duration_s=5.0), NONE)
+    assert recording.tracks
+    assert recording.commands == ()
+    assert NONE.quiet
+    assert not any(only(**{name: 1.0}).quiet for name in RATES)
+
+
+@pytest.mark.parametrize(("name", "ends"), [("motorway", ["merge_0"]), ("ramp_weave", ["merge_0"]), ("urban", [])])
+def test_lanes_that_end_are_found(name: str, ends: list[str]) -> None:
+    with session(load(name), 1, TrafficSettings()) as sumo:
+        assert ending_lanes(sumo) == ends
+
+
+def test_neither_pavements_nor_the_networks_own_ends_are_lanes_that_end() -> None:
+    """a_0 ends beside a_1; b_1 is no lane for cars; edge c ends altogether; beside d_0 only buses go on."""
+    linked = ("a_1", "b_0", "d_1")
+    classes = {"b_1": ("pedestrian",), "d_1": ("bus", "tram")}
+    lane = SimpleNamespace(
+        getIDList=lambda: ["a_0", "a_1", "b_0", "b_1", "c_0", "c_1", "d_0", "d_1", ":n_0"],
+        getLinks=lambda name: [("somewhere", True)] if name in linked else [],
+        getEdgeID=lambda name: name[0],
+        getAllowed=lambda name: classes.get(name, ()),
+    )
+    assert ending_lanes(SimpleNamespace(lane=lane)) == ["a_0"]
+
+
+def test_a_lanes_end_is_closed_now_and_then_by_one_vehicle_at_a_time() -> None:
+    scenario = load("ramp_weave")
+    guide = director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(11_000):
+            guide.step(sumo, step * STEP)
+            sumo.simulationStep()
+            assert not sumo.simulation.getCollisions()
+        guide.finish(110.0)
+        present = set(sumo.vehicle.getIDList())
+        still = {command.vehicle for command in guide.commands if command.end == 110.0}
+        for vehicle_id in ({command.vehicle for command in guide.commands} & present) - still:
+            assert sumo.vehicle.getLaneChangeMode(vehicle_id) == DEFAULT_LANE_CHANGE_MODE
+            assert sumo.vehicle.getSpeedMode(vehicle_id) == DEFAULT_SPEED_MODE
+    assert {command.maneuver for command in guide.commands} == {"closed_ramp_end"}
+    times = sorted((command.start, command.end) for command in guide.commands)
+    assert len(times) >= 2
+    assert all(end <= start for (_, end), (start, _) in pairwise(times))
+
+
+def same_until(a: Recording, b: Recording, time: float) -> bool:
+    """Whether all states up to an instant are equal, to the last bit."""
+    for name, track in a.tracks.items():
+        rows = max(0, round(time / a.step_s) - track.first_step)
+        if rows and not all(
+            np.array_equal(getattr(track, c)[:rows], getattr(b.tracks[name], c)[:rows]) for c in COLUMNS
+        ):
+            return False
+    return True
+
+
+def test_closures_have_no_say_in_the_other_maneuvers() -> None:
+    """Up to the first closure all is equal, commands and states, to what it is without closures; not afterwards."""
+    busy = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, closed_ramp_end_per_lane_hour=0.0)
+    brief = TrafficSettings(run_in_s=20.0, duration_s=25.0)
+    without = record(load("ramp_weave"), 1, brief, busy)
+    closing = busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0})
+    with_closures = record(load("ramp_weave"), 1, brief, closing)
+
+    def starts(commands: tuple[Command, ...], before: float) -> set[tuple[str, str, float]]:
+        return {(c.vehicle, c.maneuver, c.start) for c in commands if c.start < before}
+
+    first = min(c.start for c in with_closures.commands if c.maneuver == "closed_ramp_end")
+    assert first > 21.0
+    assert starts(without.commands, first) == starts(with_closures.commands, first) != set()
+    assert same_until(without, with_closures, first)
+    assert not same_until(without, with_closures, 45.0)
+
+
+def test_where_no_lane_ends_closures_change_nothing(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a") + vehicle("b", depart=2.0, lane=0)))
+    brief = TrafficSettings(run_in_s=2.0, duration_s=8.0)
+    busy = ManeuverSettings(hard_brake_per_vehicle_hour=3600.0, closed_ramp_end_per_lane_hour=0.0)
+    plain = record(scenario, 1, brief, busy)
+    asked = record(scenario, 1, brief, busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0}))
+    assert plain.commands == asked.commands != ()
+    assert same_until(plain, asked, 10.0)
+
+
+DRAWN = {
+    "HardBrake": {"peak": (-8.0, -4.8), "rise_jerk": (10.0, 18.0), "hold_s": (0.6, 1.6), "fall_jerk": (6.0, 12.0)},
+    "HardAccel": {"peak": (2.8, 4.5), "rise_jerk": (5.0, 10.0), "hold_s": (1.4, 2.6), "fall_jerk": (4.0, 8.0)},
+    "Swerve": {"offset_m": (-1.7, 1.7), "peak": (4.5, 6.0), "hold_s": (0.0, 0.6)},
+    "Overtake": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
+    "SlowVehicle": {"share": (0.65, 0.8), "for_s": (20.0, 40.0)},
+    "StopInLane": {"for_s": (15.0, 40.0)},
+}
+"""Of each kind, what is drawn and between which bounds: m/s2, m/s3, s, m, shares."""
+
+
+def test_every_driver_is_commanded_in_a_way_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Peak, jerks, duration and clearance are drawn anew each time; overtakes begin at headways of 0.8 to 2.5 s."""
+    composed: dict[str, list[Maneuver]] = defaultdict(list)
+    headways: list[float] = []
+    scenario = load("motorway")
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for kind in DRAWN:
+            made = getattr(maneuvers, kind)
+
+            def remembered(*values: Any, kind: str = kind, made: type[Maneuver] = made) -> Maneuver:
+                composed[kind].append(made(*values))
+                if kind == "Overtake":
+                    _, gap_m = sumo.vehicle.getLeader(values[0], 150.0)
+                    headways.append(gap_m / sumo.vehicle.getSpeed(values[0]))
+                return composed[kind][-1]
+
+            monkeypatch.setattr(maneuvers, kind, remembered)
+        often = {**dict.fromkeys(RATES, 150.0), "swerve_per_vehicle_hour": 1500.0, "overtake_per_vehicle_hour": 3000.0}
+        guide = director(scenario, only(**often | {"stop_in_lane_per_vehicle_hour": 40.0}, rest_s=1.0))
+        for step in range(7000):
+            guide.step(sumo, step * STEP)
+            sumo.simulationStep()
+        guide.finish(70.0)
+    for kind, bounds in DRAWN.items():
+        for name, (low, high) in bounds.items():
+            values = np.array([getattr(each, name) for each in composed[kind]])
+            assert len(values) >= 4, kind
+            assert low <= values.min() < values.max() <= high
+            assert len(np.unique(values)) == len(values) or name == "speed_gain"
+    assert 0.8 < min(headways) < max(headways) < 2.5
