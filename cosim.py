@@ -34,12 +34,14 @@ from command_line.options import (
 )
 from command_line.shown import (
     console_of,
+    failures,
     note_of,
     print_json,
     show_dataset,
     show_estimate,
     show_metrics,
     show_scenario,
+    show_sweep,
     tell_of,
 )
 from isacsim.errors import NO_ROOM, InputError, RunError, output_error
@@ -50,7 +52,9 @@ if TYPE_CHECKING:
     from labeling.dataset import Dataset
     from labeling.engine import Engine
     from labeling.log import Note
+    from labeling.resense import ResenseSettings
     from labeling.study import DatasetStudy
+    from models.study import Study
 
 app = typer.Typer(
     add_completion=False,
@@ -79,18 +83,27 @@ def run(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """The main job: generate, train, evaluate, report."""
+    """The main job: generate, train, evaluate, report; or all of it for every cell of a sweep."""
+    from isacsim.scenario import load
     from models import report
     from models.main_job import run_study
     from models.study import read_study
 
     began = time.monotonic()
     console, content = console_of(quiet), read_study(study)
+    for scenario in content.axes.scenarios:
+        load(scenario)  # A network that is at fault is told before hours go into the others.
     if dry_run:
-        print_json(as_json, show_estimate(content.dataset, jobs or cores(), console))
+        print_json(as_json, show_estimate(content, jobs or cores(), console))
         return
     folder, note = out or Path("results") / content.name, note_of(console, verbose)
     engine = engine_of(jobs, cluster)
+    if content.sweep is not None:
+        found = _sweep(content, folder, engine, jobs or cores(), console, note)
+        print_json(as_json, {**found, "seconds": round(time.monotonic() - began, 1)})
+        if found["failed"]:
+            raise RunError(failures(found))
+        return
 
     def make(where: Path) -> Dataset:
         return _generate(content.dataset, where, engine, console, note)[0]
@@ -161,16 +174,13 @@ def sense(
     from labeling.arguments import resense_settings
     from labeling.dataset import Dataset
     from labeling.engine import LocalEngine
-    from labeling.progress import bar
-    from labeling.resense import resense
 
     console, opened = console_of(quiet), Dataset.open(dataset)
     note = note_of(console, verbose)
     settings = resense_settings(
         opened, sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records
     )
-    with bar(console, "sensing", "records") as progress:
-        made = resense(opened, settings, out, LocalEngine(jobs or cores()), progress, note)
+    made = _sense(opened, settings, out, LocalEngine(jobs or cores()), console, note)
     print_json(as_json, show_dataset(made, console))
 
 
@@ -327,6 +337,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     # Newer typers turn Ctrl-C into this code themselves.
     return _complain(KEPT, code) if code == INTERRUPTED else code
+
+
+def _sense(
+    dataset: Dataset, settings: ResenseSettings, out: Path, engine: Engine, console: Console, note: Note | None
+) -> Dataset:
+    """Sense a dataset anew under a bar."""
+    from labeling.progress import bar
+    from labeling.resense import resense
+
+    with bar(console, "sensing", "records") as progress:
+        return resense(dataset, settings, out, engine, progress, note)
+
+
+def _sweep(
+    study: Study, folder: Path, engine: Engine, workers: int, console: Console, note: Note | None
+) -> dict[str, Any]:
+    """Run all cells of a study and show their table. Returns what `--json` gives."""
+    from models.sweep import run_sweep
+
+    def generate(dataset: DatasetStudy, where: Path) -> Dataset:
+        return _generate(dataset, where, engine, console, note)[0]
+
+    def sense(dataset: Dataset, settings: ResenseSettings, where: Path) -> Dataset:
+        return _sense(dataset, settings, where, engine, console, note)
+
+    return show_sweep(run_sweep(study, folder, generate, sense, console, workers), folder, console)
 
 
 def _complain(message: str, code: int) -> int:

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from isacsim.network import Made
     from labeling.dataset import Dataset
     from labeling.log import Note
-    from labeling.study import DatasetStudy
+    from models.study import Study
 
 
 def console_of(quiet: bool) -> Console:
@@ -62,18 +63,51 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     return found
 
 
-def show_estimate(study: DatasetStudy, jobs: int, console: Console) -> dict[str, Any]:
+def show_estimate(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     """What a study would take. Returns it as plain values."""
-    from labeling.estimate import estimate
+    from models.estimate import estimate_study
+    from models.progress import spoken_time
 
-    found = estimate(study)
-    seconds = found.cpu_s / min(jobs, found.episodes)
-    console.print(f"1 cell: about {found.episodes} episodes, {found.samples} samples, {found.bytes / 1e6:.0f} MB")
-    console.print(
-        f"about {found.cpu_s / 60:.0f} minutes of processor time, {seconds / 60:.0f} minutes on {jobs} workers"
+    found = estimate_study(study)
+    counts = f"{_number(found.cells, 'cell')}, {_number(found.trainings, 'training')}, "
+    counts += _number(found.datasets, "dataset")
+    anew = f", {found.sensed_anew} sensed anew" if found.sensed_anew else ""
+    plain(console, f"{counts}: about {found.episodes} episodes, {found.samples} samples{anew}; {_size(found.bytes)}")
+    plain(
+        console,
+        f"about {spoken_time(found.cpu_s)} of processor time for datasets and {spoken_time(found.training_s)} for "
+        f"trainings: {spoken_time(found.seconds(jobs))} with {_number(jobs, 'worker')}",
     )
-    console.print("by what the bundled motorway takes; training and evaluation come on top", soft_wrap=True)
-    return {"cells": 1, **dataclasses.asdict(found), "jobs": jobs, "seconds": round(seconds, 1)}
+    plain(console, "by what the bundled motorway and the networks' defaults take, all epochs counted")
+    return {**dataclasses.asdict(found), "jobs": jobs, "seconds": found.seconds(jobs)}
+
+
+def show_sweep(found: dict[str, Any], folder: Path, console: Console) -> dict[str, Any]:
+    """The table of a sweep, and where it stands. Returns what `--json` gives."""
+    from models import report, sweep_report
+
+    console.print(sweep_report.table(found))
+    page = folder / sweep_report.REPORT / report.PAGE
+    plain(console, f"table: {folder / sweep_report.TABLE_CSV}; page: {page}")
+    paths = {"table": str(folder / sweep_report.TABLE_JSON), "report": str(page.parent)}
+    return {**paths, "trainings": found["trainings"], "cells": found["cells"], "failed": found["failed"]}
+
+
+def failures(found: dict[str, Any]) -> str:
+    """One line on what a sweep left out."""
+    first = found["failed"][0]
+    return (
+        f"{len(found['failed'])} of {found['trainings']} trainings failed and are left out, the first of "
+        f"{first['cell']}, training seed {first['training_seed']}: {first['reason']}; the same command tries them again"
+    )
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def _size(number: int) -> str:
+    return f"{number / 1e6:.0f} MB" if number < 2e9 else f"{number / 1e9:.1f} GB"
 
 
 def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:

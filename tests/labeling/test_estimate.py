@@ -9,7 +9,7 @@ import pytest
 from scripted import small_study
 
 import cosim
-from labeling.estimate import estimate
+from labeling.estimate import estimate, sensed_anew
 from labeling.study import DatasetStudy, checked
 
 QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}
@@ -35,6 +35,14 @@ def test_it_grows_with_the_work() -> None:
     assert bound.samples == one.samples
 
 
+def test_sensing_anew_is_cheaper_than_making() -> None:
+    made = estimate(small_study())
+    for sensor in ("isac", "radar", "truth"):
+        anew = sensed_anew(small_study(), made, sensor)
+        assert (anew.episodes, anew.samples, anew.bytes) == (0, made.samples, made.bytes)
+        assert anew.cpu_s < made.cpu_s / 5
+
+
 def test_a_dry_run_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -42,7 +50,8 @@ def test_a_dry_run_writes_nothing(
     assert cosim.main(["run", "--dry-run", "--json", "--jobs", "4"]) == 0
     said = capfd.readouterr()
     found = json.loads(said.out)
-    assert (found["cells"], found["episodes"], found["jobs"]) == (1, 13, 4)
-    assert found["seconds"] == pytest.approx(found["cpu_s"] / 4, abs=0.1)
+    assert (found["cells"], found["trainings"], found["episodes"], found["jobs"]) == (1, 2, 13, 4)
+    assert found["seconds"] == pytest.approx(found["cpu_s"] / 4 + found["training_s"], abs=0.1)
+    assert "1 cell, 2 trainings, 1 dataset: " in said.err
     assert "1638 samples" in said.err
     assert list(tmp_path.iterdir()) == []

@@ -15,6 +15,7 @@ from made_up import SMALL_RUN
 from made_up_dataset import InlineEngine, write_dataset
 from rich.console import Console
 
+import cosim
 from isacsim.errors import InputError, OutputError, RunError
 from labeling.dataset import Dataset
 from labeling.resense import ResenseSettings, resense
@@ -293,3 +294,74 @@ def test_what_a_sweep_takes_grows_with_its_axes() -> None:
     assert one.bytes < seeds.bytes < ways.bytes
     plain = estimate_study(checked(Study, {"training": TINY}, "test"))
     assert (plain.cells, plain.trainings) == (1, 2)
+
+
+TOML = """
+[training]
+windows = { window_s = 1.2 }
+trees = { rounds = 4, ends_per_record = 1 }
+preludes = { use = false }
+
+[evaluation]
+ends_per_record = 1
+
+[sweep]
+scenarios = ["motorway", "ramp_weave"]
+sensors = ["isac", "truth"]
+models = ["trees"]
+training_seeds = [0, 1]
+"""
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the study, where made-up records stand for SUMO's and one network has no samples."""
+
+    def generate(study: DatasetStudy, out: Path, *_: Any, **__: Any) -> Dataset:
+        if study.scenarios == ("ramp_weave",):
+            raise RunError("all 20 episodes failed, the first with: no lane")
+        return Dataset.open(out) if out.exists() else write_dataset(out, *study.scenarios)
+
+    monkeypatch.setattr("labeling.generate.generate", generate)
+    monkeypatch.setattr("labeling.engine.LocalEngine", lambda jobs: InlineEngine())
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "both.toml").write_text(TOML)
+    return tmp_path
+
+
+def test_the_command_shows_the_table_and_ends_with_what_failed(
+    command: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert cosim.main(["run", "both.toml", "--json"]) == 1
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert [(row["network"], row["sensor"], row["trainings"]) for row in found["cells"]] == [
+        ("motorway", "isac", 2), ("motorway", "truth", 2),
+    ]  # fmt: skip
+    assert (found["trainings"], len(found["failed"])) == (8, 4)
+    assert f"{found['cells'][0]['macro_f1']:.3f} ±" in said.err
+    assert said.err.splitlines()[-1] == (
+        "cosim: 4 of 8 trainings failed and are left out, the first of ramp_weave, isac, trees, training seed 0: "
+        "all 20 episodes failed, the first with: no lane; the same command tries them again"
+    )
+    assert (command / found["report"] / "index.html").is_file()
+    assert (command / found["table"]).is_file()
+
+
+def test_a_dry_run_of_a_sweep_writes_nothing(command: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert cosim.main(["run", "both.toml", "--dry-run", "--json"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert (found["cells"], found["trainings"], found["datasets"], found["episodes"]) == (4, 8, 4, 40)
+    assert "4 cells, 8 trainings, 4 datasets: about 40 episodes" in said.err
+    assert [path.name for path in command.iterdir()] == ["both.toml"]
+
+
+def test_a_network_that_is_not_there_is_told_before_anything_is_made(
+    command: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (command / "none.toml").write_text(TOML.replace("ramp_weave", "nowhere"))
+    for options in ([], ["--dry-run"]):
+        assert cosim.main(["run", "none.toml", *options]) == 2
+        assert capfd.readouterr().err.startswith("cosim: there is no scenario nowhere")
+    assert not (command / "results").exists()
