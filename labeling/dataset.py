@@ -6,11 +6,11 @@ The layout is a contract, described in docs/dataset.md. `labeling.generate` writ
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -237,7 +237,9 @@ class Dataset:
 
     def verify(self) -> None:
         """Reread every shard against its digest and the contract. Raises InputError naming the first fault."""
-        faults = [fault for shard in self.meta.shards for fault in self._faults(shard)]
+        with ThreadPoolExecutor() as threads:
+            found = threads.map(lambda shard: list(self._faults(shard)), self.meta.shards)
+            faults = [fault for of_shard in found for fault in of_shard]
         if faults:
             others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
             raise InputError(f"{faults[0]}{others}; delete what is damaged and run the same `{self.meta.maker}` again")
@@ -303,7 +305,7 @@ def read_meta(folder: Path) -> Meta | None:
 
 def write_meta(folder: Path, meta: Meta) -> None:
     """Write `dataset.json` by temporary file and rename."""
-    _replace(folder / META_FILE, (json.dumps(meta.model_dump(mode="json"), indent=1) + "\n").encode())
+    _replace(folder / META_FILE, f"{meta.model_dump_json(indent=1)}\n".encode())
 
 
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:

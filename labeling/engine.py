@@ -8,8 +8,8 @@ The workers are this command's own, or those of a scheduler that runs already; w
 from __future__ import annotations
 
 import logging
+import math
 import time
-from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -29,6 +29,9 @@ RETRIES = 2
 
 ANSWER_S = 15.0
 """How long a running scheduler, and the first of its workers, may take to answer."""
+
+COUNTED_S = 1.0
+"""How old the number of a cluster's workers may be."""
 
 GONE = "the dask scheduler went away; start it, and the same command goes on from there"
 
@@ -112,7 +115,7 @@ class ClusterEngine:
 
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
         with self._connected() as client:
-            yield from run_on(client, task, items, lambda: max(1, len(client.nthreads())))
+            yield from run_on(client, task, items, _worker_count(client))
 
     @contextmanager
     def _connected(self) -> Iterator[Client]:
@@ -159,13 +162,26 @@ class ClusterEngine:
                     )
 
 
+def _worker_count(client: Client) -> Callable[[], int]:
+    """How many workers there are, at least one; asked once in COUNTED_S, for the answer names every one of them."""
+    count, until = 1, -math.inf
+
+    def counted() -> int:
+        nonlocal count, until
+        if time.monotonic() > until:
+            count, until = max(1, len(client.nthreads())), time.monotonic() + COUNTED_S
+        return count
+
+    return counted
+
+
 def run_on(
     client: Client, task: Callable[[Item], Result], items: Iterable[Item], at_once: Callable[[], int]
 ) -> Generator[Outcome[Item, Result]]:
     """Run tasks on a cluster, `at_once()` of them at a time. Raises RunError where the scheduler goes away."""
     waiting = enumerate(items)
     pending: dict[Future[Any], tuple[int, Item]] = {}
-    failures: Counter[int] = Counter()
+    failures: dict[int, int] = {}
     finished = as_completed()
 
     def submit(number: int, item: Item) -> None:
@@ -188,9 +204,9 @@ def run_on(
             if future.status not in ("finished", "error"):
                 raise RunError(GONE)
             failed, tried = _read(future)
-            before = failures[number]
-            failures[number] += failed
-            if failed and failures[number] <= RETRIES:
+            before = failures.pop(number, 0)
+            if failed and before + failed <= RETRIES:
+                failures[number] = before + failed
                 submit(number, item)
                 continue
             yield Outcome(item, tried.result, tried.error, tried.seconds, before + max(failed - 1, 0))

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
@@ -72,7 +72,7 @@ class Episode(Settings):
     events: events found, by intention. counts: of what is no event (labeling.events.Labels).
     left_out: candidates that became no sample, by reason.
     fix_error_m, state_error_m: of each sample the median distance to the true position, m: of the fused fixes before
-    the filter, and of the sensed state.
+    the filter, and of the sensed state. The shard's file holds them (`read_episode`), the dataset's list does not.
     """
 
     scenario: str
@@ -98,6 +98,12 @@ class Shard(Settings):
     by_intention: dict[str, int]
     by_origin: dict[str, int]
     episode: Episode
+
+    @field_validator("episode")
+    @classmethod
+    def _brief(cls, episode: Episode) -> Episode:
+        """Without what grows with the samples: a long list has to fit into memory."""
+        return episode.model_copy(update={"fix_error_m": (), "state_error_m": ()})
 
 
 def shard_name(scenario: str, seed: int) -> str:
@@ -181,6 +187,14 @@ def read_samples(path: Path) -> list[Sample]:
         )
         for k, row in enumerate(rows)
     ]
+
+
+def read_episode(path: Path) -> Episode:
+    """What a shard says of its episode, from the end of its file alone. Raises InputError where it is damaged."""
+    try:
+        return Episode.model_validate_json(pq.read_metadata(path).metadata[_EPISODE_KEY])
+    except (KeyError, TypeError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
 
 
 def read_shard(path: Path) -> Shard:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from labeling.dataset import Dataset
 from labeling.distributions import distributions, too_few_seeds
+from labeling.shard import read_episode
 
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
@@ -32,6 +33,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         for scenario in meta.scenarios
     }
     episodes = [shard.episode for shard in meta.shards]
+    errors = [read_episode(dataset.shard_path(shard)) for shard in meta.shards]
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin"])
     origins = scalars.groupby(["intention", "origin"]).size()
     return {
@@ -52,8 +54,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "snr_db": _quantiles(scalars["snr_db"].to_numpy(np.float64)),
         "n_sites": _quantiles(scalars["n_sites"].to_numpy(np.float64)),
         "position_error_m": {
-            "before_filter": _median([error for episode in episodes for error in episode.fix_error_m]),
-            "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
+            "before_filter": _median([error for episode in errors for error in episode.fix_error_m]),
+            "sensed": _median([error for episode in errors for error in episode.state_error_m]),
         },
         "left_out": meta.left_out(),
         "counts": dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items())),

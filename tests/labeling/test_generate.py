@@ -21,6 +21,7 @@ from isacsim.errors import InputError
 from labeling.dataset import Dataset, read_meta
 from labeling.engine import LocalEngine
 from labeling.generate import generate
+from labeling.shard import read_episode
 from labeling.study import DatasetStudy
 
 INLINE = InlineEngine()
@@ -54,6 +55,9 @@ def test_a_dataset_is_made(undisturbed: Dataset) -> None:
     assert undisturbed.meta.by_intention()["left_lane_change"] == 4
     assert [shard.episode.seed for shard in undisturbed.meta.shards] == [1, 2, 3, 4]
     assert undisturbed.meta.shards[0].episode.collided == 1
+    # What grows with the samples stands in the shards alone.
+    assert undisturbed.meta.shards[0].episode.state_error_m == ()
+    assert len(read_episode(undisturbed.shard_path(undisturbed.meta.shards[0])).state_error_m) == 2
     assert undisturbed.meta.study["record"]["before_onset_s"] == 2.6
     assert {"libsumo", "pyarrow", "numpy"} <= set(undisturbed.meta.versions)
 
