@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from isacsim.settings import Settings
 from models.network import N_STATES, WindowNetwork, linear_head
+from models.statistics_branch import StatisticsBranch
 
 Streams = Literal["both", "tv", "uv"]
 
@@ -44,6 +45,11 @@ class AsiBipSettings(Settings):
         1, ge=1, description="extension, not in the paper: TV samples that one step of the LSTM takes side by side"
     )
     uv_patch: int = Field(1, ge=1, description="extension, as tv_patch: UV samples of one step")
+    statistics: bool = Field(
+        False,
+        description="extension, not in the paper: a third branch, an MLP over the statistics that the boosted trees "
+        "see, is added to the class token",
+    )
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
@@ -76,18 +82,35 @@ class AsiBip(WindowNetwork):
                 ("uv", uv_length, settings.uv_patch, settings.uv_pool),
             )
         )
+        self.statistics = (
+            StatisticsBranch(2 if streams == "both" else 1, settings.feedforward, settings.width, settings.dropout)
+            if settings.statistics
+            else None
+        )
         self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
         self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
 
+    def fit_scale(self, tv: Tensor, uv: Tensor) -> None:
+        super().fit_scale(tv, uv)
+        if self.statistics is not None:
+            self.statistics.fit_scale(*self._seen(*self.standardised(tv, uv)))
+
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
         """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
-        tokens = [self.class_token.expand(tv.shape[0], -1, -1)]
+        class_token = self.class_token.expand(tv.shape[0], -1, -1)
+        if self.statistics is not None:
+            class_token = class_token + self.statistics(*self._seen(tv, uv))[:, None]
+        tokens = [class_token]
         if self.tv_branch is not None:
             tokens.append(self.tv_branch(tv))
         if self.uv_branch is not None:
             tokens.append(self.uv_branch(uv))
         return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))))
+
+    def _seen(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
+        """The streams that the network looks at."""
+        return [x for x, branch in ((tv, self.tv_branch), (uv, self.uv_branch)) if branch is not None]
 
 
 class ClassTokenEncoder(nn.Module):

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import lightning
-import numpy as np
 import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback
@@ -22,6 +21,7 @@ from models.run import TrainSettings, replace
 from models.windows import Ends, Records, batches, cut, draw_ends
 
 MONITOR = "validation_macro_f1"
+SCALE_WINDOWS = 2000
 Batch = tuple[Tensor, Tensor, Tensor]
 
 
@@ -41,14 +41,10 @@ class WindowData(lightning.LightningDataModule):
             validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
         )
 
-    def scale(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Mean and standard deviation of every channel of the TV's and of the UV's stream, over training windows."""
-        windows = cut(self.training, self.epoch_ends(0)[:2000], self.settings.windows)
-        return tuple(  # type: ignore[return-value]
-            torch.as_tensor(value, dtype=torch.float32)
-            for x in (windows.tv, windows.uv)
-            for value in (x.mean(axis=(0, 2), dtype=np.float64), x.std(axis=(0, 2), dtype=np.float64) + 1e-6)
-        )
+    def first_windows(self) -> tuple[Tensor, Tensor]:
+        """Windows of the first epoch, at most SCALE_WINDOWS, to standardise by: (n, 6, T) and (n, 6, U)."""
+        windows = cut(self.training, self.epoch_ends(0)[:SCALE_WINDOWS], self.settings.windows)
+        return torch.from_numpy(windows.tv), torch.from_numpy(windows.uv)
 
     def epoch_ends(self, epoch: int) -> Ends:
         """The epoch's training windows, shuffled."""

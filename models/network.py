@@ -13,7 +13,7 @@ N_STATES = 6
 class WindowNetwork(nn.Module):
     """A network over both streams of a window. Subclasses turn standardised streams into features in `encode`, and set
     `head`, which reads logits from the features.
-    Inputs are windows as cut, in m, m/s and m/s2; the standardisation is part of the network (see `set_scale`).
+    Inputs are windows as cut, in m, m/s and m/s2; the standardisation is part of the network (see `fit_scale`).
     """
 
     tv_mean: Tensor
@@ -28,6 +28,13 @@ class WindowNetwork(nn.Module):
         for stream in ("tv", "uv"):
             self.register_buffer(f"{stream}_mean", torch.zeros(N_STATES, 1))
             self.register_buffer(f"{stream}_sd", torch.ones(N_STATES, 1))
+
+    def fit_scale(self, tv: Tensor, uv: Tensor) -> None:
+        """Take channel means and standard deviations from training windows (n, 6, T) and (n, 6, U); they are saved with
+        the weights.
+        """
+        scale = [(x.double().mean(dim=(0, 2)), x.double().std(dim=(0, 2), correction=0) + 1e-6) for x in (tv, uv)]
+        self.set_scale(*scale[0], *scale[1])
 
     def set_scale(self, tv_mean: Tensor, tv_sd: Tensor, uv_mean: Tensor, uv_sd: Tensor) -> None:
         """Channel means and standard deviations of training windows, each (6,); they are saved with the weights."""

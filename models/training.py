@@ -203,7 +203,7 @@ def _train_network(
         torch.manual_seed(torch_seed("weights", card.settings.seed))
         network = build_network(card)
         data = WindowData(training, validation, card.settings)
-        network.set_scale(*data.scale())
+        network.fit_scale(*data.first_windows())
         alpha = inverse_frequency(training.label, len(card.classes)) if card.settings.loss.class_weights else None
         lesson = Lesson(network, card.settings, alpha)
         best = _fit(lesson, data, folder, card, progress)

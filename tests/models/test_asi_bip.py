@@ -5,6 +5,9 @@ import torch
 from torch import nn
 
 from models.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches
+from models.floors import statistics
+from models.statistics_branch import window_statistics
+from models.windows import Windows
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 
@@ -62,16 +65,61 @@ def test_standardisation_is_part_of_the_network_and_of_its_state() -> None:
     torch.testing.assert_close(again(tv, uv), expected)
 
 
-def test_a_window_s_answer_does_not_depend_on_its_batch() -> None:
-    net = network()
+def test_the_scale_is_that_of_the_windows_it_is_fitted_on() -> None:
+    tv, uv = 3 + 5 * torch.randn(40, 6, 80), torch.randn(40, 6, 20) - 7
+    net = network(SMALL.model_copy(update={"statistics": True}))
+    net.fit_scale(tv, uv)
+    for x in net.standardised(tv, uv):
+        torch.testing.assert_close(x.mean(dim=(0, 2)), torch.zeros(6), atol=1e-4, rtol=0)
+        torch.testing.assert_close(x.std(dim=(0, 2)), torch.ones(6), atol=1e-2, rtol=0)
+    seen: list[torch.Tensor] = []
+    assert net.statistics is not None
+    net.statistics.mlp.register_forward_pre_hook(lambda _, args: seen.append(args[0]))
+    net(tv, uv)
+    torch.testing.assert_close(seen[0].mean(dim=0), torch.zeros(120), atol=1e-3, rtol=0)
+    torch.testing.assert_close(seen[0].std(dim=0, correction=0), torch.ones(120), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize(("tv", "uv"), [(90, 30), (80, 20), (83, 22)])
+def test_statistics_are_those_that_the_trees_see(tv: int, uv: int) -> None:
+    streams = torch.randn(4, 6, tv), torch.randn(4, 6, uv)
+    expected = statistics(Windows(*(x.numpy() for x in streams)))
+    torch.testing.assert_close(window_statistics(*streams), torch.from_numpy(expected), atol=1e-5, rtol=1e-4)
+
+
+def test_statistics_change_the_answer_and_nothing_of_the_other_branches() -> None:
+    with_statistics = network(SMALL.model_copy(update={"statistics": True}))
+    plain = network()
+    missing, more = plain.load_state_dict(with_statistics.state_dict(), strict=False)
+    assert not missing
+    assert all(name.startswith("statistics.") for name in more)
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    assert (with_statistics(tv, uv) - plain(tv, uv)).abs().max() > 1e-3
+    with torch.no_grad():
+        for parameter in with_statistics.statistics.mlp[-1].parameters():  # type: ignore[union-attr]
+            parameter.zero_()
+    torch.testing.assert_close(with_statistics(tv, uv), plain(tv, uv))
+
+
+def test_with_one_stream_statistics_are_of_that_one() -> None:
+    torch.manual_seed(1)
+    alone = AsiBip(SMALL.model_copy(update={"statistics": True}), 6, 80, 20, "tv").eval()
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    alone.fit_scale(tv, uv)
+    torch.testing.assert_close(alone(tv, uv), alone(tv, uv + 5))
+
+
+@pytest.mark.parametrize("statistics", [False, True])
+def test_a_window_s_answer_does_not_depend_on_its_batch(statistics: bool) -> None:
+    net = network(SMALL.model_copy(update={"statistics": statistics}))
     tv, uv = torch.randn(5, 6, 80), torch.randn(5, 6, 20)
     alone = torch.cat([net(tv[k : k + 1], uv[k : k + 1]) for k in range(5)])
     torch.testing.assert_close(net(tv, uv), alone, atol=1e-5, rtol=1e-4)
 
 
-@pytest.mark.parametrize("tokens", ["pooled", "literal"])
-def test_every_parameter_and_both_streams_get_gradients(tokens: str) -> None:
-    net = network(SMALL.model_copy(update={"tokens": tokens, "dropout": 0.0})).train()
+@pytest.mark.parametrize("extra", [{"tokens": "pooled"}, {"tokens": "literal"}, {"statistics": True}])
+def test_every_parameter_and_both_streams_get_gradients(extra: dict[str, object]) -> None:
+    net = network(SMALL.model_copy(update={**extra, "dropout": 0.0})).train()
     tv = torch.randn(3, 6, 80, requires_grad=True)
     uv = torch.randn(3, 6, 20, requires_grad=True)
     nn.functional.cross_entropy(net(tv, uv), torch.tensor([0, 1, 2])).backward()
