@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from isacsim.scenario import read_network
 from isacsim.site_placement import PlacementSettings, place, sites_file
 
 LANE_M = 3.6
+MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)
+"""Options of netconvert for carriageways: edges that meet head-on need no more room than this."""
 
 
 @dataclass
@@ -85,6 +88,57 @@ class Road:
         away = np.linspace(0.0, 260.0, 66)
         points = self.beside(at + towards * away, left_m - 0.5 * away**2 / 1200.0)
         return points if towards > 0 else points[::-1]
+
+
+@dataclass(frozen=True)
+class Carriageway:
+    """A motorway carriageway along a road, of edges end to end.
+
+    lanes: of its main part, half of them on either side of the road's middle. pieces: edge, from, to (m along the
+    road), lanes; what an edge has more than `lanes` lies on the right. An edge is straight or bent throughout: see
+    `Road`.
+    """
+
+    road: Road
+    speed: float
+    lanes: int
+    pieces: tuple[tuple[str, float, float, int], ...]
+
+    @property
+    def covered(self) -> set[str]:
+        """The edges that get sites: all but the first, the run-in, and the ramps."""
+        return {name for name, *_ in self.pieces[1:]}
+
+    def network(self) -> Plain:
+        """The edges, each lane linked to the next edge's beside it."""
+        plain = Plain()
+        for k, (name, start, end, lanes) in enumerate(self.pieces):
+            line = self.road.piece(start, end, self._left_m)
+            plain.edge(name, (f"n{k}", f"n{k + 1}"), lanes, self.speed, line)
+        for (before, *_, has), (after, *_, gets) in pairwise(self.pieces):
+            plain.link(before, after, range(max(0, has - gets), has), gets - has)
+        return plain
+
+    def add_on_ramp(self, plain: Plain, name: str, edge: str, speed: float) -> None:
+        """A ramp that becomes the rightmost lane of an edge."""
+        k = self._number(edge)
+        line = self.road.ramp(self.pieces[k][1], -self._left_m, -1.0)
+        plain.edge(name, (name, f"n{k}"), 1, speed, line, priority=5)
+        plain.link(name, edge, range(1))
+
+    def add_off_ramp(self, plain: Plain, name: str, edge: str, speed: float) -> None:
+        """A ramp that the rightmost lane of an edge becomes."""
+        k = self._number(edge)
+        line = self.road.ramp(self.pieces[k][2], -self._left_m, +1.0)
+        plain.edge(name, (f"n{k + 1}", name), 1, speed, line, priority=5)
+        plain.link(edge, name, range(1))
+
+    @property
+    def _left_m(self) -> float:
+        return 0.5 * self.lanes * LANE_M
+
+    def _number(self, edge: str) -> int:
+        return [name for name, *_ in self.pieces].index(edge)
 
 
 def write_scenario(

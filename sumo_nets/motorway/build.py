@@ -9,39 +9,30 @@ from pathlib import Path
 import numpy as np
 
 from isacsim.demand import flow
-from sumo_nets.plain import LANE_M, Plain, Road, write_scenario
+from sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, Road, write_scenario
 
-LIMIT = 36.11
 ROAD = Road(bend_m=1100.0, radius_m=900.0, angle=float(np.radians(50.0)))
-PIECES = (
-    ("runin", -900.0, 0.0, 4),
-    ("west", 0.0, 500.0, 4),
-    ("merge", 500.0, 800.0, 5),
-    ("approach", 800.0, ROAD.bend_m, 4),
-    ("curve", ROAD.bend_m, ROAD.bend_end_m, 4),
-    ("leave", ROAD.bend_end_m, 2000.0, 4),
-    ("diverge", 2000.0, 2300.0, 5),
-    ("east", 2300.0, 3300.0, 4),
+CARRIAGEWAY = Carriageway(
+    ROAD,
+    speed=36.11,
+    lanes=4,
+    pieces=(
+        ("runin", -900.0, 0.0, 4),
+        ("west", 0.0, 500.0, 4),
+        ("merge", 500.0, 800.0, 5),
+        ("approach", 800.0, ROAD.bend_m, 4),
+        ("curve", ROAD.bend_m, ROAD.bend_end_m, 4),
+        ("leave", ROAD.bend_end_m, 2000.0, 4),
+        ("diverge", 2000.0, 2300.0, 5),
+        ("east", 2300.0, 3300.0, 4),
+    ),
 )
-"""Edge, from, to (m along the road), lanes. An edge is straight or bent throughout: see `Road`."""
 
 
 def network() -> Plain:
-    plain = Plain()
-    for k, (name, start, end, lanes) in enumerate(PIECES):
-        plain.edge(name, (f"n{k}", f"n{k + 1}"), lanes, LIMIT, ROAD.piece(start, end, 2.0 * LANE_M))
-    ramp_left = -2.0 * LANE_M
-    plain.edge("onramp", ("onramp", "n2"), 1, 22.22, ROAD.ramp(500.0, ramp_left, -1.0), priority=5)
-    plain.edge("offramp", ("n7", "offramp"), 1, 22.22, ROAD.ramp(2300.0, ramp_left, +1.0), priority=5)
-    plain.link("runin", "west", range(4))
-    plain.link("west", "merge", range(4), +1)
-    plain.link("onramp", "merge", range(1))
-    plain.link("merge", "approach", range(1, 5), -1)
-    plain.link("approach", "curve", range(4))
-    plain.link("curve", "leave", range(4))
-    plain.link("leave", "diverge", range(4), +1)
-    plain.link("diverge", "east", range(1, 5), -1)
-    plain.link("diverge", "offramp", range(1))
+    plain = CARRIAGEWAY.network()
+    CARRIAGEWAY.add_on_ramp(plain, "onramp", "merge", 22.22)
+    CARRIAGEWAY.add_off_ramp(plain, "offramp", "diverge", 22.22)
     return plain
 
 
@@ -60,5 +51,4 @@ def demand() -> list[str]:
 
 
 if __name__ == "__main__":
-    covered = {name for name, *_ in PIECES} - {"runin"}
-    write_scenario(Path(__file__).parent, network(), demand(), covered, ["--default.junctions.radius=1"])
+    write_scenario(Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS)

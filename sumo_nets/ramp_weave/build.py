@@ -10,41 +10,31 @@ from pathlib import Path
 import numpy as np
 
 from isacsim.demand import flow
-from sumo_nets.plain import LANE_M, Plain, Road, write_scenario
+from sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, Road, write_scenario
 
-LIMIT = 27.78
 ROAD = Road(bend_m=700.0, radius_m=700.0, angle=float(np.radians(35.0)))
-PIECES = (
-    ("runin", -700.0, 0.0, 3),
-    ("before", 0.0, 300.0, 3),
-    ("merge", 300.0, 550.0, 4),
-    ("between", 550.0, ROAD.bend_m, 3),
-    ("bend", ROAD.bend_m, ROAD.bend_end_m, 3),
-    ("on", ROAD.bend_end_m, 1350.0, 3),
-    ("weave", 1350.0, 1750.0, 4),
-    ("after", 1750.0, 2700.0, 3),
+CARRIAGEWAY = Carriageway(
+    ROAD,
+    speed=27.78,
+    lanes=3,
+    pieces=(
+        ("runin", -700.0, 0.0, 3),
+        ("before", 0.0, 300.0, 3),
+        ("merge", 300.0, 550.0, 4),
+        ("between", 550.0, ROAD.bend_m, 3),
+        ("bend", ROAD.bend_m, ROAD.bend_end_m, 3),
+        ("on", ROAD.bend_end_m, 1350.0, 3),
+        ("weave", 1350.0, 1750.0, 4),
+        ("after", 1750.0, 2700.0, 3),
+    ),
 )
-"""Edge, from, to (m along the road), lanes. An edge is straight or bent throughout: see `Road`."""
 
 
 def network() -> Plain:
-    plain = Plain()
-    for k, (name, start, end, lanes) in enumerate(PIECES):
-        plain.edge(name, (f"n{k}", f"n{k + 1}"), lanes, LIMIT, ROAD.piece(start, end, 1.5 * LANE_M))
-    ramp_left = -1.5 * LANE_M
-    plain.edge("onramp1", ("onramp1", "n2"), 1, 19.44, ROAD.ramp(300.0, ramp_left, -1.0), priority=5)
-    plain.edge("onramp2", ("onramp2", "n6"), 1, 19.44, ROAD.ramp(1350.0, ramp_left, -1.0), priority=5)
-    plain.edge("offramp", ("n7", "offramp"), 1, 19.44, ROAD.ramp(1750.0, ramp_left, +1.0), priority=5)
-    plain.link("runin", "before", range(3))
-    plain.link("before", "merge", range(3), +1)
-    plain.link("onramp1", "merge", range(1))
-    plain.link("merge", "between", range(1, 4), -1)
-    plain.link("between", "bend", range(3))
-    plain.link("bend", "on", range(3))
-    plain.link("on", "weave", range(3), +1)
-    plain.link("onramp2", "weave", range(1))
-    plain.link("weave", "after", range(1, 4), -1)
-    plain.link("weave", "offramp", range(1))
+    plain = CARRIAGEWAY.network()
+    CARRIAGEWAY.add_on_ramp(plain, "onramp1", "merge", 19.44)
+    CARRIAGEWAY.add_on_ramp(plain, "onramp2", "weave", 19.44)
+    CARRIAGEWAY.add_off_ramp(plain, "offramp", "weave", 19.44)
     return plain
 
 
@@ -67,5 +57,4 @@ def demand() -> list[str]:
 
 
 if __name__ == "__main__":
-    covered = {name for name, *_ in PIECES} - {"runin"}
-    write_scenario(Path(__file__).parent, network(), demand(), covered, ["--default.junctions.radius=1"])
+    write_scenario(Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS)
