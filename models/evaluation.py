@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,9 +17,10 @@ from sklearn.metrics import roc_curve
 from isacsim.errors import InputError
 from isacsim.settings import Settings
 from labeling.intentions import Intention
-from models import figures, metrics, openset, unknown
+from models import figures, metrics, openset, repeats, unknown
 from models.answers import Answers, answers, unseen
 from models.calibration import calibration_error
+from models.repeats import Measured
 from models.run import HISTORY_FILE, Run, replace, versions
 from models.windows import Array, Ends, Ints, Records, WindowSettings, draw_ends, end_bounds
 
@@ -57,7 +59,8 @@ def evaluate(
 ) -> dict[str, Any]:
     """Measure a run on the seeds of a dataset that it was not trained or chosen on; writes metrics.json and figures.
 
-    against: other runs on the same windows, e.g. floors, each with its paired difference. Returns the metrics.
+    against: other runs on the same windows, e.g. floors, each with its paired difference. Runs among all of them that
+    differ in the training seed alone are summed up in `over_training_seeds`, too. Returns the metrics.
     InputError where no such seed is left, the rates differ, or `out` holds something else.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
@@ -80,15 +83,14 @@ def evaluate_records(
     if settings.end_after_s is not None:
         windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
     ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
-    mine, result = measured(run, records, ends, settings)
-    result["compared"] = []
-    for other in against:
-        theirs, found = measured(other, records, ends, settings)
-        both = mine.known & theirs.known
-        difference = metrics.paired_difference(
-            mine.label[both], mine.predicted[both], theirs.predicted[both], mine.group[both], run.card.classes
-        )
-        result["compared"].append({**found, "paired_difference": difference})
+    everyone = [measured(each, records, ends, settings) for each in (run, *against)]
+    _tell_apart(everyone)
+    mine, result = everyone[0], everyone[0].found
+    result["compared"] = [
+        {**other.found, "paired_difference": repeats.difference([mine], [other])} for other in everyone[1:]
+    ]
+    if len(repeats.grouped(everyone)) < len(everyone):
+        result["over_training_seeds"] = repeats.over_training_seeds(everyone)
     result["windows"] = {**windows.model_dump(mode="json"), **settings.model_dump(mode="json", exclude={"end_after_s"})}
     result["made_by"] = {
         "dataset": made_of,
@@ -97,15 +99,24 @@ def evaluate_records(
         "versions": versions(),
     }
     replace(folder / METRICS_FILE, lambda path: path.write_text(json.dumps(result, indent=1) + "\n"))
-    _draw(run, mine, result, folder)
+    _draw(run, mine.given, result, folder)
     return result
 
 
-def measured(run: Run, records: Records, ends: Ends, settings: EvaluateSettings) -> tuple[Answers, dict[str, Any]]:
+def measured(run: Run, records: Records, ends: Ends, settings: EvaluateSettings) -> Measured:
     """The run's answers on those windows, and all its metrics."""
     given, scores = answers(run, records, ends), openset.of_run(run)
     found = measure(run, given, scores) | swept(run, records, settings, scores[run.card.unknown_score])
-    return given, found
+    return Measured(run, given, found)
+
+
+def _tell_apart(everyone: Sequence[Measured]) -> None:
+    """Give runs of one model different names: the training seed's, and a number where that is the same, too."""
+    for by_seed in (True, False):
+        names = Counter(each.found["name"] for each in everyone)
+        for k, each in enumerate(everyone):
+            if names[each.found["name"]] > 1:
+                each.found["name"] += f", seed {each.run.card.settings.seed}" if by_seed else f", {k + 1}"
 
 
 def measure(run: Run, given: Answers, scores: Mapping[str, openset.Score]) -> dict[str, Any]:
@@ -214,9 +225,9 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
     if (run.path / HISTORY_FILE).exists():
         figures.loss_curves(pd.read_csv(run.path / HISTORY_FILE), folder / "loss.png")
     if mine.unknown.any():
-        curves = {}
+        curves, scores = {}, openset.of_run(run)
         for name in dict.fromkeys((run.card.unknown_score, openset.PLAIN)):
-            value = openset.of_run(run)[name](mine.outputs)
+            value = scores[name](mine.outputs)
             pick = mine.known | mine.unknown
             false, true, _ = roc_curve(mine.known[pick], value[pick])
             curves[f"{name.replace('_', ' ')} (AUROC {result['unknown_scores'][name]['auroc']:.3f})"] = (false, true)

@@ -6,7 +6,7 @@ is undefined: it is None, and a macro-F1 is the mean over the classes that have 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -147,25 +147,42 @@ def paired_difference(
 ) -> dict[str, Any]:
     """Macro-F1 and per-class F1 of the first predictor minus the second's on the same windows, with 95 % intervals.
 
-    The interval is a bootstrap over the groups (scenario seeds), each drawn with all its windows: windows of one
-    traffic are not independent.
+    first, second: answers (n,), or (k, n) of k trainings, whose mean scores are compared then. The interval is a
+    bootstrap over the groups (scenario seeds), each drawn with all its windows: windows of one traffic are not
+    independent. It does not cover what another training would change; `spread` tells that.
     """
     names, of_window = np.unique(groups.astype(str), return_inverse=True)
-    n, g = len(classes), len(names)
-    counts = np.zeros((2, g, n, n))
-    for k, predicted in enumerate((first, second)):
-        np.add.at(counts[k], (of_window, label, predicted), 1)
-    weights = stream("bootstrap", g).multinomial(g, np.full(g, 1 / g), draws)
-    drawn = np.einsum("dg,kgij->kdij", weights, counts)
-    whole = counts.sum(axis=1)
-    macro = macro_f1(drawn)[0] - macro_f1(drawn)[1]
-    each = f1_scores(drawn)[0] - f1_scores(drawn)[1]
-    here = f1_scores(whole)[0] - f1_scores(whole)[1]
+    g = len(names)
+    weights = np.concatenate([np.ones((1, g)), stream("bootstrap", g).multinomial(g, np.full(g, 1 / g), draws)])
+    macro, each = np.zeros(draws + 1), np.zeros((draws + 1, len(classes)))
+    for sign, predicted in ((1, first), (-1, second)):
+        counts = _grouped(label, np.atleast_2d(predicted), of_window, g, len(classes))
+        drawn = np.einsum("dg,kgij->dkij", weights, counts)
+        macro += sign * macro_f1(drawn).mean(axis=1)
+        each += sign * f1_scores(drawn).mean(axis=1)
     return {
         "groups": g,
-        "macro_f1": _interval(float(macro_f1(whole)[0] - macro_f1(whole)[1]), macro),
-        "per_class_f1": {name: _interval(float(here[k]), each[:, k]) for k, name in enumerate(classes)},
+        "macro_f1": _interval(macro),
+        "per_class_f1": {name: _interval(each[:, k]) for k, name in enumerate(classes)},
     }
+
+
+def spread(values: Sequence[float | None]) -> dict[str, Any]:
+    """`mean`, `sd` (of one more draw, n - 1) and `n` of a score over trainings; those without one are left out."""
+    found = np.array([v for v in values if v is not None], dtype=np.float64)
+    return {
+        "mean": number(found.mean()) if len(found) else None,
+        "sd": number(found.std(ddof=1)) if len(found) > 1 else None,
+        "n": len(found),
+    }
+
+
+def _grouped(label: Ints, predicted: Ints, of_window: Ints, n_groups: int, n_classes: int) -> Array:
+    """Confusion matrices (k, groups, G, G) of answers (k, n)."""
+    counts = np.zeros((len(predicted), n_groups, n_classes, n_classes))
+    for k, said in enumerate(predicted):
+        np.add.at(counts[k], (of_window, label, said), 1)
+    return counts
 
 
 def number(value: Any) -> float | None:
@@ -173,7 +190,8 @@ def number(value: Any) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _interval(difference: float, drawn: Array) -> dict[str, float | None]:
-    drawn = drawn[np.isfinite(drawn)]
+def _interval(difference: Array) -> dict[str, float | None]:
+    """The difference itself, which comes first, and the interval of its draws."""
+    drawn = difference[1:][np.isfinite(difference[1:])]
     low, high = np.quantile(drawn, [0.025, 0.975]) if len(drawn) else (np.nan, np.nan)
-    return {"difference": number(difference), "low": number(low), "high": number(high)}
+    return {"difference": number(difference[0]), "low": number(low), "high": number(high)}

@@ -83,6 +83,43 @@ def test_the_interval_is_the_bootstrap_over_groups() -> None:
     assert found["high"] == pytest.approx(np.quantile(loops, 0.975), abs=0.02)
 
 
+def test_several_trainings_are_compared_by_their_mean_scores() -> None:
+    label, first = drawn(400)
+    rng = np.random.default_rng(2)
+    second = rng.integers(0, 4, (3, 400))
+    groups = np.arange(400) % 8
+    found = metrics.paired_difference(label, first, second, groups, CLASSES)
+    each = [metrics.paired_difference(label, first, said, groups, CLASSES) for said in second]
+    mean = np.mean([one["macro_f1"]["difference"] for one in each])
+    assert found["macro_f1"]["difference"] == pytest.approx(mean)
+    name = CLASSES[1]
+    expected = np.mean([one["per_class_f1"][name]["difference"] for one in each])
+    assert found["per_class_f1"][name]["difference"] == pytest.approx(expected)
+    # The mean of three answers varies less from group to group than one.
+    widths = [one["macro_f1"]["high"] - one["macro_f1"]["low"] for one in (found, *each)]
+    assert widths[0] < max(widths[1:])
+
+
+def test_spread_is_mean_and_sample_deviation() -> None:
+    found = metrics.spread([0.8, None, 0.9, 0.85])
+    assert found == {"mean": pytest.approx(0.85), "sd": pytest.approx(0.05), "n": 3}
+    assert metrics.spread([0.5]) == {"mean": 0.5, "sd": None, "n": 1}
+    assert metrics.spread([None]) == {"mean": None, "sd": None, "n": 0}
+
+
+def test_a_pair_is_told_apart_where_there_are_no_others() -> None:
+    label = np.array([1, 1, 1, 3, 3, 0, 2])
+    logits = np.array([[9, 2, 0, 1], [9, 0, 0, 1], [0, 5, 0, 1], [0, 3, 9, 4], [0, 1, 0, 0.5], [0, 0, 0, 9], [0] * 4])
+    found = metrics.pair_confusion(logits.astype(float), label, CLASSES, (1, 3))
+    assert found["intentions"] == [CLASSES[1], CLASSES[3]]
+    assert found["confusion"] == [[2, 1], [1, 1]]
+    assert found["accuracy"] == pytest.approx(3 / 5)
+    # Margins 3 over 1: -1, 1, -4 of the first, 1 and -0.5 of the second: 4.5 of 6 pairs in order.
+    assert found["auroc"] == pytest.approx(4.5 / 6)
+    alone = metrics.pair_confusion(logits[:3].astype(float), label[:3], CLASSES, (1, 3))
+    assert alone["auroc"] is None
+
+
 def test_maneuver_scores_are_macro_precision_and_recall() -> None:
     label, predicted = drawn()
     found = metrics.maneuver_scores(metrics.confusion(label, predicted, 4))
