@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import lightning
+import numpy as np
 import pandas as pd
 import torch
 from lightning.pytorch.callbacks import Callback
@@ -16,13 +17,16 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.seeding import stream
+from models.augment import augmented
 from models.network import WindowNetwork
 from models.run import TrainSettings, replace
-from models.windows import Ends, Records, batches, cut, draw_ends
+from models.windows import Ends, Ints, Records, Windows, batches, cut, draw_ends
 
 MONITOR = "validation_macro_f1"
 SCALE_WINDOWS = 2000
 Batch = tuple[Tensor, Tensor, Tensor]
+Vary = Callable[[int, Windows, Ints], tuple[Windows, Ints]]
+"""The k-th batch of an epoch and its labels to what is shown instead."""
 
 
 def torch_seed(*keys: str | int) -> int:
@@ -55,7 +59,8 @@ class WindowData(lightning.LightningDataModule):
         return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
 
     def train_dataloader(self) -> DataLoader[Batch]:
-        return self._loader(self.training, lambda: self.epoch_ends(self._epoch()), len(self.epoch_ends(0)))
+        count = len(self.epoch_ends(0))
+        return self._loader(self.training, lambda: self.epoch_ends(self._epoch()), count, self._varied)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         return self._loader(self.validation, lambda: self.fixed, len(self.fixed))
@@ -71,28 +76,40 @@ class WindowData(lightning.LightningDataModule):
         assert self.trainer is not None
         return max(int(self.trainer.current_epoch), self.next_epoch)
 
-    def _loader(self, records: Records, ends: Callable[[], Ends], n: int) -> DataLoader[Batch]:
-        return DataLoader(WindowBatches(records, ends, n, self.settings), batch_size=None)
+    def _loader(
+        self, records: Records, ends: Callable[[], Ends], n: int, vary: Vary | None = None
+    ) -> DataLoader[Batch]:
+        return DataLoader(WindowBatches(records, ends, n, self.settings, vary), batch_size=None)
+
+    def _varied(self, k: int, windows: Windows, label: Ints) -> tuple[Windows, Ints]:
+        """The k-th batch of the epoch, augmented."""
+        rng = stream("augment", self.settings.seed, self._epoch(), k)
+        return augmented(windows, label, self.settings.augment, rng)
 
 
 class WindowBatches(IterableDataset[Batch]):
     """Batches of windows with their labels, cut when they are asked for.
 
     ends: asked anew whenever an iteration starts. n: how many they are.
+    vary: what becomes of a batch.
     """
 
-    def __init__(self, records: Records, ends: Callable[[], Ends], n: int, settings: TrainSettings) -> None:
+    def __init__(
+        self, records: Records, ends: Callable[[], Ends], n: int, settings: TrainSettings, vary: Vary | None
+    ) -> None:
         self.records, self.ends, self.n, self.settings = records, ends, n, settings
+        self.vary = vary
 
     def __len__(self) -> int:
         return math.ceil(self.n / self.settings.optimiser.batch)
 
     def __iter__(self) -> Iterator[Batch]:
         ends, size = self.ends(), self.settings.optimiser.batch
-        label = torch.from_numpy(self.records.label[ends.row])
+        label = self.records.label[ends.row]
         parts = batches(self.records, ends, self.settings.windows, size)
-        for windows, part in zip(parts, torch.split(label, size), strict=True):
-            yield torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), part
+        for k, (windows, part) in enumerate(zip(parts, np.split(label, range(size, len(label), size)), strict=True)):
+            seen, said = (windows, part) if self.vary is None else self.vary(k, windows, part)
+            yield torch.from_numpy(seen.tv), torch.from_numpy(seen.uv), torch.from_numpy(said)
 
 
 class Lesson(lightning.LightningModule):

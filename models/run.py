@@ -21,19 +21,20 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 import skops.io
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from torch import nn
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN, Intention
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
+from models.augment import AugmentSettings
 from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
 from models.losses import LossSettings
@@ -110,8 +111,15 @@ class TrainSettings(Settings):
     trees: TreesSettings = TreesSettings()
     rule: RuleSettings = RuleSettings()
     preludes: PreludeSettings = PreludeSettings()
+    augment: AugmentSettings = AugmentSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = OptimiserSettings()
+
+    @model_validator(mode="after")
+    def _frame_can_turn(self) -> Self:
+        if self.augment.turns_frame and self.windows.frame == "absolute":
+            raise ValueError("augment turns or mirrors windows, which an absolute frame does not allow: choose another")
+        return self
 
     @property
     def left_out(self) -> Intention | None:
