@@ -1,14 +1,17 @@
-"""Where the time of one episode goes, and what sensing one record takes.
+"""Where the time of one episode goes, what sensing one record takes, and how the making of a dataset scales.
 
 - stages: CPU seconds of one episode of the bundled motorway, 240 s of about 100 vehicles: traffic, labels, candidates,
   motion and sensing of the chosen records, writing.
 - record: CPU seconds for 5 s with four sites, 2,000 x 4 snapshots, fusion and filter (`benchmarks.echo`).
+- scaling: samples a second of two worker processes over one, and of both over 1, 2, 4 and 8 times the work; the
+  parent's memory (`benchmarks.scaling`). Several minutes; it wants two cores to itself.
 
-All on one thread. Run: python -m benchmarks.generate
+The first two are on one thread. Run: python -m benchmarks.generate
 """
 
 from __future__ import annotations
 
+import importlib
 import json
 import tempfile
 import time
@@ -19,6 +22,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from benchmarks import scaling
 from benchmarks.echo import record_s
 from isacsim.scenario import load
 from isacsim.traffic import record
@@ -36,13 +40,15 @@ SEED = 1
 def run() -> dict[str, Any]:
     """Measure.
 
-    Keys `ratio` (traffic alone over the whole episode), `labels_over_traffic`, `stages_s`, `samples_per_s`, `record_s`.
+    Keys `ratio` (samples a second of two workers over one), `scaling` (the rest of it), `traffic_over_episode`,
+    `labels_over_traffic`, `stages_s`, `samples_per_s` (of one episode on one thread), `record_s`.
     """
+    found = scaling.run()
     with threadpool_limits(1):
-        return _measured()
+        return {"ratio": found.pop("ratio"), "ratio_of": found.pop("ratio_of"), "scaling": found, **_one_episode()}
 
 
-def _measured() -> dict[str, Any]:
+def _one_episode() -> dict[str, Any]:
     study, scenario = DatasetStudy(scenarios=(SCENARIO,)), load(SCENARIO)
     stages: dict[str, float] = {}
     with _timed(stages, "traffic"):
@@ -60,8 +66,7 @@ def _measured() -> dict[str, Any]:
         write_shard(Path(folder), samples, Episode(scenario=scenario.name, seed=SEED), *lengths)
     whole = sum(stages.values())
     return {
-        "ratio": round(stages["traffic"] / whole, 4),
-        "ratio_of": "CPU seconds of the traffic alone over those of the whole episode, from simulation to shard",
+        "traffic_over_episode": round(stages["traffic"] / whole, 4),
         "labels_over_traffic": round((stages["labels"] + stages["candidates"]) / stages["traffic"], 4),
         "stages_s": {name: round(spent, 3) for name, spent in stages.items()},
         "episode_s": round(whole, 3),
@@ -80,4 +85,5 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    # By its name, so that other processes find what is sent to them.
+    print(json.dumps(importlib.import_module("benchmarks.generate").run(), indent=2))

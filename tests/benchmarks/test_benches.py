@@ -40,10 +40,14 @@ def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pyt
     long_enough = TrafficSettings(run_in_s=45.0, duration_s=40.0)
     monkeypatch.setattr(benchmarks.generate, "DatasetStudy", partial(DatasetStudy, traffic=long_enough))
     monkeypatch.setattr(benchmarks.generate, "record_s", lambda records: 0.5 / records)
+    scaled = {"ratio": 1.8, "ratio_of": "two workers over one", "spread": 0.1}
+    monkeypatch.setattr(benchmarks.generate.scaling, "run", lambda: dict(scaled))
     found = reported("generate", capfd)
     stages: dict[str, float] = found["stages_s"]  # type: ignore[assignment]
     assert list(stages) == ["traffic", "labels", "candidates", "motion_and_sensing", "writing"]
     assert found["episode_s"] == pytest.approx(sum(stages.values()), abs=0.01)
-    assert found["ratio"] == pytest.approx(stages["traffic"] / sum(stages.values()), abs=0.01)
+    assert found["traffic_over_episode"] == pytest.approx(stages["traffic"] / sum(stages.values()), abs=0.01)
+    assert (found["ratio"], found["ratio_of"]) == (1.8, "two workers over one")
+    assert found["scaling"] == {"spread": 0.1}
     assert found["record_s"] == {"alone": 0.5, "of_32": 0.0156}
     assert found["samples"] > 0  # type: ignore[operator]

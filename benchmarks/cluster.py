@@ -1,0 +1,215 @@
+"""What gives first on a large cluster: the scheduler, the parent, or the list of shards.
+
+- cluster: a dask scheduler and WORKERS workers, processes of one thread each on this machine, joined over TCP. The
+  dataset is made by `labeling.generate` as with `--cluster`, but an episode waits PAUSE_S in place of a simulation, and
+  its shard is empty. What scheduler and parent spend of processor time on an episode bounds the rate at which they
+  could serve any number of workers; what they keep of it in memory bounds the number of episodes.
+- metadata: a dataset's list of made-up shards, of the size that episodes of the bundled motorway have: planned, written
+  and read back, in a process of its own.
+
+Run: python -m benchmarks.cluster
+"""
+
+# mypy: disable-error-code="no-untyped-call"
+# distributed is typed in part only.
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+from distributed import Client
+
+from benchmarks.scaling import apart, peak_memory
+from isacsim import scenario
+from isacsim.recording import Recording
+from isacsim.scenario import Scenario
+from labeling.dataset import CLASS_NAMES, META_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from labeling.engine import ClusterEngine
+from labeling.folder import finish
+from labeling.generate import describe, generate
+from labeling.log import Entry
+from labeling.plan import Jobs, Plan
+from labeling.study import DatasetStudy, SeedRange
+
+SCENARIO = "motorway"
+WORKERS = 16
+PAUSE_S = 0.1
+EPISODES = 3000
+LISTED = (1_000, 10_000, 100_000)
+"""Numbers of made-up shards."""
+START_S = 120.0
+"""How long scheduler and workers may take to come up."""
+
+
+@dataclass(frozen=True)
+class Paused:
+    """A source without traffic, whose episodes take `pause_s`."""
+
+    pause_s: float
+
+    def load(self, where: str) -> Scenario:
+        return scenario.load(where)
+
+    def record(self, scenario: Scenario, seed: int) -> Recording:
+        time.sleep(self.pause_s)
+        return Recording(scenario.name, seed, 0.01, scenario.lanes, {})
+
+
+def run() -> dict[str, Any]:
+    """Measure; keys `cluster`, `metadata`."""
+    return {"cluster": simulated(EPISODES, WORKERS), "metadata": [apart(metadata, number) for number in LISTED]}
+
+
+def simulated(episodes: int, workers: int) -> dict[str, Any]:
+    """Make a dataset of short episodes on a cluster, from the second on which every worker has had one.
+
+    Keys: `episodes_per_s`; `scheduler` and `parent`: `cpu_ms` an episode, `episodes_per_s` that so much would allow,
+    `bytes` by which its memory grew an episode.
+    """
+    study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
+    skipped = 2 * workers
+    with tempfile.TemporaryDirectory(prefix="cosim-") as folder, cluster(Path(folder), workers) as (address, process):
+        watched = {"scheduler": psutil.Process(process.pid), "parent": psutil.Process()}
+        marks: list[tuple[float, dict[str, tuple[float, int]]]] = []
+        ended = 0
+
+        def note(entry: Entry) -> None:
+            nonlocal ended
+            ended += 1
+            if ended in (skipped, episodes):
+                marks.append((time.perf_counter(), {name: _spent(each) for name, each in watched.items()}))
+
+        generate(study, Path(folder) / "data", ClusterEngine(address), source=Paused(PAUSE_S), note=note)
+    (begin, before), (end, after) = marks
+    counted = episodes - skipped
+    return {
+        "workers": workers,
+        "pause_s": PAUSE_S,
+        "episodes": episodes,
+        "episodes_per_s": round(counted / (end - begin), 1),
+        **{
+            name: {
+                "cpu_ms": round(1000 * (after[name][0] - before[name][0]) / counted, 3),
+                "episodes_per_s": round(counted / (after[name][0] - before[name][0])),
+                "bytes": round((after[name][1] - before[name][1]) / counted),
+            }
+            for name in watched
+        },
+    }
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler and workers on this machine: the scheduler's address and process."""
+    file = folder / "scheduler.json"
+    running: list[subprocess.Popen[bytes]] = []
+    try:
+        running.append(
+            _start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+        )
+        deadline = time.monotonic() + START_S
+        while not file.exists():
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"the scheduler did not come up within {START_S:.0f} s")
+            time.sleep(0.1)
+        address = str(json.loads(file.read_text())["address"])
+        local = ("--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder))
+        running.append(_start("worker", address, "--nworkers", str(workers), *local))
+        with Client(address) as client:
+            client.wait_for_workers(workers, START_S)
+        yield address, running[0]
+    finally:
+        for each in running:
+            os.killpg(each.pid, signal.SIGKILL)
+            each.wait()
+
+
+def metadata(episodes: int) -> dict[str, Any]:
+    """Take in, write and read back the list of so many made-up shards.
+
+    Keys: `plan_s`, `write_s`, `read_s`; `bytes`, of the list on disk; `peak_mib`, of the process in all.
+    """
+    study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
+    started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
+    plan = Plan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
+    begin = time.perf_counter()
+    for job in plan.missing():
+        # As it comes from a worker: nothing shared with the others.
+        plan.add(job, pickle.loads(pickle.dumps(made_up(job.seed))))
+    planned = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="cosim-") as name:
+        folder = Path(name)
+        (folder / SHARDS).mkdir()
+        finish(folder, started, [each for each in plan.run() if isinstance(each, Shard)])
+        written = time.perf_counter()
+        read_meta(folder)
+        read = time.perf_counter()
+        size = (folder / META_FILE).stat().st_size
+    return {
+        "episodes": episodes,
+        "plan_s": round(planned - begin, 2),
+        "write_s": round(written - planned, 2),
+        "read_s": round(read - written, 2),
+        "bytes": size,
+        "peak_mib": round(peak_memory() / 2**20),
+    }
+
+
+def made_up(seed: int) -> Shard:
+    """What a shard of the bundled motorway's size, 130 samples, is listed with."""
+    counted = dict.fromkeys(CLASS_NAMES, 18)
+    episode = Episode(
+        scenario=SCENARIO,
+        seed=seed,
+        fingerprint="0" * 64,
+        events=dict.fromkeys(CLASS_NAMES, 100),
+        counts={"hard_brake_in_queue": 10, "short_change": 20},
+        left_out={"ambiguous": 500, "no_uv": 300, "tv_outside_track": 200, "beyond_cap": 100},
+        collided=5,
+        fix_error_m=tuple(0.02 + k * 1e-5 for k in range(130)),
+        state_error_m=tuple(0.002 + k * 1e-6 for k in range(130)),
+    )
+    return Shard(
+        file=shard_name(SCENARIO, seed),
+        sha256=f"{seed:064x}",
+        bytes=7_500_000,
+        samples=130,
+        by_intention=counted,
+        by_origin={"natural": 50, "stimulated": 80},
+        episode=episode,
+    )
+
+
+def _start(*words: str) -> subprocess.Popen[bytes]:
+    """A dask process in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "dask", *words],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _spent(process: psutil.Process) -> tuple[float, int]:
+    """Processor time, s, and resident memory, bytes, of a process."""
+    times = process.cpu_times()
+    return times.user + times.system, process.memory_info().rss
+
+
+if __name__ == "__main__":
+    # By its name, so that workers find what is sent to them.
+    print(json.dumps(importlib.import_module("benchmarks.cluster").run(), indent=2))
