@@ -44,7 +44,7 @@ from command_line.shown import (
     show_sweep,
     tell_of,
 )
-from isacsim.errors import NO_ROOM, InputError, RunError, output_error
+from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,6 +65,8 @@ app = typer.Typer(
 network_app = typer.Typer(no_args_is_help=True, help="Scenarios made from a map, or from a network without sites.")
 app.add_typer(network_app, name="network")
 INTERRUPTED = 130
+LONGEST = 1000
+"""Letters of what is said to be wrong."""
 KEPT = "interrupted; what was finished is kept, the same command goes on from there"
 
 
@@ -303,7 +305,7 @@ def bench(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Speeds as ratios against a stated reference, measured in one run on one thread; a minute or two each."""
+    """Speeds as ratios against a stated reference, measured in one run; a minute or two each, `generate` several."""
     from benchmarks import run as run_bench
 
     found = run_bench(what)
@@ -328,10 +330,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except OSError as error:
-        if error.errno not in NO_ROOM:
-            traceback.print_exc()
-            return 1
-        return _complain(str(output_error(error.filename or "the output", error)), 1)
+        if error.errno in NO_ROOM:
+            return _complain(str(output_error(error.filename or "the output", error)), 1)
+        if error.errno in WRONG_PATH and error.filename is not None:
+            return _complain(f"{error.filename}: cannot be used ({error.strerror}); mend that, or give another path", 2)
+        traceback.print_exc()
+        return 1
     except Exception:
         traceback.print_exc()
         return 1
@@ -366,7 +370,9 @@ def _sweep(
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"cosim: {' '.join(message.split())}", file=sys.stderr)
+    """Say what is wrong in one line, without what a terminal would obey, and not endlessly. Returns the code."""
+    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(message.split()))
+    print(f"cosim: {line if len(line) <= LONGEST else line[:LONGEST] + '...'}", file=sys.stderr)
     return code
 
 
