@@ -23,7 +23,8 @@ class Entry(Settings):
     """One episode as it ended.
 
     seconds: that its last try took, None where its worker died. retries: tries before that. events: found, by
-    intention. collided, teleported: vehicles. warnings: SUMO's. reason: why it was lost.
+    intention. collided, teleported: vehicles. beyond_car: those that their driver model drove beyond 9 m/s2 or 25 m/s3.
+    warnings: SUMO's. reason: why it was lost.
     """
 
     scenario: str
@@ -35,6 +36,7 @@ class Entry(Settings):
     events: dict[str, int] = Field(default_factory=dict)
     collided: int = 0
     teleported: int = 0
+    beyond_car: int = 0
     warnings: int = 0
     reason: str | None = None
 
@@ -63,6 +65,7 @@ def made(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Entry:
         events=episode.events,
         collided=episode.collided,
         teleported=episode.teleported,
+        beyond_car=episode.counts.get("beyond_car", 0),
         warnings=warnings,
     )
 

@@ -36,6 +36,7 @@ def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
     assert (found[1]["outcome"], found[1]["retries"], found[1]["reason"]) == ("made", 0, None)
     assert (found[1]["samples"], found[1]["collided"], found[1]["warnings"]) == (2, 1, 7)
     assert found[1]["events"] == made.meta.shards[0].episode.events
+    assert found[1]["beyond_car"] == made.meta.shards[0].episode.counts["beyond_car"]
     assert float(str(found[1]["seconds"])) > 0
     assert (found[2]["outcome"], found[2]["retries"]) == ("made", 1)
     assert (found[3]["outcome"], found[3]["retries"], found[3]["reason"]) == (
