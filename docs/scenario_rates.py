@@ -1,0 +1,57 @@
+"""What arises in the bundled scenarios, and how often: events per vehicle-hour, without and with the default maneuvers.
+
+    python docs/scenario_rates.py [SCENARIO ...]
+
+Three seeds each. Overtakes are those of the vehicle ahead. Prints a table in Markdown.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.recording import Recording
+from isacsim.scenario import bundled, load
+from isacsim.traffic import TrafficSettings, record
+from labeling.events import LabelSettings, label
+from labeling.intentions import KNOWN
+
+SEEDS = (11, 12, 13)
+HEAD = ("scenario", "maneuvers", *(intention.text for intention in KNOWN), "vehicle-hours", "collided", "beyond a car")
+
+
+def vehicle_hours(recording: Recording) -> float:
+    """Time on the road of all vehicles that have a track, h."""
+    return sum(len(track) for track in recording.tracks.values()) * recording.step_s / 3600.0
+
+
+def row(where: str, maneuvers: ManeuverSettings) -> list[str]:
+    """Rates of one scenario; vehicles that collided, and those that ever went beyond what a car can do, all seeds."""
+    hours, found = 0.0, Counter[str]()
+    for seed in SEEDS:
+        recording = record(load(where), seed, TrafficSettings(), maneuvers)
+        labels = label(recording, LabelSettings())
+        hours += vehicle_hours(recording)
+        found.update(event.intention.text for event in labels.events)
+        found.update(collided=len(recording.incidents.collided), beyond_car=labels.counts["beyond_car"])
+    asked = "none" if maneuvers.quiet else "default"
+    rates = [f"{found[intention.text] / hours:.1f}" for intention in KNOWN]
+    return [where, asked, *rates, f"{hours:.1f}", str(found["collided"]), str(found["beyond_car"])]
+
+
+def main(scenarios: Sequence[str]) -> None:
+    default = ManeuverSettings()
+    rates = (name for name in ManeuverSettings.model_fields if name.endswith("_hour"))
+    none = default.model_copy(update=dict.fromkeys(rates, 0.0))
+    lines = [HEAD, ("---",) * len(HEAD)]
+    for cells in lines:
+        print(f"| {' | '.join(cells)} |")
+    for where in scenarios or sorted(bundled()):
+        for maneuvers in (none, default):
+            print(f"| {' | '.join(row(where, maneuvers))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
