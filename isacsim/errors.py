@@ -9,6 +9,8 @@ from pathlib import Path
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 """What the operating system says of a disk that takes no more."""
+WRONG_PATH = (errno.EACCES, errno.EISDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.EPERM)
+"""What it says of a path that is none, or that may not be used."""
 
 
 class InputError(Exception):
