@@ -24,7 +24,7 @@ Snr = Annotated[
     str | None,
     typer.Option(metavar="LO:HI|VALUE|link", help="Per-element SNR, dB: a range to draw from, or a link budget."),
 ]
-Jobs = Annotated[int | None, typer.Option(min=1, help="Worker processes; the number of cores when absent.")]
+Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; the number of cores when absent.")]
 Cluster = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A running dask scheduler, instead of own worker processes.")
 ]

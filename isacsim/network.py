@@ -15,7 +15,7 @@ from isacsim.demand import DemandSettings, make_demand
 from isacsim.errors import InputError
 from isacsim.scenario import Scenario, load_without_sites, read_network
 from isacsim.site_placement import PlacementSettings, place, sites_file
-from isacsim.sumo_files import has_demand, one_line, parse
+from isacsim.sumo_files import has_demand, one_line, parse, refuse_document_type
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
@@ -76,6 +76,7 @@ def import_map(
         raise InputError(f"there is no map {source}: give an OpenStreetMap file ({', '.join(MAP_ENDINGS)})")
     if not source.name.endswith(MAP_ENDINGS):
         raise InputError(f"{source} is no OpenStreetMap file by its name: it should end in {', '.join(MAP_ENDINGS)}")
+    refuse_document_type(source)
     with _new_folder(out) as folder:
         network = folder / f"{out.name}.net.xml"
         _netconvert(source, network, box)

@@ -20,6 +20,7 @@ from isacsim.sumo_files import (
     one_line,
     parse,
     read_config,
+    refuse_document_type,
 )
 
 SITE_TYPE = "isac_site"
@@ -89,6 +90,8 @@ def load_without_sites(where: str | Path) -> Scenario:
     name, file = _find(Path(where))
     alone = file.name.endswith(NETWORK_ENDINGS)
     inputs = Inputs(file, (), (), 0.0, {}, ()) if alone else read_config(file)
+    for demand in inputs.demand:
+        refuse_document_type(demand)
     lanes, origin = read_network(inputs.network)
     sites = tuple(_read_sites(inputs.additional, origin))
     return Scenario(
@@ -99,6 +102,7 @@ def load_without_sites(where: str | Path) -> Scenario:
 
 def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
     """Lanes of a network, junction-internal ones included, and the origin of their plane in SUMO's coordinates."""
+    refuse_document_type(network)
     try:
         net = sumolib.net.readNet(str(network), withInternal=True)
     except Exception as error:  # the reader raises whatever its parser meets

@@ -1,13 +1,22 @@
-"""What SUMO's own input files say: configurations, and additional files made safe to load."""
+"""What SUMO's own input files say: configurations, and additional files made safe to load.
+
+They may come from others: a file with a document type is refused, so that no entity is expanded and no other file read.
+"""
 
 from __future__ import annotations
 
 import gzip
 import os
 import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, cast
+
+import defusedxml.ElementTree
+from defusedxml import DTDForbidden
 
 from isacsim.errors import InputError
 
@@ -37,6 +46,8 @@ KEPT = (
     "collision.mingap-factor",
 )
 """Options of a user's configuration that shape the traffic and not the tool's time base, outputs or windows."""
+XML_FAULTS = (ET.ParseError, EOFError, LookupError, OSError, ValueError, zlib.error)
+"""What the readers of XML and gzip raise on files that are neither."""
 OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
 OUTPUT_ELEMENTS = (
     "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector", "e3Detector",
@@ -88,11 +99,8 @@ def read_config(config: Path) -> Inputs:
 
 def has_demand(file: Path) -> bool:
     """Whether a file puts vehicles on the road; it is read no further than the first."""
-    with opened(file) as stream:
-        try:
-            return any(node.tag in ("vehicle", "flow", "trip") for _, node in ET.iterparse(stream, ("start",)))
-        except (ET.ParseError, OSError, EOFError) as error:
-            raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
+    with _reading(file) as stream:
+        return any(node.tag in ("vehicle", "flow", "trip") for node in _elements(stream))
 
 
 def without_outputs(file: Path, folder: Path) -> Path:
@@ -113,19 +121,34 @@ def without_outputs(file: Path, folder: Path) -> Path:
 
 def parse(file: Path) -> ET.Element:
     """The root of an XML file. Raises InputError in one line."""
-    with opened(file) as stream:
-        try:
-            return ET.parse(stream).getroot()
-        except (ET.ParseError, OSError, EOFError) as error:
-            raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
+    with _reading(file) as stream:
+        root: ET.Element = defusedxml.ElementTree.parse(stream, forbid_dtd=True).getroot()
+        return root
 
 
-def opened(file: Path) -> IO[bytes]:
-    """A file, which may be gzipped, open for reading. Raises InputError."""
+def refuse_document_type(file: Path) -> None:
+    """Look at an XML file, before others read it, as far as its first element. Raises InputError."""
+    with _reading(file) as stream:
+        next(_elements(stream), None)
+
+
+def _elements(stream: IO[bytes]) -> Iterator[ET.Element]:
+    """The elements of an XML file as they begin."""
+    return (node for _, node in defusedxml.ElementTree.iterparse(stream, ("start",), forbid_dtd=True))
+
+
+@contextmanager
+def _reading(file: Path) -> Iterator[IO[bytes]]:
+    """An XML file, which may be gzipped, open for reading. What fails becomes an InputError in one line."""
     try:
-        return cast(IO[bytes], gzip.open(file)) if file.name.endswith(".gz") else file.open("rb")
-    except OSError as error:
-        raise InputError(f"{file} cannot be read: {one_line(error)}") from None
+        with cast(IO[bytes], gzip.open(file)) if file.name.endswith(".gz") else file.open("rb") as stream:
+            yield stream
+    except DTDForbidden:
+        raise InputError(
+            f"{file} declares a document type (DTD), by which a file pulls in others or grows without end: take it out"
+        ) from None
+    except XML_FAULTS as error:
+        raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
 
 
 def one_line(error: object) -> str:

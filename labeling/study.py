@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,8 @@ from labeling.events import LabelSettings
 from labeling.pairs import PairSettings
 from labeling.samples import RecordSettings
 
+MOST_BYTES = 100_000
+"""Of a study file."""
 Section = TypeVar("Section", bound=Settings)
 
 
@@ -92,10 +95,13 @@ def read_toml(path: Path) -> dict[str, Any]:
     """A TOML file's content. Raises InputError where there is none or it cannot be read."""
     try:
         with path.open("rb") as file:
-            return tomllib.load(file)
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise InputError(f"{path}: has more than {MOST_BYTES} bytes, which no study needs; give a study file")
+        return tomllib.loads(content.decode())
     except FileNotFoundError:
         raise InputError(f"{path}: no such study file; give the path of a .toml file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: not a readable TOML file ({_one_line(error)})") from None
 
 
@@ -115,7 +121,7 @@ def _first_fault(error: ValidationError) -> str:
         return f"{key}: unknown key; remove it or mend its spelling"
     message = fault["msg"].removeprefix("Value error, ")
     found = fault["input"]
-    return f"{key}: {message}" if isinstance(found, dict) else f"{key}: {message}, not {found!r}"
+    return f"{key}: {message}" if isinstance(found, dict) else f"{key}: {message}, not {reprlib.repr(found)}"
 
 
 def _one_line(error: Exception) -> str:

@@ -58,7 +58,7 @@ BAD = {
     "run -o full": "full: holds something that is no study's results",
     "generate nowhere -o new": "no scenario nowhere",
     "generate siteless -o new": "has no sites",
-    "generate garbled -o new": "cannot be read as a SUMO network",
+    "generate garbled -o new": "cannot be read as XML",
     "generate empty -o new": "empty holds 0 SUMO configurations",
     "generate siteless/motorway.net.xml -o new": "siteless/motorway.net.xml",
     "generate motorway -o full": "full: holds something that is no dataset",

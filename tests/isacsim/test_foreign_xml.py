@@ -1,0 +1,104 @@
+"""XML of others is data: no entity is expanded, no other file read, and SUMO never sees one that asks for it."""
+
+from __future__ import annotations
+
+import gzip
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import pytest
+from roads import straight_road, vehicle
+
+from isacsim import network, scenario
+from isacsim.demand import DemandSettings
+from isacsim.errors import InputError
+from isacsim.network import import_map
+from isacsim.scenario import load, load_without_sites
+from isacsim.site_placement import PlacementSettings
+from isacsim.sumo_files import parse
+
+
+def bomb(levels: int = 9) -> str:
+    """A billion laughs: 3 kB that are 3 GB when expanded."""
+    entities = [f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, levels)]
+    return f'<!DOCTYPE a [<!ENTITY l0 "ha">{"".join(entities)}]>'
+
+
+ATTACKS = {
+    "bomb": (bomb(), "&l8;"),
+    "file": ('<!DOCTYPE a [<!ENTITY f SYSTEM "secret.txt">]>', "&f;"),
+    "parameter": ('<!DOCTYPE a [<!ENTITY % p SYSTEM "secret.txt"> %p;]>', ""),
+    "subset": ('<!DOCTYPE a SYSTEM "secret.txt">', ""),
+}
+FILES = ("r.net.xml", "r.net.xml.gz", "r.sumocfg", "r.rou.xml", "sites.add.xml")
+
+
+def infected(text: str, attack: str) -> str:
+    """An XML file with a document type, and what it declares used within the root element."""
+    declared, used = ATTACKS[attack]
+    text = text[text.index("?>") + 2 :] if text.startswith("<?xml") else text
+    at = text.rindex("</")
+    return f'<?xml version="1.0"?>{declared}{text[:at]}{used}{text[at:]}'
+
+
+def unreachable(*_: Any, **__: Any) -> Any:
+    raise AssertionError("reached with a document type")
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("name", FILES)
+def test_a_scenario_with_a_document_type_is_refused(
+    tmp_path: Path, name: str, attack: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    road = straight_road(tmp_path / "road", vehicle("a"))
+    (road / "secret.txt").write_text("<secret/>")
+    plain = road / name.removesuffix(".gz")
+    text = infected(plain.read_text(), attack)
+    if name.endswith(".gz"):
+        (road / name).write_bytes(gzip.compress(text.encode()))
+        config = road / "r.sumocfg"
+        config.write_text(config.read_text().replace("r.net.xml", name))
+    else:
+        plain.write_text(text)
+    if "net" in name:
+        monkeypatch.setattr(scenario.sumolib.net, "readNet", unreachable)
+    tracemalloc.start()
+    for read in (load, load_without_sites):
+        with pytest.raises(InputError, match=rf"{name} declares a document type") as caught:
+            read(road)
+        assert "\n" not in str(caught.value)
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+@pytest.mark.parametrize("name", ["map.osm", "map.osm.gz"])
+def test_a_map_with_a_document_type_is_refused(
+    tmp_path: Path, name: str, attack: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "_netconvert", unreachable)
+    text = infected('<osm version="0.6"><node id="1" lat="1" lon="1"/></osm>', attack).encode()
+    (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith(".gz") else text)
+    with pytest.raises(InputError, match="declares a document type"):
+        import_map(tmp_path / name, tmp_path / "out", None, PlacementSettings(), DemandSettings())
+    assert sorted(path.name for path in tmp_path.iterdir()) == [name]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"<a>&undeclared;</a>",
+        b"",
+        b"\x00",
+        b"<a/><b/>",
+        '<a b="ü"/>'.encode("latin-1"),
+        b'<?xml version="1.0" encoding="big5"?><a/>',
+    ],
+)
+def test_what_is_no_xml_is_told_in_one_line(tmp_path: Path, content: bytes) -> None:
+    for name, packed in (("a.xml", content), ("a.xml.gz", gzip.compress(content)), ("b.xml.gz", content)):
+        (tmp_path / name).write_bytes(packed)
+        with pytest.raises(InputError, match=rf"{name} cannot be read as XML: ") as caught:
+            parse(tmp_path / name)
+        assert "\n" not in str(caught.value)
