@@ -18,15 +18,20 @@ from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.seeding import stream
 from models.augment import augmented
+from models.losses import exposure_loss
 from models.network import WindowNetwork
+from models.preludes import prelude_windows
 from models.run import TrainSettings, replace
 from models.windows import Ends, Ints, Records, Windows, batches, cut, draw_ends
 
 MONITOR = "validation_macro_f1"
 SCALE_WINDOWS = 2000
+OUTLIER = -1
+"""The label of a window that is no intention."""
 Batch = tuple[Tensor, Tensor, Tensor]
 Vary = Callable[[int, Windows, Ints], tuple[Windows, Ints]]
 """The k-th batch of an epoch and its labels to what is shown instead."""
+Labelled = tuple[Ends, Ints]
 
 
 def torch_seed(*keys: str | int) -> int:
@@ -51,19 +56,33 @@ class WindowData(lightning.LightningDataModule):
         return torch.from_numpy(windows.tv), torch.from_numpy(windows.uv)
 
     def epoch_ends(self, epoch: int) -> Ends:
-        """The epoch's training windows, shuffled."""
+        """The epoch's training windows of known intentions, shuffled."""
         settings = self.settings
         ends = draw_ends(
             self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
         )
         return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
 
+    def epoch_windows(self, epoch: int) -> Labelled:
+        """The epoch's training windows with their labels, shuffled; with outlier exposure preludes are among them."""
+        settings, ends = self.settings, self.epoch_ends(epoch)
+        label = self.training.label[ends.row]
+        if not settings.loss.exposure_weight:
+            return ends, label
+        seen = prelude_windows(settings.windows, settings.preludes)
+        outliers = draw_ends(self.training, seen, "exposure", settings.seed, epoch, per_record=settings.ends_per_record)
+        both = Ends(*(np.concatenate(parts) for parts in ((ends.row, outliers.row), (ends.step, outliers.step))))
+        label = np.concatenate([label, np.full(len(outliers), OUTLIER)])
+        order = stream("shuffle exposed", settings.seed, epoch).permutation(len(both))
+        return both[order], label[order]
+
     def train_dataloader(self) -> DataLoader[Batch]:
-        count = len(self.epoch_ends(0))
-        return self._loader(self.training, lambda: self.epoch_ends(self._epoch()), count, self._varied)
+        count = len(self.epoch_windows(0)[0])
+        return self._loader(self.training, lambda: self.epoch_windows(self._epoch()), count, self._varied)
 
     def val_dataloader(self) -> DataLoader[Batch]:
-        return self._loader(self.validation, lambda: self.fixed, len(self.fixed))
+        fixed = self.fixed, self.validation.label[self.fixed.row]
+        return self._loader(self.validation, lambda: fixed, len(self.fixed))
 
     def state_dict(self) -> dict[str, Any]:
         return {"next_epoch": self._epoch() + 1}
@@ -77,9 +96,9 @@ class WindowData(lightning.LightningDataModule):
         return max(int(self.trainer.current_epoch), self.next_epoch)
 
     def _loader(
-        self, records: Records, ends: Callable[[], Ends], n: int, vary: Vary | None = None
+        self, records: Records, windows: Callable[[], Labelled], n: int, vary: Vary | None = None
     ) -> DataLoader[Batch]:
-        return DataLoader(WindowBatches(records, ends, n, self.settings, vary), batch_size=None)
+        return DataLoader(WindowBatches(records, windows, n, self.settings, vary), batch_size=None)
 
     def _varied(self, k: int, windows: Windows, label: Ints) -> tuple[Windows, Ints]:
         """The k-th batch of the epoch, augmented."""
@@ -90,22 +109,21 @@ class WindowData(lightning.LightningDataModule):
 class WindowBatches(IterableDataset[Batch]):
     """Batches of windows with their labels, cut when they are asked for.
 
-    ends: asked anew whenever an iteration starts. n: how many they are.
+    windows: ends and labels, asked anew whenever an iteration starts. n: how many they are.
     vary: what becomes of a batch.
     """
 
     def __init__(
-        self, records: Records, ends: Callable[[], Ends], n: int, settings: TrainSettings, vary: Vary | None
+        self, records: Records, windows: Callable[[], Labelled], n: int, settings: TrainSettings, vary: Vary | None
     ) -> None:
-        self.records, self.ends, self.n, self.settings = records, ends, n, settings
+        self.records, self.windows, self.n, self.settings = records, windows, n, settings
         self.vary = vary
 
     def __len__(self) -> int:
         return math.ceil(self.n / self.settings.optimiser.batch)
 
     def __iter__(self) -> Iterator[Batch]:
-        ends, size = self.ends(), self.settings.optimiser.batch
-        label = self.records.label[ends.row]
+        (ends, label), size = self.windows(), self.settings.optimiser.batch
         parts = batches(self.records, ends, self.settings.windows, size)
         for k, (windows, part) in enumerate(zip(parts, np.split(label, range(size, len(label), size)), strict=True)):
             seen, said = (windows, part) if self.vary is None else self.vary(k, windows, part)
@@ -124,7 +142,14 @@ class Lesson(lightning.LightningModule):
     def training_step(self, batch: Batch, k: int) -> Tensor:
         # Dropout has a seed of its own in every step, so that a resumed training draws what an unbroken one would.
         torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
-        loss = self._loss(self.network.answers(batch[0], batch[1]), batch[2])
+        said = self.network.answers(batch[0], batch[1])
+        outlier = batch[2] == OUTLIER
+        if outlier.any():
+            loss = self.settings.loss.exposure_weight * exposure_loss(said["joint"][outlier])
+            if not outlier.all():
+                loss = loss + self._loss({name: x[~outlier] for name, x in said.items()}, batch[2][~outlier])
+        else:
+            loss = self._loss(said, batch[2])
         self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(batch[2]))
         return loss
 

@@ -15,7 +15,20 @@ class LossSettings(Settings):
     """Parameters of the focal cost function."""
 
     gamma: float = Field(2.0, ge=0, description="focusing parameter; 0 is weighted cross-entropy")
+    exposure_weight: float = Field(
+        0.0,
+        ge=0,
+        description="of outlier exposure: on preludes all intentions shall be equally likely; 0 leaves it out",
+    )
     class_weights: bool = Field(True, description="alpha is the inverse class frequency; otherwise 1 for every class")
+
+
+def exposure_loss(logits: Tensor) -> Tensor:
+    """Mean cross-entropy of logits (E, G) of outliers against equal probabilities: a scalar.
+
+    Source: Hendrycks, Mazeika & Dietterich 2019, the form for classifiers.
+    """
+    return -torch.log_softmax(logits.float(), dim=1).mean()
 
 
 def inverse_frequency(label: npt.NDArray[np.int64], n_classes: int) -> Tensor:

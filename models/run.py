@@ -3,6 +3,7 @@
     RUN/run.json          what made it: settings, split, classes, dataset, versions
     RUN/weights.pt        tensors only, of the best epoch; trees are in trees.skops, an ensemble has both
     RUN/rule.json         instead of weights, the thresholds of the rule
+    RUN/minirocket.npz    instead of weights, the arrays of a MiniRocket
     RUN/reference.npz     features of training windows, for the scores that compare with them
     RUN/preludes.skops    trees that know windows before onset, for the score that tells maneuvers from them
     RUN/history.csv       loss and scores of every epoch
@@ -32,12 +33,13 @@ from torch import nn
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings, read_json
-from labeling.intentions import KNOWN, Intention
+from labeling.intentions import KNOWN, LANE_CHANGES, Intention
 from models.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.augment import AugmentSettings
 from models.castformer import Castformer, CastformerSettings
 from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
 from models.losses import LossSettings
+from models.minirocket import MinirocketSettings, Rocket, read_rocket
 from models.network import WindowNetwork
 from models.preludes import PreludeSettings
 from models.rule import RuleSettings, drive, logits
@@ -46,15 +48,15 @@ from models.windows import Array, Float32, SplitSettings, Windows, WindowSetting
 CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, PRELUDES_FILE, HISTORY_FILE = (
     "run.json", "weights.pt", "trees.skops", "reference.npz", "preludes.skops", "history.csv",
 )  # fmt: skip
-RULE_FILE = "rule.json"
+RULE_FILE, ROCKET_FILE = "rule.json", "minirocket.npz"
 CHECKPOINTS = "checkpoints"
-PACKAGES = ("isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
+PACKAGES = ("aeon", "isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
 HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel", "evasive_swerve"]
-Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees", "rule"]
+Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees", "rule", "minirocket"]
 NAMES: dict[Model, str] = {
     "asi-bip": "ASI-BIP", "tv-alone": "TV alone", "uv-alone": "UV alone", "aligned": "aligned fusion",
     "castformer": "CaSTFormer", "ensemble": "ASI-BIP with trees", "trees": "boosted trees",
-    "rule": "rule of the road",
+    "rule": "rule of the road", "minirocket": "MiniRocket",
 }  # fmt: skip
 DAMAGE = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
@@ -110,6 +112,7 @@ class TrainSettings(Settings):
     castformer: CastformerSettings = CastformerSettings()
     trees: TreesSettings = TreesSettings()
     rule: RuleSettings = RuleSettings()
+    minirocket: MinirocketSettings = MinirocketSettings()
     preludes: PreludeSettings = PreludeSettings()
     augment: AugmentSettings = AugmentSettings()
     loss: LossSettings = LossSettings()
@@ -119,6 +122,14 @@ class TrainSettings(Settings):
     def _frame_can_turn(self) -> Self:
         if self.augment.turns_frame and self.windows.frame == "absolute":
             raise ValueError("augment turns or mirrors windows, which an absolute frame does not allow: choose another")
+        return self
+
+    @model_validator(mode="after")
+    def _does_not_show_what_is_held_out(self) -> Self:
+        if self.augment.mirror_share and self.left_out in LANE_CHANGES:
+            raise ValueError(
+                f"held_out {self.held_out}: mirrored lane changes would show it in training; set augment.mirror_share 0"
+            )
         return self
 
     @property
@@ -202,9 +213,18 @@ class TreesPredictor:
         said = np.asarray(self.trees.decision_function(features))
         if said.ndim == 1:  # of two classes, the second's log-odds
             said = np.stack([np.zeros_like(said), said], axis=1)
-        logits = np.repeat(said.min(axis=1, keepdims=True) + np.log(LEAST_PROBABILITY), len(KNOWN), axis=1)
-        logits[:, self.trees.classes_] = said
-        return Outputs(logits, features.astype(np.float64))
+        return Outputs(among_known(said, self.trees.classes_), features.astype(np.float64))
+
+
+@dataclass(frozen=True)
+class RocketPredictor:
+    """A trained MiniRocket; its features are its logits, for those of its transform are too many to keep."""
+
+    rocket: Rocket
+
+    def __call__(self, windows: Windows) -> Outputs:
+        said = among_known(self.rocket.decide(windows), self.rocket.classes)
+        return Outputs(said, said)
 
 
 @dataclass(frozen=True)
@@ -286,6 +306,13 @@ def build_network(card: RunCard) -> WindowNetwork:
     return AsiBip(settings.asi_bip, n_classes, card.tv_length, card.uv_length, streams.get(settings.model, "both"))
 
 
+def among_known(said: Array, taught: npt.NDArray[np.integer]) -> Array:
+    """Logits (n, G) of all known intentions from those (n, G') of the ones taught; the others are all but ruled out."""
+    logits = np.repeat(said.min(axis=1, keepdims=True) + np.log(LEAST_PROBABILITY), len(KNOWN), axis=1)
+    logits[:, taught] = said
+    return logits
+
+
 def read_card(folder: Path) -> RunCard | None:
     """A folder's `run.json`, or None where it has none. InputError where it is damaged or of another version."""
     return read_json(RunCard, folder / CARD_FILE)
@@ -323,6 +350,8 @@ def _load_predictor(folder: Path, card: RunCard) -> Predictor:
         return _load_trees(folder)
     if card.settings.model == "rule":
         return RulePredictor(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+    if card.settings.model == "minirocket":
+        return RocketPredictor(read_rocket(folder / ROCKET_FILE, (card.tv_length, card.uv_length)))
     network = _load_network(folder, card)
     return EnsemblePredictor(network, _load_trees(folder)) if card.settings.model == "ensemble" else network
 

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import torch
 from made_up import MADE_OF, SMALL_RUN
+from pydantic import ValidationError
 
 from isacsim.errors import InputError
 from labeling.intentions import Intention
@@ -167,6 +168,13 @@ def test_a_held_out_intention_is_not_trained_and_not_chosen_on(records: Records,
     windows = windows_of(records, run)
     np.testing.assert_array_equal(again.predictor(windows).logits, run.predictor(windows).logits)
     assert (run.predictor(windows).logits.argmax(axis=1) != Intention.OVERTAKE).all()
+
+
+def test_mirrored_windows_would_show_a_held_out_lane_change() -> None:
+    mirrored = {"augment": {"mirror_share": 0.5}}
+    with pytest.raises(ValidationError, match="mirror_share"):
+        TrainSettings.model_validate({"held_out": "left_lane_change", **mirrored})
+    TrainSettings.model_validate({"held_out": "evasive_swerve", **mirrored})
 
 
 def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
