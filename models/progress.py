@@ -60,6 +60,10 @@ class Steps:
         self.console, self.left_s = console, expected_s
         self.took_s = self.expected_s = 0.0
 
+    def skip(self, expected_s: float) -> None:
+        """Pass over what was done before."""
+        self.left_s -= expected_s
+
     @contextmanager
     def step(self, title: str, expected_s: float, standing: bool) -> Iterator[None]:
         """Around the work of a step; standing: whether it was done before, and is passed over."""

@@ -1,10 +1,10 @@
 """A sweep: the datasets, trainings and evaluations of many cells, and one table of them.
 
     OUT/datasets/<network>/<sensing>/               the first generated, the others its records sensed anew
-    OUT/cells/<network>/<sensing>/<model>/seed-<n>/
-        run/                                        the predictor trained with that seed
-        report/                                     measured on its network's test seeds
-        report_<network>/                           measured on another network's
+    OUT/cells/<network>/<sensing>/<model>/
+        seed-<n>/                                   the predictor trained with that seed
+        report/                                     all of them on their network's test seeds, beside the floor
+        report_<network>/                           the same on another network's
     OUT/table.csv, OUT/table.json                   a row a cell
     OUT/report/                                     the table and its figure as a page
 
@@ -15,7 +15,8 @@ sensor cannot use. Every part resumes where it stopped. A cell that fails is tol
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ from models.evaluation import METRICS_FILE, evaluate_records
 from models.main_job import claim
 from models.progress import Steps
 from models.report import PAGE, write_page
-from models.run import Run, load_run, versions
+from models.run import Run, load_run, read_card, versions
 from models.study import FLOOR, Study
 from models.sweep_report import rows, write_sweep
 from models.training import train_records
@@ -79,7 +80,8 @@ class Sweep:
     """What stands of a sweep so far.
 
     datasets: by network and way of sensing. sides: of each network the scenario seeds to train, validate and test on.
-    measured: what a cell's trainings reached on a network, by the cell and that network. failed: what was left out.
+    measured: the metrics of a cell's runs on a network, by the cell and that network, and the report's path. failed:
+    the trainings left out, with the reason.
     """
 
     def __init__(
@@ -89,7 +91,7 @@ class Sweep:
         self.console, self.workers, self.axes = console, workers, study.axes
         self.datasets: dict[tuple[str, Sensing], Dataset] = {}
         self.sides: dict[str, dict[str, list[str]]] = {}
-        self.measured: dict[tuple[Cell, str], list[dict[str, Any]]] = {}
+        self.measured: dict[tuple[Cell, str], dict[str, Any]] = {}
         self.failed: list[dict[str, Any]] = []
         self.steps = Steps(console, estimate_study(study).seconds(workers))
         # Those that a cell is trained on, and those that it is tested on besides.
@@ -104,7 +106,8 @@ class Sweep:
             except OutputError:
                 raise
             except RunError as error:
-                self._leave_out([cell for cell in self.study.cells if cell.network == network], error)
+                cells = [cell for cell in self.study.cells if cell.network == network]
+                self._leave_out(cells, self.axes.training_seeds, error)
                 continue
             self._sense(network, study, made)
 
@@ -112,16 +115,8 @@ class Sweep:
         """Train and evaluate every cell whose dataset stands; a cell's floor comes before it."""
         cells = self.study.cells
         for number, cell in enumerate(cells):
-            if (cell.network, cell.sensing) not in self.datasets:
-                continue
-            for seed in self.axes.training_seeds:
-                title = f"cell {number + 1} of {len(cells)} ({cell}), training seed {seed}"
-                try:
-                    self._measure(cell, seed, title)
-                except Exception as error:
-                    if isinstance(error, OutputError) or getattr(error, "errno", None) in NO_ROOM:
-                        raise
-                    self._leave_out([cell], error, seed)
+            if (cell.network, cell.sensing) in self.datasets:
+                self._measure(cell, f"cell {number + 1} of {len(cells)} ({cell})")
 
     def _make(self, network: str, study: DatasetStudy) -> Dataset:
         """Generate a network's dataset."""
@@ -143,64 +138,78 @@ class Sweep:
             with self.steps.step(f"dataset of {network}, {way}", expected_s, finished(folder)):
                 self.datasets[network, way] = self.sense(made, settings, folder)
 
-    def _measure(self, cell: Cell, seed: int, title: str) -> None:
-        """Train a cell with one seed and evaluate it, where that does not stand yet, and take in what it reached."""
-        folder = self.out / "cells" / cell.path / f"seed-{seed}"
-        targets = [cell.network, *(each for each in self.axes.test_on if each != cell.network)]
-        targets = [each for each in targets if (each, cell.sensing) in self.datasets]
-        reports = {each: folder / ("report" if each == cell.network else f"report_{each}") for each in targets}
-        found = {each: self._standing(reports[each], self.datasets[each, cell.sensing]) for each in targets}
-        missing = [each for each in targets if found[each] is None]
+    def _measure(self, cell: Cell, title: str) -> None:
+        """Train a cell and evaluate it, as far as that does not stand yet, and take in what it reached."""
+        folder = self.out / "cells" / cell.path
+        others = [each for each in self.axes.test_on if each != cell.network and (each, cell.sensing) in self.datasets]
+        reports = {
+            each: folder / ("report" if each == cell.network else f"report_{each}") for each in (cell.network, *others)
+        }
+        found = {each: self._standing(report, cell, each) for each, report in reports.items()}
         expected_s = cell_s(self.study, cell.model, estimate(self.study.networks[cell.network]).samples)
-        with self.steps.step(title, expected_s, not missing):
-            if missing:
-                run, against = self._train(cell, seed, folder), self._floor(cell, seed)
-            for target in missing:
-                found[target] = self._evaluate(run, against, target, cell.sensing, reports[target])
-        for target, metrics in found.items():
-            assert metrics is not None
-            reached = self.measured.setdefault((cell, target), [])
-            reached.append(
-                {**_brief(metrics), "training_seed": seed, "report": str(reports[target].relative_to(self.out))}
-            )
+        if all(found.values()):
+            self.steps.skip(expected_s * len(self.axes.training_seeds))
+        elif runs := self._train(cell, folder, title, expected_s):
+            with self._left_out(cell, [run.card.settings.seed for run in runs]):
+                found = {each: kept or self._evaluate(runs, cell, each, reports[each]) for each, kept in found.items()}
+        for network, metrics in found.items():
+            if metrics:
+                self.measured[cell, network] = {**metrics, "report": str(reports[network].relative_to(self.out))}
 
-    def _train(self, cell: Cell, seed: int, folder: Path) -> Run:
-        dataset = self.datasets[cell.network, cell.sensing]
-        return train_records(
-            self.records(cell.network, cell.sensing),
-            made_of(dataset),
-            folder / "run",
-            self.study.training_of(cell.model, seed),
-            self.console,
-            self.sides[cell.network],
-        )
+    def _train(self, cell: Cell, folder: Path, title: str, expected_s: float) -> list[Run]:
+        """A cell's runs, a training seed each, those left out that fail."""
+        dataset, runs = self.datasets[cell.network, cell.sensing], []
+        for seed in self.axes.training_seeds:
+            out, settings = folder / f"seed-{seed}", self.study.training_of(cell.model, seed)
+            card = read_card(out)
+            with (
+                self.steps.step(f"{title}, training seed {seed}", expected_s, card is not None and card.complete),
+                self._left_out(cell, [seed]),
+            ):
+                records = self.records(cell.network, cell.sensing)
+                sides = self.sides[cell.network]
+                runs.append(train_records(records, made_of(dataset), out, settings, self.console, sides))
+        return runs
 
-    def _floor(self, cell: Cell, seed: int) -> list[Run]:
-        """The floor of the same training seed; none for the floor itself, and where it failed, which is told."""
-        if cell.model == FLOOR:
-            return []
-        try:
-            return [
-                load_run(self.out / "cells" / Cell(cell.network, cell.sensing, FLOOR).path / f"seed-{seed}" / "run")
-            ]
-        except InputError:
-            return []
-
-    def _evaluate(self, run: Run, against: list[Run], network: str, sensing: Sensing, out: Path) -> dict[str, Any]:
-        """Measure a run on the test seeds of a network."""
-        records = self.records(network, sensing)
+    def _evaluate(self, runs: list[Run], cell: Cell, network: str, out: Path) -> dict[str, Any]:
+        """Measure a cell's runs on the test seeds of a network, beside the floor's."""
+        records = self.records(network, cell.sensing)
         tested = records.take(np.isin(records.groups, self.sides[network]["test"]))
-        made = made_of(self.datasets[network, sensing])
-        metrics = evaluate_records(run, tested, made, out, self.study.evaluation, against)
+        made = made_of(self.datasets[network, cell.sensing])
+        against = [*runs[1:], *self._floors(cell)]
+        metrics = evaluate_records(runs[0], tested, made, out, self.study.evaluation, against)
         write_page(metrics, out)
         return metrics
 
-    def _standing(self, report: Path, dataset: Dataset) -> dict[str, Any] | None:
-        """The metrics of a finished evaluation on that dataset; the page is written last."""
+    def _floors(self, cell: Cell) -> list[Run]:
+        """The floor's runs; none for the floor itself. Those that failed are told already."""
+        if cell.model == FLOOR:
+            return []
+        folder = self.out / "cells" / Cell(cell.network, cell.sensing, FLOOR).path
+        found = []
+        for seed in self.axes.training_seeds:
+            with suppress(InputError):
+                found.append(load_run(folder / f"seed-{seed}"))
+        return found
+
+    def _standing(self, report: Path, cell: Cell, network: str) -> dict[str, Any] | None:
+        """The metrics of an evaluation that is finished, on that dataset and of all runs; the page is written last."""
         if not (report / PAGE).is_file():
             return None
         metrics: dict[str, Any] = json.loads((report / METRICS_FILE).read_text())
-        return metrics if metrics["made_by"]["dataset"]["digest"] == dataset.digest else None
+        made, runs = metrics["made_by"], len(self.axes.training_seeds) * (1 if cell.model == FLOOR else 2)
+        whole = made["dataset"]["digest"] == self.datasets[network, cell.sensing].digest and len(made["runs"]) == runs
+        return metrics if whole else None
+
+    @contextmanager
+    def _left_out(self, cell: Cell, seeds: Sequence[int]) -> Iterator[None]:
+        """Around work on a cell: where it fails, those training seeds are left out, unless no other would go well."""
+        try:
+            yield
+        except Exception as error:
+            if isinstance(error, OutputError) or getattr(error, "errno", None) in NO_ROOM:
+                raise
+            self._leave_out([cell], seeds, error)
 
     def _load(self, network: str, sensing: Sensing) -> Records:
         return Records.of(self.datasets[network, sensing])
@@ -208,14 +217,13 @@ class Sweep:
     def _folder(self, network: str, sensing: Sensing) -> Path:
         return self.out / "datasets" / network / sensing.name
 
-    def _leave_out(self, cells: Sequence[Cell], error: Exception, seed: int | None = None) -> None:
-        """Take cells for failed, with one training seed or with all of them, and tell."""
+    def _leave_out(self, cells: Sequence[Cell], seeds: Sequence[int], error: Exception) -> None:
+        """Take trainings for failed, and tell."""
         reason = describe(error)
-        seeds = self.axes.training_seeds if seed is None else (seed,)
         self.failed += [
             {"cell": str(cell), "training_seed": each, "reason": reason} for cell in cells for each in seeds
         ]
-        what = cells[0].network if len(cells) > 1 else f"{cells[0]}, training seed {seed}"
+        what = cells[0].network if len(cells) > 1 else f"{cells[0]}, training seed {', '.join(map(str, seeds))}"
         self.console.print(f"left out: {what}: {reason}", highlight=False, soft_wrap=True, markup=False)
 
 
@@ -238,12 +246,3 @@ def finished(folder: Path) -> bool:
 def made_of(dataset: Dataset) -> dict[str, Any]:
     """What results say of the dataset that they come from."""
     return {"digest": dataset.digest, "study": dataset.meta.study}
-
-
-def _brief(metrics: dict[str, Any]) -> dict[str, Any]:
-    """Of an evaluation, what the table is made of; the difference to the floor has an interval over the test seeds."""
-    taken = {name: metrics[name] for name in ("n", "macro_f1", "accuracy", "auroc_unknown")}
-    if not metrics["compared"]:
-        return {**taken, "ahead_of_floor": None}
-    paired = metrics["compared"][0]["paired_difference"]["macro_f1"]
-    return {**taken, "ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}

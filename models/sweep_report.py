@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich import box
 from rich.table import Table
@@ -16,26 +15,26 @@ from rich.table import Table
 from models import page
 from models.axes import Cell, Sensing
 from models.figures import CYCLE, figure
+from models.metrics import spread
 from models.report import PAGE
 from models.run import replace
 
 TABLE_JSON, TABLE_CSV, REPORT, FIGURE = "table.json", "table.csv", "report", "macro_f1.png"
-SCORES = {
-    "macro_f1": "macro-F1", "accuracy": "accuracy", "ahead_of_floor": "over trees",
-    "auroc_unknown": "AUROC of following",
-}  # fmt: skip
-"""What has a mean and a spread over the training seeds, and its heading."""
-ON_TERMINAL = ("macro_f1", "accuracy", "ahead_of_floor")
+SCORES = {"macro_f1": "macro-F1", "accuracy": "accuracy", "auroc_unknown": "AUROC of following"}
+"""What has a mean and a standard deviation over the training seeds, and its heading."""
+AHEAD = "over trees (95 %)"
+ON_TERMINAL = ("macro_f1", "accuracy")
 Row = Mapping[str, Any]
 
 
-def rows(measured: Mapping[tuple[Cell, str], Sequence[Row]]) -> list[dict[str, Any]]:
+def rows(measured: Mapping[tuple[Cell, str], Row]) -> list[dict[str, Any]]:
     """A row a cell and network that it was tested on: mean and standard deviation of SCORES over its training seeds.
 
-    measured: what each training reached; `runs` of the row holds them. The standard deviation of one training is None,
-    and so is the mean of a score that none has.
+    measured: the metrics of the cell's runs beside the floor's, and the path of their report. `ahead_of_floor` is the
+    paired difference in mean macro-F1 with its interval over the test seeds, `low` to `high`. A standard deviation of
+    one training is None, and so is a score that none has. `runs` holds the trainings themselves.
     """
-    return [_row(cell, tested_on, runs) for (cell, tested_on), runs in measured.items()]
+    return [_row(cell, tested_on, metrics) for (cell, tested_on), metrics in measured.items()]
 
 
 def write_sweep(found: dict[str, Any], out: Path) -> None:
@@ -58,8 +57,9 @@ def table(found: dict[str, Any]) -> Table:
         drawn.add_column(name, no_wrap=True)
     for name in ON_TERMINAL:
         drawn.add_column(SCORES[name], no_wrap=True, justify="right")
+    drawn.add_column(AHEAD, justify="right")
     for row in found["cells"]:
-        drawn.add_row(*_named(row, names), *(_score(row, name) for name in ON_TERMINAL))
+        drawn.add_row(*_named(row, names), *(_score(row, name) for name in ON_TERMINAL), _ahead(row))
     return drawn
 
 
@@ -85,14 +85,26 @@ def draw(cells: Sequence[Row], path: Path) -> None:
         drawn.legend(loc="outside upper right", ncols=len(models))
 
 
-def _row(cell: Cell, tested_on: str, runs: Sequence[Row]) -> dict[str, Any]:
-    named = {"network": cell.network, "sensor": cell.sensing.sensor, "snr": cell.sensing.snr, "model": cell.model}
-    row = {**named, "tested_on": tested_on, "trainings": len(runs), "windows": runs[0]["n"]}
+def _row(cell: Cell, tested_on: str, metrics: Row) -> dict[str, Any]:
+    everyone = [metrics, *metrics["compared"]]
+    own, floors = ([each for each in everyone if (each["model"] == cell.model) is mine] for mine in (True, False))
+    row: dict[str, Any] = {
+        "network": cell.network, "sensor": cell.sensing.sensor, "snr": cell.sensing.snr, "model": cell.model,
+        "tested_on": tested_on, "trainings": len(own), "windows": metrics["n"],
+    }  # fmt: skip
     for name in SCORES:
-        values = [run[name] for run in runs if run[name] is not None]
-        row[name] = float(np.mean(values)) if values else None
-        row[f"{name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 else None
-    return {**row, "runs": list(runs)}
+        found = spread([each[name] for each in own])
+        row |= {name: found["mean"], f"{name}_sd": found["sd"]}
+    row |= {"ahead_of_floor": None, "low": None, "high": None}
+    if floors:
+        # Of the means over training seeds; of two single runs it stands with the one compared.
+        paired = metrics.get("over_training_seeds", metrics["compared"])[-1]["paired_difference"]["macro_f1"]
+        row |= {"ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}
+    seeds = [each["settings"]["seed"] for each in metrics["made_by"]["runs"]]
+    runs = [
+        {"training_seed": seed, **{name: each[name] for name in SCORES}} for seed, each in zip(seeds, own, strict=False)
+    ]
+    return {**row, "report": metrics["report"], "runs": runs}
 
 
 def _names(cells: Sequence[Row]) -> list[str]:
@@ -107,30 +119,33 @@ def _named(row: Row, names: Sequence[str]) -> list[str]:
 
 
 def _score(row: Row, name: str) -> str:
-    mean, spread = row[name], row[f"{name}_sd"]
+    mean, deviation = row[name], row[f"{name}_sd"]
     if mean is None:
         return "-"
-    text = f"{mean:+.3f}" if name == "ahead_of_floor" else f"{mean:.3f}"
-    return text if spread is None else f"{text} ±{spread:.3f}"
+    return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}"
+
+
+def _ahead(row: Row) -> str:
+    if row["ahead_of_floor"] is None:
+        return "-"
+    return f"{row['ahead_of_floor']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})"
 
 
 def _page(found: dict[str, Any], report: Path) -> str:
     cells, names = found["cells"], _names(found["cells"])
-    head = [*names, "trainings", "windows", *SCORES.values(), "reports"]
+    head = [*names, "trainings", "windows", *SCORES.values(), AHEAD, ""]
     lines = [
         [
             *(html.escape(text) for text in _named(row, names)),
             str(row["trainings"]), str(row["windows"]),
-            *(_score(row, name) for name in SCORES),
-            " ".join(
-                f'<a href="../{html.escape(run["report"])}/{PAGE}">{run["training_seed"]}</a>' for run in row["runs"]
-            ),
+            *(_score(row, name) for name in SCORES), _ahead(row),
+            f'<a href="../{html.escape(row["report"])}/{PAGE}">report</a>',
         ]
         for row in cells
     ]  # fmt: skip
     body = f"""<p>Measured on scenario seeds that were neither trained nor chosen on, the same in all cells of a
 network. Scores are means over training seeds, ± their standard deviation. Macro-F1 over that of the trees is paired on
-the same windows and training seed; its interval over the test seeds is in each training's report.</p>
+the same windows; its interval is a bootstrap over scenario seeds.</p>
 {page.table(head, lines)}
 """
     if cells:
