@@ -1,8 +1,8 @@
 """How the making of a dataset scales: with the work, with a second worker process, and what its parent holds meanwhile.
 
 The work is short episodes of the bundled motorway, the same few traffic seeds over and over: k times the work is k
-times the same, down to the samples. Each dataset is made by `labeling.generate` with workers of its own, out of a fresh
-process, whose peak memory is the parent's: scheduler and metadata, no simulation.
+times the same, down to the samples. Each dataset is made and summed up as by `cosim generate`, with workers of its own,
+out of a fresh process, whose peak memory is the parent's: scheduler and metadata, no simulation.
 
 Start-up is told apart from work: `start_s` ends when the first episode begins, `end_s` begins when the last one ended.
 
@@ -33,6 +33,7 @@ from labeling.episode import SumoSource
 from labeling.generate import generate
 from labeling.log import Entry
 from labeling.study import DatasetStudy, SeedRange
+from labeling.summary import summary
 
 Result = TypeVar("Result")
 
@@ -147,6 +148,7 @@ def make(episodes: int, jobs: int) -> Made:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         dataset = generate(study, Path(folder) / "data", LocalEngine(jobs), source=source, note=note)
+        summary(dataset)
         end = time.perf_counter()
     if dataset.meta.lost:
         raise RuntimeError(f"{len(dataset.meta.lost)} episodes were lost: {dataset.meta.lost[0].reason}")

@@ -211,16 +211,21 @@ class Dataset:
 
     def arrays(self, *names: str) -> dict[str, States]:
         """State arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C)."""
-        if unknown := set(names) - set(ARRAYS):
-            raise ValueError(f"no array columns: {sorted(unknown)}")
         lengths = {name: self.meta.uv_length if name == "uv" else self.meta.tv_length for name in names}
         found = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
         start = 0
-        for table in self._tables(list(names)):
+        for shard, part in zip(self.meta.shards, self.arrays_by_shard(*names), strict=True):
             for name in names:
-                found[name][start : start + len(table)] = states_of(table[name])
-            start += len(table)
+                found[name][start : start + shard.samples] = part[name]
+            start += shard.samples
         return found
+
+    def arrays_by_shard(self, *names: str) -> Iterator[dict[str, States]]:
+        """The same, a shard at a time: what a dataset larger than memory is read by."""
+        if unknown := set(names) - set(ARRAYS):
+            raise ValueError(f"no array columns: {sorted(unknown)}")
+        for table in self._tables(list(names)):
+            yield {name: states_of(table[name]) for name in names}
 
     def roads(self, scenario: str) -> list[RoadLane]:
         """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon."""

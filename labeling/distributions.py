@@ -26,8 +26,15 @@ def distributions(dataset: Dataset) -> dict[str, dict[str, Any]]:
     frame = dataset.frame(["intention", "scenario", "seed", "t_start", "t_onset", "t_commit", "t_end"])
     frame["duration_s"] = frame["t_end"] - frame["t_onset"]
     frame["lead_s"] = frame["t_commit"] - frame["t_onset"]
-    onset_row = ((frame["t_onset"] - frame["t_start"]) * dataset.meta.tv_rate_hz).to_numpy(np.float64)
-    peaks = _peaks(dataset.arrays("tv_truth")["tv_truth"], np.rint(onset_row).astype(np.int64))
+    since_start = ((frame["t_onset"] - frame["t_start"]) * dataset.meta.tv_rate_hz).to_numpy(np.float64)
+    onset_row = np.rint(since_start).astype(np.int64)
+    peaks = np.empty((2, len(frame)))
+    start = 0
+    # A shard at a time: all of them may be more than memory holds.
+    for part in dataset.arrays_by_shard("tv_truth"):
+        rows = slice(start, start + len(part["tv_truth"]))
+        peaks[:, rows] = _peaks(part["tv_truth"], onset_row[rows])
+        start = rows.stop
     frame["peak_along_mps2"], frame["peak_across_mps2"] = peaks
     measured = ["duration_s", "lead_s", "peak_along_mps2", "peak_across_mps2"]
     found = {}

@@ -23,6 +23,7 @@ from labeling.engine import LocalEngine
 from labeling.generate import generate
 from labeling.shard import read_episode
 from labeling.study import DatasetStudy
+from labeling.summary import summary
 
 INLINE = InlineEngine()
 SEEDS = {"first": 1, "last": 4}
@@ -77,6 +78,18 @@ def test_samples_are_of_the_scripted_motion(undisturbed: Dataset) -> None:
     assert np.median(error) < 0.1
     since_start = (frame["t_onset"] - frame["t_start"]).to_numpy()
     assert (np.abs(since_start - 2.6) <= 0.2 + 1e-3).all()
+
+
+def test_a_summary_takes_a_shard_of_states_at_a_time(undisturbed: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = undisturbed.arrays("tv_truth")["tv_truth"]
+    parts = [part["tv_truth"] for part in undisturbed.arrays_by_shard("tv_truth")]
+    assert [len(part) for part in parts] == [2, 2, 2, 2]
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    monkeypatch.delattr(Dataset, "arrays")
+    least = summary(undisturbed)["distributions"]["hard_brake"]["peak_along_mps2"]
+    braking = whole[(undisturbed.frame()["intention"] == "hard_brake").to_numpy()]
+    # On a straight road along x, where nothing but the braking accelerates.
+    np.testing.assert_allclose(least[2], np.median(braking[:, 4].min(axis=1)), atol=1e-3)
 
 
 def test_more_jobs_make_the_same_bytes(
