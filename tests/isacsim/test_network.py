@@ -10,9 +10,11 @@ from roads import straight_road, vehicle
 
 from isacsim.demand import DemandSettings, make_demand
 from isacsim.errors import InputError
+from isacsim.fusion import Panels
 from isacsim.maneuvers import ManeuverSettings
 from isacsim.network import add_sites, import_map
 from isacsim.scenario import load
+from isacsim.sensing import LEAST_SITES, ViewSettings, assign
 from isacsim.site_placement import PlacementSettings, place
 from isacsim.sumo_files import parse, without_outputs
 from isacsim.traffic import TrafficSettings, record
@@ -163,3 +165,23 @@ def test_bundled_scenarios_have_a_pole_near_every_covered_lane() -> None:
                 continue
             middle = lane.shape.mean(axis=0)
             assert np.hypot(*(poles - middle).T).min() < 150.0, (name, lane.id)
+
+
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban", "straight"])
+def test_sites_made_for_a_bare_network_see_every_road_of_its_traffic_by_two(name: str, tmp_path: Path) -> None:
+    """Along each lane that has sites beside it, two panels or more are in view, and others as one drives on."""
+    network = straight_road(tmp_path / name, vehicle("a")) / "r.net.xml" if name == "straight" else load(name).network
+    add_sites(str(network), tmp_path / "made", PlacementSettings(), DemandSettings(vehicles=30))
+    scenario = load(tmp_path / "made")
+    routes = parse(tmp_path / "made" / "made.rou.xml").iter("route")
+    used = {edge for route in routes for edge in route.get("edges", "").split()}
+    panels = Panels.of(scenario.sites, 0.8)
+    for lane in scenario.lanes:
+        if lane.edge not in used:
+            continue
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.shape, axis=0).T))])
+        stations = np.arange(0.0, along[-1], 5.0)
+        points = np.stack([np.interp(stations, along, values) for values in lane.shape.T], axis=1)
+        sites = assign(points, 10.0, panels, ViewSettings())
+        assert (sites >= 0).sum(axis=1).min() >= LEAST_SITES, lane.id
+        assert len(np.unique(sites[:, 0])) > 1 or along[-1] < 150.0, lane.id
