@@ -1,9 +1,9 @@
 """What a simulation shows, kept so that memory does not grow with simulated time.
 
 SUMO itself writes the states of all vehicles, in full double precision, to a temporary Parquet file, which takes a
-little less time than asking for them. When it has ended, the file is read in batches. Rows of vehicles that have left go to a second
-temporary file, those of vehicles on the road wait for the rest; tracks are views into that second file. Neither file
-has a name for longer than SUMO takes to start, so nothing is left of them however the process ends.
+little less time than asking for them. When it has ended, the file is read in batches. Rows of vehicles that have left
+go to a second temporary file, those of vehicles on the road wait for the rest; tracks are views into that second file.
+Neither file has a name for longer than SUMO takes to start, so nothing is left of them however the process ends.
 """
 
 from __future__ import annotations
