@@ -154,7 +154,7 @@ class Director:
         for number in np.flatnonzero(self._places.random(len(self._ends)) < chance):
             length = sumo.lane.getLength(self._ends[number])
             self._due.setdefault(self._ends[number], length - draw(0.05, 0.5) * min(length, 250.0))
-        closed = {each.maneuver.lane for each in self._active.values() if isinstance(each.maneuver, ClosedRampEnd)}
+        closed = self._closed_lanes()
         for lane, place in [each for each in self._due.items() if each[0] not in closed]:
             vehicle = self._stops_at(sumo, lane, place, time)
             if vehicle is not None:
@@ -172,10 +172,18 @@ class Director:
                 return str(vehicle)
         return None
 
+    def _closed_lanes(self) -> set[str]:
+        return {each.maneuver.lane for each in self._active.values() if isinstance(each.maneuver, ClosedRampEnd)}
+
     def _free(self, sumo: Any, vehicle: str, time: float) -> bool:
-        """Whether a vehicle may be commanded: not under command, rested, and near to a site."""
-        rested = self._rested.get(vehicle, 0.0) <= time
-        return vehicle not in self._active and rested and self._sensed(sumo, vehicle)
+        """Whether a vehicle may be commanded: not under command, rested, near to a site, and not beside a closed lane.
+
+        What happens beside a closed lane is the drivers' own: a commanded one would be blind to those that merge.
+        """
+        if vehicle in self._active or self._rested.get(vehicle, 0.0) > time or not self._sensed(sumo, vehicle):
+            return False
+        beside = {sumo.lane.getEdgeID(lane) for lane in self._closed_lanes()}
+        return sumo.vehicle.getRoadID(vehicle) not in beside
 
     def _sensed(self, sumo: Any, vehicle: str) -> bool:
         position = np.array(sumo.vehicle.getPosition(vehicle))

@@ -44,6 +44,11 @@ def ending(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
     return load(straight_road(tmp_path_factory.mktemp("ending"), "".join(cars), ending=True))
 
 
+def lateral_jerk(y: np.ndarray) -> float:
+    """The greatest lateral jerk of positions across a straight road after conditioning, m/s3."""
+    return float(np.abs(np.diff(condition(y, STEP, 0.15, 2))).max() / STEP)
+
+
 def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[str, Any]:
     """Drive 5 s, do the maneuver, drive on; returns the raw series and the state of the vehicle before and after."""
     with session(scenario, 1, TrafficSettings()) as sumo:
@@ -100,6 +105,7 @@ def test_a_lane_change_ends_in_the_middle_of_the_next_lane(lone: Scenario, direc
     assert np.sign(moved[seen["n"]]) == direction
     assert np.abs(moved).max() == pytest.approx(3.6, abs=0.1)
     assert np.abs(np.diff(seen["y"])).max() < 1.5 * STEP
+    assert lateral_jerk(seen["y"]) < 25.0
     assert seen["before"] == seen["after"]
 
 
@@ -111,7 +117,7 @@ def test_a_swerve_goes_aside_and_comes_back(lone: Scenario, side: float) -> None
     assert abs(moved[-1]) < 0.05
     lateral = condition(seen["y"], STEP, 0.15, 2)
     assert 3.5 < np.abs(lateral).max() < 5.6
-    assert np.abs(np.diff(lateral)).max() / STEP < 25.0
+    assert lateral_jerk(seen["y"]) < 25.0
     assert seen["before"] == seen["after"]
 
 
@@ -124,14 +130,20 @@ def test_an_overtake_passes_and_comes_back(tmp_path: Path) -> None:
         sumo.vehicle.setSpeedFactor("slow", 0.5)
         for _ in range(400):
             sumo.simulationStep()
-        lanes = []
+        before = (sumo.vehicle.getSpeedFactor("a"), sumo.vehicle.getSpeedMode("a"))
+        lanes, y = [], []
         for _ in Overtake("a", "slow", 1.1, 12.0, 30.0).steps(sumo, STEP):
             sumo.simulationStep()
             lanes.append(sumo.vehicle.getLaneIndex("a"))
+            y.append(sumo.vehicle.getPosition("a")[1])
         ahead = sumo.vehicle.getPosition("a")[0] - sumo.vehicle.getLength("a") - sumo.vehicle.getPosition("slow")[0]
         assert max(lanes) == 1
         assert lanes[-1] == 0
         assert ahead > 12.0
+        assert np.abs(np.diff(y)).max() < 1.5 * STEP
+        assert lateral_jerk(np.array(y)) < 25.0
+        assert (sumo.vehicle.getSpeedFactor("a"), sumo.vehicle.getSpeedMode("a")) == pytest.approx(before)
+        assert sumo.vehicle.getLaneChangeMode("a") == DEFAULT_LANE_CHANGE_MODE
         assert sumo.vehicle.getSpeedFactor("slow") == pytest.approx(0.5)
         assert sumo.vehicle.getLaneChangeMode("slow") == DEFAULT_LANE_CHANGE_MODE
 
@@ -140,6 +152,7 @@ def test_a_slow_vehicle_slows_gently_and_recovers(lone: Scenario) -> None:
     seen = play(lone, SlowVehicle("a", 0.7, 5.0), after_s=6.0)
     assert seen["speed"].min() == pytest.approx(0.7 * seen["speed"][0], rel=0.05)
     assert condition(seen["speed"], STEP, 0.15, 1).min() > -1.2
+    assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
     assert seen["before"] == seen["after"]
 
 
@@ -201,6 +214,7 @@ def test_a_cut_in_is_smooth_and_makes_the_follower_slow_down(tmp_path: Path) -> 
         assert sumo.vehicle.getLaneIndex("a") == 0
         assert y[-1] - y[0] == pytest.approx(-3.6, abs=0.1)
         assert np.abs(np.diff(y)).max() < 1.5 * STEP
+        assert lateral_jerk(y) < 25.0
         assert np.abs(np.diff(own, 2)).max() / STEP < 0.5
         assert follower.min() < follower[0] - 1.0
         assert before == [sumo.vehicle.getLaneChangeMode("a"), sumo.vehicle.getSpeedMode("a")]

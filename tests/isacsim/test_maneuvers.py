@@ -79,6 +79,25 @@ def test_a_lanes_end_is_closed_now_and_then_by_one_vehicle_at_a_time() -> None:
     assert all(end <= start for (_, end), (start, _) in pairwise(times))
 
 
+def test_beside_a_closed_lane_nobody_is_commanded() -> None:
+    scenario = load("ramp_weave")
+    settings = only(closed_ramp_end_per_lane_hour=3600.0, hard_brake_per_vehicle_hour=3600.0, rest_s=1.0)
+    guide = director(scenario, settings)
+    where: dict[tuple[str, float], str] = {}
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(5000):
+            guide.step(sumo, step * STEP)
+            for vehicle_id in sumo.vehicle.getIDList() if step % 10 == 0 else ():
+                where[vehicle_id, round(step * STEP, 6)] = sumo.vehicle.getRoadID(vehicle_id)
+            sumo.simulationStep()
+        guide.finish(50.0)
+    closures = [command for command in guide.commands if command.maneuver == "closed_ramp_end"]
+    brakes = [command for command in guide.commands if command.maneuver == "hard_brake"]
+    meanwhile = [each for each in brakes if any(c.start < each.start < c.end for c in closures)]
+    assert len(meanwhile) > 10
+    assert all(where[each.vehicle, round(each.start, 6)] != "merge" for each in meanwhile)
+
+
 def same_until(a: Recording, b: Recording, time: float) -> bool:
     """Whether all states up to an instant are equal, to the last bit."""
     for name, track in a.tracks.items():
