@@ -1,8 +1,8 @@
 """What a whole study will take, before any of it is done: datasets by `labeling.estimate`, trainings by constants.
 
-The constants are processor time on one thread of the default networks on windows of 2.2 s, 880 instants of the TV and
-220 of the UV, in batches of 32, and of trees on 1,000 and 4,000 windows. Other widths cost otherwise, and a training
-that stops early takes less.
+The constants are processor time on one thread, measured on a machine that was busy besides: of the default networks on
+windows of 2.2 s, 880 instants of the TV and 220 of the UV, in batches of 32; and of trees on 500 to 2,000 windows.
+Other widths cost otherwise, and a training that stops early takes less.
 """
 
 from __future__ import annotations
@@ -18,14 +18,16 @@ from models.study import FLOOR, Study
 INSTANTS = 1100
 """Of a window of the measured kind, both streams together."""
 TRAINED_S: Mapping[Model, float] = {
-    "asi-bip": 6.0e-3, "tv-alone": 4.5e-3, "uv-alone": 1.7e-3, "aligned": 0.6e-3, "castformer": 1.3e-3,
+    "asi-bip": 10.3e-3, "tv-alone": 8.2e-3, "uv-alone": 2.5e-3, "aligned": 1.1e-3, "castformer": 2.4e-3,
 }  # fmt: skip
 """Processor time that a network's step takes for one window, s; predictors that are no networks take STATISTICS_S."""
 ANSWERED = 0.25
 """Of that, what an answer takes."""
-ROUND_S, ROUND_WINDOW_S = 0.01, 3e-6
-"""Processor time of a boosting round, and what each window adds to it, s."""
-STATISTICS_S = 0.13e-3
+BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
+"""Processor time of sorting features into bins before trees grow, and what each window adds to it, s."""
+ROUND_S = 0.025
+"""Processor time of a boosting round, s."""
+STATISTICS_S = 0.09e-3
 """Processor time that a window's statistics take, s."""
 RUN_BYTES, REPORT_BYTES = 12e6, 1.2e6
 """Of the folder of a trained network with its checkpoints, and of an evaluation's with its figures."""
@@ -72,7 +74,7 @@ def estimate_study(study: Study) -> StudyEstimate:
         sensed_anew=sum(each.samples for each in anew),
         cpu_s=round(sum(each.cpu_s for each in datasets), 1),
         training_s=round(training, 1),
-        bytes=round(sum(each.bytes for each in datasets) + trainings * (RUN_BYTES + REPORT_BYTES)),
+        bytes=round(sum(each.bytes for each in datasets) + trainings * RUN_BYTES + len(study.cells) * REPORT_BYTES),
     )
 
 
@@ -86,7 +88,7 @@ def cell_s(study: Study, model: Model, samples: int) -> float:
     total = tested * STATISTICS_S * scale
     if model in (FLOOR, "ensemble"):
         windows = training * settings.trees.ends_per_record
-        total += windows * STATISTICS_S * scale + settings.trees.rounds * (ROUND_S + windows * ROUND_WINDOW_S)
+        total += windows * (STATISTICS_S * scale + BINNED_WINDOW_S) + BINNED_S + settings.trees.rounds * ROUND_S
     if model != FLOOR:
         window_s = scale * TRAINED_S.get("asi-bip" if model == "ensemble" else model, STATISTICS_S)
         answered = split.validation * samples * settings.validation_ends * settings.optimiser.epochs + tested

@@ -24,7 +24,7 @@ from models import sweep, sweep_report
 from models.axes import Sensing
 from models.estimate import estimate_study
 from models.evaluation import EvaluateSettings
-from models.study import Study
+from models.study import Study, read_study
 
 TINY = {
     **SMALL_RUN.model_dump(),
@@ -249,6 +249,12 @@ def test_cells_are_the_product_of_the_axes() -> None:
     assert study.sensing_at("link").channel.kind == "link"
     assert study_of().axes.training_seeds == (study.training.seed,)
     assert list(study_of().networks) == ["motorway"]
+
+
+def test_the_bundled_sweep_is_as_documented() -> None:
+    study = read_study(Path(cosim.__file__).parent / "studies" / "sweep.toml")
+    assert (study.name, len(study.cells)) == ("sweep", 12)
+    assert study.sensing_at("-20:-10").channel.snr_range_db == (-20.0, -10.0)
 
 
 WRONG: dict[str, dict[str, Any]] = {
