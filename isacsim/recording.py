@@ -99,6 +99,14 @@ class Recording:
         """Position of each lane id in `lanes`."""
         return {lane.id: k for k, lane in enumerate(self.lanes)}
 
+    @cached_property
+    def commands_to(self) -> dict[str, list[Command]]:
+        """The commands to each vehicle that had any, in the order of `commands`."""
+        found: dict[str, list[Command]] = {}
+        for command in self.commands:
+            found.setdefault(command.vehicle, []).append(command)
+        return found
+
     def times(self, track: Track) -> Array:
         """Simulation time of each row of a track, s, shape (n,)."""
         return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)

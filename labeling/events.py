@@ -162,11 +162,5 @@ def threatened(around: Surroundings, vehicle: str, motion: RoadMotion, time: flo
 
 def origin(recording: Recording, event: Event) -> Origin:
     """Provenance: `stimulated` when the vehicle was under command at any time from 1 s before onset to the end."""
-    return (
-        "stimulated"
-        if any(
-            c.vehicle == event.vehicle and c.start <= event.end and c.end >= event.onset - 1.0
-            for c in recording.commands
-        )
-        else "natural"
-    )
+    own = recording.commands_to.get(event.vehicle, [])
+    return "stimulated" if any(c.start <= event.end and c.end >= event.onset - 1.0 for c in own) else "natural"

@@ -47,10 +47,15 @@ class Following:
         Instants are whole multiples of `check_s`, so that all vehicles are looked at together.
         """
         s = self.settings
+        first = _down(float(motion.times[0]) / s.check_s)
+        checked = np.arange(first, _up(float(motion.times[-1]) / s.check_s) + 1)
+        within = (s.headway_s * np.interp(checked * s.check_s, motion.times, motion.v)).tolist()
 
         @cache
         def leader(k: int) -> str | None:
-            return self._leader(around, motion, k * s.check_s)
+            """The vehicle followed at an instant within the headway."""
+            ahead = around.leader(motion.vehicle, k * s.check_s, within[k - first])
+            return None if ahead is None else ahead.vehicle
 
         found: list[Event] = []
         earliest = -np.inf
@@ -58,9 +63,9 @@ class Following:
             for k in range(_up(max(start, earliest) / s.check_s), _down(stop / s.check_s) + 1):
                 time = k * s.check_s
                 span = range(_up((time - s.before_s) / s.check_s), _down((time + s.after_s) / s.check_s) + 1)
-                first = leader(k) if time >= earliest else None
-                if first is not None and all(leader(j) == first for j in span):
-                    found.append(self._event(motion, time, first))
+                followed = leader(k) if time >= earliest else None
+                if followed is not None and all(leader(j) == followed for j in span):
+                    found.append(self._event(motion, time, followed))
                     earliest = time + s.spacing_s
         return found
 
@@ -84,12 +89,6 @@ class Following:
             start = max(start, end + before)
         stretches.append((start, float(motion.times[-1]) - after))
         return [(a, b) for a, b in stretches if b >= a]
-
-    def _leader(self, around: Surroundings, motion: RoadMotion, time: float) -> str | None:
-        """The vehicle followed at an instant within the headway."""
-        within = self.settings.headway_s * float(np.interp(time, motion.times, motion.v))
-        leader = around.leader(motion.vehicle, time, within)
-        return None if leader is None else leader.vehicle
 
 
 def _up(ratio: float) -> int:

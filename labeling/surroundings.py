@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -35,7 +37,7 @@ class Surroundings:
         self._tracks = list(recording.tracks.values())
         self._first = np.array([track.first_step for track in self._tracks])
         self._after = self._first + np.array([len(track) for track in self._tracks])
-        self._in_lanes = lru_cache(maxsize=1024)(self._sorted_into_lanes)
+        self._in_lanes = lru_cache(maxsize=2048)(self._sorted_into_lanes)
         self._path = lru_cache(maxsize=256)(self._new_path)
         self._driven = lru_cache(maxsize=256)(self._new_driven)
 
@@ -70,14 +72,13 @@ class Surroundings:
         seen = {lane}
         while ahead:
             k, start = ahead.pop()
-            for other_pos, number in in_lanes.get(k, ()):
-                other = self._tracks[number]
-                gap = start + other_pos - other.length_m
-                if other is track or start + other_pos <= 0 or (start + other_pos == 0 and k == lane):
-                    continue
+            vehicles = in_lanes.get(k, [])
+            first = bisect_right(vehicles, -start, key=itemgetter(0))
+            if first < len(vehicles):
+                other = self._tracks[vehicles[first][1]]
+                gap = start + vehicles[first][0] - other.length_m
                 if gap <= within_m and (best is None or gap < best.gap_m):
                     best = Leader(other.vehicle, gap)
-                break
             else:
                 end = start + self.graph.lanes[k].length_m
                 # A long vehicle's front can be further than its rear: look on by the longest one's length.
@@ -148,7 +149,7 @@ class Surroundings:
         for k in np.flatnonzero((self._first <= step) & (step < self._after)):
             track = self._tracks[k]
             row = step - track.first_step
-            in_lanes[int(track.lane[row])].append((float(track.lane_pos[row]), int(k)))
+            in_lanes[track.lane.item(row)].append((track.lane_pos.item(row), int(k)))
         for vehicles in in_lanes.values():
             vehicles.sort()
         return in_lanes
