@@ -1,0 +1,70 @@
+"""What labelling takes beside the simulation, and that it grows with the recording's length and no faster.
+
+Recordings of the bundled motorway of growing length, up to an hour, each labelled and searched for samples. Times are
+CPU seconds on one thread. The peak of memory is the process's so far, the recording's mapped pages included.
+
+Run: python -m benchmarks.labels [SECONDS ...]
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from isacsim.maneuvers import ManeuverSettings
+from isacsim.scenario import load
+from isacsim.traffic import TrafficSettings, record
+from labeling.events import LabelSettings, label
+from labeling.pairs import PairSettings
+from labeling.samples import RecordSettings, candidates
+from labeling.surroundings import Surroundings
+
+SCENARIO = "motorway"
+SEED = 1
+DURATIONS_S = (240.0, 960.0, 3600.0)
+
+
+def run(durations_s: Sequence[float] = DURATIONS_S) -> list[dict[str, Any]]:
+    """Measure; one entry a duration, in their order.
+
+    Keys `duration_s`, `vehicle_hours`, `traffic_s`, `labels_s`, `ratio` (labels over traffic), `events`, `samples`,
+    `peak_mb` before and after labelling.
+    """
+    with threadpool_limits(1):
+        return [_measured(duration_s) for duration_s in sorted(durations_s)]
+
+
+def _measured(duration_s: float) -> dict[str, Any]:
+    begin = time.process_time()
+    recording = record(load(SCENARIO), SEED, TrafficSettings(duration_s=duration_s), ManeuverSettings())
+    recorded, before = time.process_time(), _peak_mb()
+    around = Surroundings(recording)
+    labels = label(recording, LabelSettings(), around)
+    found = candidates(recording, labels, PairSettings(), RecordSettings(), around)
+    labelled = time.process_time()
+    return {
+        "duration_s": duration_s,
+        "vehicle_hours": round(sum(map(len, recording.tracks.values())) * recording.step_s / 3600.0, 2),
+        "traffic_s": round(recorded - begin, 2),
+        "labels_s": round(labelled - recorded, 2),
+        "ratio": round((labelled - recorded) / (recorded - begin), 4),
+        "events": len(labels.events),
+        "samples": len(found.samples),
+        "peak_mb": {"recorded": before, "labelled": _peak_mb()},
+    }
+
+
+def _peak_mb() -> int:
+    """Greatest memory of this process so far, MB. Linux counts it in kB."""
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
+
+
+if __name__ == "__main__":
+    for duration in [float(word) for word in sys.argv[1:]] or DURATIONS_S:
+        print(json.dumps(run([duration])[0]), flush=True)
