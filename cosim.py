@@ -211,6 +211,9 @@ def train(
     ] = "asi-bip",
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs at most.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
+    held_out: Annotated[
+        str | None, typer.Option(metavar="INTENTION", help="Known intention left out, to be unknown in evaluation.")
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -222,13 +225,14 @@ def train(
     from models.training import train as train_predictor
 
     optimiser = (PAPER_OPTIMISER if model == "castformer" else {}) | ({} if epochs is None else {"epochs": epochs})
-    settings = checked(TrainSettings, {"model": model, "seed": seed, "optimiser": optimiser}, "arguments")
+    said = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
+    settings = checked(TrainSettings, said, "arguments")
     console = console_of(quiet)
     made = train_predictor(Dataset.open(dataset), out, settings, console)
     card = made.card
     if card.validation_macro_f1 is not None:
-        said = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
-        console.print(f"{said}, {card.parameters} parameters")
+        best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
+        console.print(f"{best}, {card.parameters} parameters")
     result = {"run": str(out), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
     print_json(as_json, result)
 
@@ -239,6 +243,10 @@ def evaluate(
     data: Annotated[Path, typer.Option("--data", metavar="DATASET", help="Dataset whose unseen seeds are used.")],
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder to write; RUN/evaluation when absent.")
+    ] = None,
+    against: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="Another run to compare with on the same windows; may be given again."),
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -251,7 +259,7 @@ def evaluate(
 
     console, loaded, dataset = console_of(quiet), load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
-    found = evaluate_run(loaded, dataset, folder)
+    found = evaluate_run(loaded, dataset, folder, against=[load_run(each) for each in against or ()])
     page = report.write_report(loaded, dataset, folder)
     show_metrics(found, console)
     console.print(f"figures and report: {page}", soft_wrap=True)

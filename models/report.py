@@ -75,13 +75,23 @@ def table(found: dict[str, Any]) -> Table:
 
 
 def verdict(found: dict[str, Any]) -> list[str]:
-    """One line for each compared predictor: which of the two is ahead, and whether the interval leaves a doubt."""
+    """One line for each compared predictor: which of the two is ahead, and whether the interval leaves a doubt.
+
+    Where runs differ in the training seed alone, also one for each group of such runs.
+    """
     lines = []
     for other in found["compared"]:
         each = other["paired_difference"]["macro_f1"]
         ahead, behind = (found["name"], other["name"]) if each["difference"] >= 0 else (other["name"], found["name"])
         sure = "" if each["low"] > 0 or each["high"] < 0 else ", which the interval does not tell from 0"
         lines.append(f"{ahead} is ahead of {behind} by {abs(each['difference']):.3f} macro-F1{sure}.")
+    groups = found.get("over_training_seeds", [])
+    for group in groups:
+        score = group["macro_f1"]
+        over = f"{score['mean']:.3f}" + ("" if score["sd"] is None else f", standard deviation {score['sd']:.3f}")
+        ahead = group.get("paired_difference", {}).get("macro_f1")
+        less = "" if ahead is None else f"; {groups[0]['name']} minus it {_difference(ahead)}"
+        lines.append(f"{group['name']}, {score['n']} training seed(s): macro-F1 {over}{less}.")
     return lines
 
 
@@ -135,8 +145,9 @@ def _rows(found: dict[str, Any]) -> list[list[str]]:
     )
     blank = [""] * len(pairs)
     rows.append(["accuracy", *(_cell(each["accuracy"]) for each in everyone), *blank])
-    pairs_told = [each["overtake_against_left"] for each in everyone]
-    rows.append(["overtake against left change alone: AUROC", *(_cell(each["auroc"]) for each in pairs_told), *blank])
+    told = [each["overtake_against_left"] for each in everyone]
+    cells = [f"{_cell(each['accuracy'])} ({_cell(each['auroc'])})" for each in told]
+    rows.append(["overtake or left, of the two (AUROC)", *cells, *blank])
     if found["auroc_unknown"] is not None:
         rows.append(["AUROC of following", *(_cell(each["auroc_unknown"]) for each in everyone), *blank])
     return rows

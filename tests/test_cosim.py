@@ -332,6 +332,23 @@ def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.Ca
     assert (run / "evaluation" / "metrics.json").is_file()
 
 
+def test_runs_compared_by_hand_one_with_an_intention_held_out(
+    tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data, runs = str(tiny / "dataset"), [str(tmp_path / name) for name in ("whole", "without")]
+    assert cosim.main(["train", data, "-o", runs[0], "--model", "trees"]) == 0
+    assert cosim.main(["train", data, "-o", runs[1], "--model", "trees", "--held-out", "overtake"]) == 0
+    capfd.readouterr()
+    command = ["evaluate", runs[1], "--data", data, "--against", runs[0], "--json", "--quiet"]
+    assert cosim.main(command) == 0
+    found = json.loads(capfd.readouterr().out)
+    assert found["held_out"]["intention"] == "overtake"
+    assert "held_out" not in found["compared"][0]
+    assert "paired_difference" in found["compared"][0]
+    assert cosim.main(["train", data, "-o", str(tmp_path / "no"), "--held-out", "following"]) == 2
+    assert "held_out" in capfd.readouterr().err
+
+
 @pytest.mark.slow
 def test_an_interrupted_generate_keeps_what_is_finished(tmp_path: Path) -> None:
     command = [sys.executable, ROOT / "cosim.py", "generate", "motorway", "-o", "data", "--seeds", "1:3", "--jobs", "1"]

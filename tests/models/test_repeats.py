@@ -11,6 +11,7 @@ from sklearn.metrics import f1_score
 from models import repeats
 from models.answers import answers, unseen
 from models.evaluation import EvaluateSettings, evaluate_records
+from models.report import verdict
 from models.run import Run
 from models.training import train_records
 from models.windows import Records, draw_ends
@@ -51,6 +52,16 @@ def test_mean_and_spread_over_training_seeds(found: dict[str, Any]) -> None:
         "mean": pytest.approx(np.mean(scores)), "sd": pytest.approx(abs(scores[0] - scores[1]) / 2**0.5), "n": 2,
     }  # fmt: skip
     assert network["macro_f1"] == {"mean": pytest.approx(found["compared"][0]["macro_f1"]), "sd": None, "n": 1}
+
+
+def test_the_verdict_tells_groups_with_their_spread(found: dict[str, Any]) -> None:
+    trees, network = found["over_training_seeds"]
+    line, other = verdict(found)[-2:]
+    assert line == (
+        f"boosted trees, 2 training seed(s): macro-F1 {trees['macro_f1']['mean']:.3f}, "
+        f"standard deviation {trees['macro_f1']['sd']:.3f}."
+    )
+    assert other.startswith(f"ASI-BIP, 1 training seed(s): macro-F1 {network['macro_f1']['mean']:.3f}; boosted trees")
 
 
 def test_groups_differ_by_their_mean_scores_on_the_same_windows(
