@@ -25,6 +25,7 @@ from models.checkpoints import Checkpoints, read_tensors, write_tensors
 from models.floors import fit_trees, statistics
 from models.lesson import MONITOR, History, Lesson, WindowData, torch_seed
 from models.losses import inverse_frequency
+from models.minirocket import fit_rocket, rocket_kind, write_rocket
 from models.preludes import fit_preludes, holds_preludes, prelude_windows
 from models.progress import EpochProgress
 from models.rule import Drive, drive, fitted
@@ -33,12 +34,14 @@ from models.run import (
     HISTORY_FILE,
     PRELUDES_FILE,
     REFERENCE_FILE,
+    ROCKET_FILE,
     RULE_FILE,
     TREES_FILE,
     WEIGHTS_FILE,
     NetworkPredictor,
     Outputs,
     Predictor,
+    RocketPredictor,
     RulePredictor,
     Run,
     RunCard,
@@ -52,7 +55,7 @@ from models.run import (
     versions,
     write_card,
 )
-from models.windows import Records, batches, draw_ends, lengths, split
+from models.windows import Records, batches, cut, draw_ends, lengths, split
 
 if TYPE_CHECKING:
     from labeling.dataset import Dataset
@@ -82,6 +85,8 @@ def train_records(
 
     sides: the scenario seeds to train, validate and test on, as `split` gives them, where they are settled already.
     """
+    if settings.model == "minirocket":
+        rocket_kind()
     folder = Path(out)
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     if _claim(folder, card):
@@ -93,6 +98,8 @@ def train_records(
         _train_trees(training, folder, card)
     if settings.model == "rule":
         _train_rule(training, folder, card)
+    elif settings.model == "minirocket":
+        _train_rocket(training, folder, card)
     elif settings.model != "trees":
         card = _train_network(training, validation, folder, card, progress)
     _learn_preludes(training, folder, card)
@@ -166,6 +173,15 @@ def _train_rule(training: Records, folder: Path, card: RunCard) -> None:
         rule = fitted(seen, training.label[ends.row], rule)
     replace(folder / RULE_FILE, lambda path: path.write_text(rule.model_dump_json(indent=1) + "\n"))
     _write_reference(training, RulePredictor(rule), folder, card)
+
+
+def _train_rocket(training: Records, folder: Path, card: RunCard) -> None:
+    settings, chosen = card.settings, card.settings.minirocket
+    ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=chosen.ends_per_record)
+    windows = cut(training, ends, settings.windows)
+    rocket = fit_rocket(windows, training.label[ends.row], chosen, settings.seed, settings.optimiser.threads)
+    replace(folder / ROCKET_FILE, lambda path: write_rocket(rocket, path))
+    _write_reference(training, RocketPredictor(rocket), folder, card)
 
 
 def _train_trees(training: Records, folder: Path, card: RunCard) -> None:

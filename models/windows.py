@@ -150,7 +150,9 @@ class Ends:
 
 @dataclass(frozen=True)
 class OnMap:
-    """The same windows in the scenario's plane: tv (n, 6, T), uv (n, 6, U), the scenario of each, (n,), and its lanes."""
+    """The same windows in the scenario's plane: tv (n, 6, T) and uv (n, 6, U); the scenario of each, (n,), and its
+    lanes.
+    """
 
     tv: Array
     uv: Array
