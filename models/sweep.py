@@ -38,7 +38,7 @@ from models.progress import Steps
 from models.report import PAGE, write_page
 from models.run import Run, load_run, read_card, versions
 from models.study import FLOOR, Study
-from models.sweep_report import rows, write_sweep
+from models.sweep_report import row_of, write_sweep
 from models.training import train_records
 from models.windows import COLUMNS, Records, SplitSettings, split
 
@@ -63,7 +63,7 @@ def run_sweep(
     found = {
         "study": study.name,
         "trainings": len(study.cells) * len(sweep.axes.training_seeds),
-        "cells": rows(sweep.measured),
+        "cells": sweep.rows,
         "failed": sweep.failed,
         "made_by": {
             "study": study.model_dump(mode="json"),
@@ -80,8 +80,7 @@ class Sweep:
     """What stands of a sweep so far.
 
     datasets: by network and way of sensing. sides: of each network the scenario seeds to train, validate and test on.
-    measured: the metrics of a cell's runs on a network, by the cell and that network, and the report's path. failed:
-    the trainings left out, with the reason.
+    rows: of the table. failed: the trainings left out, with the reason.
     """
 
     def __init__(
@@ -91,7 +90,7 @@ class Sweep:
         self.console, self.workers, self.axes = console, workers, study.axes
         self.datasets: dict[tuple[str, Sensing], Dataset] = {}
         self.sides: dict[str, dict[str, list[str]]] = {}
-        self.measured: dict[tuple[Cell, str], dict[str, Any]] = {}
+        self.rows: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
         self.steps = Steps(console, estimate_study(study).seconds(workers))
         # Those that a cell is trained on, and those that it is tested on besides.
@@ -139,7 +138,7 @@ class Sweep:
                 self.datasets[network, way] = self.sense(made, settings, folder)
 
     def _measure(self, cell: Cell, title: str) -> None:
-        """Train a cell and evaluate it, as far as that does not stand yet, and take in what it reached."""
+        """Train a cell and evaluate it, as far as that does not stand yet, and add its rows to the table."""
         folder = self.out / "cells" / cell.path
         others = [each for each in self.axes.test_on if each != cell.network and (each, cell.sensing) in self.datasets]
         reports = {
@@ -154,7 +153,7 @@ class Sweep:
                 found = {each: kept or self._evaluate(runs, cell, each, reports[each]) for each, kept in found.items()}
         for network, metrics in found.items():
             if metrics:
-                self.measured[cell, network] = {**metrics, "report": str(reports[network].relative_to(self.out))}
+                self.rows.append(row_of(cell, network, metrics, str(reports[network].relative_to(self.out))))
 
     def _train(self, cell: Cell, folder: Path, title: str, expected_s: float) -> list[Run]:
         """A cell's runs, a training seed each, those left out that fail."""

@@ -27,14 +27,32 @@ ON_TERMINAL = ("macro_f1", "accuracy")
 Row = Mapping[str, Any]
 
 
-def rows(measured: Mapping[tuple[Cell, str], Row]) -> list[dict[str, Any]]:
-    """A row a cell and network that it was tested on: mean and standard deviation of SCORES over its training seeds.
+def row_of(cell: Cell, tested_on: str, metrics: Row, report: str) -> dict[str, Any]:
+    """A row of the table: mean and standard deviation of SCORES over the cell's training seeds.
 
-    measured: the metrics of the cell's runs beside the floor's, and the path of their report. `ahead_of_floor` is the
-    paired difference in mean macro-F1 with its interval over the test seeds, `low` to `high`. A standard deviation of
-    one training is None, and so is a score that none has. `runs` holds the trainings themselves.
+    tested_on: the network. metrics: of the cell's runs beside the floor's. report: folder of their evaluation.
+    `ahead_of_floor` is the paired difference in mean macro-F1, with its interval over the test seeds, `low` to `high`.
+    A standard deviation of one training is None, and so is a score that none has. `runs` holds the trainings.
     """
-    return [_row(cell, tested_on, metrics) for (cell, tested_on), metrics in measured.items()]
+    everyone = [metrics, *metrics["compared"]]
+    own, floors = ([each for each in everyone if (each["model"] == cell.model) is mine] for mine in (True, False))
+    row: dict[str, Any] = {
+        "network": cell.network, "sensor": cell.sensing.sensor, "snr": cell.sensing.snr, "model": cell.model,
+        "tested_on": tested_on, "trainings": len(own), "windows": metrics["n"],
+    }  # fmt: skip
+    for name in SCORES:
+        found = spread([each[name] for each in own])
+        row |= {name: found["mean"], f"{name}_sd": found["sd"]}
+    row |= {"ahead_of_floor": None, "low": None, "high": None}
+    if floors:
+        # Of the means over training seeds; of two single runs it stands with the one compared.
+        paired = metrics.get("over_training_seeds", metrics["compared"])[-1]["paired_difference"]["macro_f1"]
+        row |= {"ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}
+    seeds = [each["settings"]["seed"] for each in metrics["made_by"]["runs"]]
+    runs = [
+        {"training_seed": seed, **{name: each[name] for name in SCORES}} for seed, each in zip(seeds, own, strict=False)
+    ]
+    return {**row, "report": report, "runs": runs}
 
 
 def write_sweep(found: dict[str, Any], out: Path) -> None:
@@ -83,28 +101,6 @@ def draw(cells: Sequence[Row], path: Path) -> None:
         axes.set_yticks(range(len(places)), places)
         axes.set(xlabel="macro-F1 on unseen seeds", ylim=(len(places) - 0.5, -0.5))
         drawn.legend(loc="outside upper right", ncols=len(models))
-
-
-def _row(cell: Cell, tested_on: str, metrics: Row) -> dict[str, Any]:
-    everyone = [metrics, *metrics["compared"]]
-    own, floors = ([each for each in everyone if (each["model"] == cell.model) is mine] for mine in (True, False))
-    row: dict[str, Any] = {
-        "network": cell.network, "sensor": cell.sensing.sensor, "snr": cell.sensing.snr, "model": cell.model,
-        "tested_on": tested_on, "trainings": len(own), "windows": metrics["n"],
-    }  # fmt: skip
-    for name in SCORES:
-        found = spread([each[name] for each in own])
-        row |= {name: found["mean"], f"{name}_sd": found["sd"]}
-    row |= {"ahead_of_floor": None, "low": None, "high": None}
-    if floors:
-        # Of the means over training seeds; of two single runs it stands with the one compared.
-        paired = metrics.get("over_training_seeds", metrics["compared"])[-1]["paired_difference"]["macro_f1"]
-        row |= {"ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}
-    seeds = [each["settings"]["seed"] for each in metrics["made_by"]["runs"]]
-    runs = [
-        {"training_seed": seed, **{name: each[name] for name in SCORES}} for seed, each in zip(seeds, own, strict=False)
-    ]
-    return {**row, "report": metrics["report"], "runs": runs}
 
 
 def _names(cells: Sequence[Row]) -> list[str]:
