@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from labeling.dataset import Dataset
 from labeling.distributions import distributions, too_few_seeds
@@ -18,6 +18,8 @@ SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
 )  # fmt: skip
 """What follows the tables, in this order."""
+EPISODES_SHOWN = 24
+"""Of more episodes, people see the sums by scenario alone; all stand in the plain values."""
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
@@ -77,9 +79,29 @@ def show(found: dict[str, Any], console: Console) -> None:
     table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
     console.print(f"{found['path']}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
     console.print(table)
+    console.print(_episodes_table(found["distributions"]))
     console.print(_events_table(found["distributions"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
+
+
+def _episodes_table(found: dict[str, dict[str, Any]]) -> Table:
+    """Samples of each intention by scenario, and by seed where the episodes are few."""
+    headings = [Column(name.replace("_", " "), overflow="fold") for name in (*found, "all")]
+    table = Table(Column("samples", no_wrap=True), *headings, padding=0)
+    by_scenario = {intention: each["by_scenario"] for intention, each in found.items()}
+    by_seed = {intention: each["by_seed"] for intention, each in found.items()}
+    seeds = {name for each in by_seed.values() for name in each}
+    for scenario in sorted({name for each in by_scenario.values() for name in each}):
+        rows = {scenario: by_scenario}
+        if len(seeds) <= EPISODES_SHOWN:
+            own = (name for name in seeds if name.rpartition("-")[0] == scenario)
+            rows |= dict.fromkeys(sorted(own, key=lambda name: int(name.rpartition("-")[2])), by_seed)
+        for name, counted in rows.items():
+            numbers = [each.get(name, 0) for each in counted.values()]
+            table.add_row(name, *map(str, numbers), str(sum(numbers)))
+        table.add_section()
+    return table
 
 
 def _events_table(found: dict[str, dict[str, Any]]) -> Table:
