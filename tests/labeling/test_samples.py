@@ -1,10 +1,13 @@
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 from builders import WIDTH_M, Drive, Road, ramps, record, sweep, total
 from pydantic import ValidationError
 from scipy import stats
 
-from isacsim.recording import Recording
+from isacsim import motion
+from isacsim.recording import Recording, Track
 from labeling.events import Labels, LabelSettings, label
 from labeling.intentions import Event, Intention
 from labeling.pairs import PairSettings
@@ -129,6 +132,19 @@ def test_where_the_onset_lies_in_the_record_tells_nothing_of_the_class() -> None
         assert stats.kstest(at, stats.uniform(2.4, 0.4).cdf).pvalue > 0.001
     same = [record_start(recording, Event("tv", i, 77.0, 78.0, 79.0, 1.0), RECORD) for i in Intention]
     assert len(set(same)) == 1
+
+
+def test_nothing_that_a_vehicle_signals_is_recorded_or_becomes_a_feature() -> None:
+    """What is stored of a vehicle's states is its motion, and what a record holds comes from its positions alone."""
+    facts = {"vehicle", "kind", "length_m", "width_m", "first_step"}
+    states = {"x", "y", "speed", "lane", "lane_pos", "lane_lat"}
+    assert {each.name for each in fields(Track)} == facts | states
+    recording = record(ROAD, Drive("tv", speed=BRAKE, lateral=sweep(20.5, 4.0, WIDTH_M)))
+    track, times = recording.tracks["tv"], np.arange(10.0, 15.0, 0.0025)
+    zeros = {name: np.zeros_like(getattr(track, name)) for name in states - {"x", "y"}}
+    bare = replace(track, kind="", length_m=0.0, width_m=0.0, **zeros)
+    features = motion.states(recording, track, times, motion.MotionSettings())
+    assert np.array_equal(features, motion.states(recording, bare, times, motion.MotionSettings()))
 
 
 def test_an_onset_that_can_leave_the_record_is_refused() -> None:
