@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -12,9 +12,10 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from models import openset
+from models.lanes import LaneMap
 from models.openset import Score
 from models.run import Run, load_run
-from models.windows import in_frame
+from models.windows import OnMap, in_frame
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,13 @@ class Infer:
         run = load_run(path)
         return cls(run, openset.chosen(run))
 
-    def __call__(self, tv: npt.NDArray[np.floating], uv: npt.NDArray[np.floating]) -> Inference:
+    def __call__(
+        self, tv: npt.NDArray[np.floating], uv: npt.NDArray[np.floating], lanes: LaneMap | None = None
+    ) -> Inference:
         """Answer one window, (6, T) and (6, U), or a batch, (n, 6, T) and (n, 6, U), in the scenario's plane.
 
-        Both streams end at the same instant. ValueError where shapes are not those that the predictor was trained on.
+        Both streams end at the same instant. lanes: of the road network, which the rule needs, other predictors do not.
+        ValueError where shapes are not those that the predictor was trained on.
         """
         begin = time.perf_counter()
         card = self.run.card
@@ -63,7 +67,11 @@ class Infer:
             raise ValueError(
                 f"windows of shapes {tv.shape} and {uv.shape}; trained on {card.tv_length} and {card.uv_length}"
             )
-        outputs = self.run.predictor(in_frame(tv, uv, card.settings.windows, card.tv_rate_hz, card.uv_rate_hz))
+        windows = in_frame(tv, uv, card.settings.windows, card.tv_rate_hz, card.uv_rate_hz)
+        if lanes is not None:
+            here = np.full(len(tv), "here", dtype=object)
+            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, here, lambda _: lanes))
+        outputs = self.run.predictor(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         rejected = self.score(outputs) < threshold
         probabilities = softmax(outputs.logits / card.temperature, axis=1)

@@ -12,6 +12,7 @@ from made_up import MADE_OF, SMALL_RUN, TV_RATE_HZ, UV_RATE_HZ, make_records
 from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.evaluation import EvaluateSettings, evaluate_records
+from models.inference import Infer
 from models.lanes import LaneMap
 from models.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
 from models.run import Run, load_run
@@ -173,3 +174,13 @@ def test_thresholds_that_are_damaged_are_told(rule_run: Run, tmp_path: Path) -> 
     (run / "rule.json").write_text('{"smooth_s": -1}')
     with pytest.raises(InputError, match="damaged"):
         load_run(run)
+
+
+def test_inference_takes_the_lanes_beside_the_window(rule_run: Run) -> None:
+    infer = Infer.load(rule_run.path)
+    whole = seen(acceleration=-5.0)
+    tv, uv = whole.on_map.tv[0, :, -480:], whole.on_map.uv[0, :, -120:]  # type: ignore[union-attr]
+    said = infer(tv, uv, whole.on_map.lane_maps("bend"))  # type: ignore[union-attr]
+    assert said.intentions == ["hard_brake"]
+    with pytest.raises(InputError, match="without roads"):
+        infer(tv, uv)
