@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from isacsim.maneuvers import ManeuverSettings
@@ -33,9 +33,19 @@ def counts(scenes: Sequence[tuple[Recording, Surroundings]], settings: LabelSett
 
 
 def moved(settings: LabelSettings, section: str, name: str, factor: float) -> LabelSettings:
-    """The settings with one value of one section multiplied, cut to the bounds the settings allow."""
+    """The settings with one value of one section multiplied; without a section, one of their own."""
+    if not section:
+        return settings.model_copy(update={name: getattr(settings, name) * factor})
     part: Settings = getattr(settings, section)
     return settings.model_copy(update={section: part.model_copy(update={name: getattr(part, name) * factor})})
+
+
+def thresholds(settings: LabelSettings) -> Iterator[tuple[str, str, float]]:
+    """Section, name and value of every number in the settings."""
+    yield "", "width_s", settings.width_s
+    for section in ("lane_change", "overtake", "hard_brake", "hard_accel", "evasive_swerve", "following"):
+        for name, value in getattr(settings, section).model_dump().items():
+            yield section, name, value
 
 
 def table(recordings: Sequence[Recording]) -> str:
@@ -48,11 +58,10 @@ def table(recordings: Sequence[Recording]) -> str:
         "|" + " --- |" * (len(ORDER) + 2),
         "| (as defined) | | " + " | ".join(str(default[i]) for i in ORDER) + " |",
     ]
-    for section in ("lane_change", "overtake", "hard_brake", "hard_accel", "evasive_swerve", "following"):
-        for name, value in getattr(base, section).model_dump().items():
-            low, high = (counts(scenes, moved(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
-            cells = [f"{low[i]} / {high[i]}" if {low[i], high[i]} != {default[i]} else "" for i in ORDER]
-            lines.append(f"| {section}.{name} | {value:g} | " + " | ".join(cells) + " |")
+    for section, name, value in thresholds(base):
+        low, high = (counts(scenes, moved(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
+        cells = [f"{low[i]} / {high[i]}" if {low[i], high[i]} != {default[i]} else "" for i in ORDER]
+        lines.append(f"| {f'{section}.{name}'.lstrip('.')} | {value:g} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
