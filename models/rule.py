@@ -24,12 +24,14 @@ from models.windows import Array, Ints, OnMap, Windows
 
 LOOK_S = 0.2
 """Between the instants at which the lane's direction is looked up, about."""
-EARLIEST_S = 1e-3
+LEAST = 1e-3
+"""What distances and times are at least taken for, m or s, where something is divided by them."""
 LEAST_STRENGTH = 1e-2
 """Below it nothing speaks for an intention."""
 PARTS = ((slice(0, 2), 2), (slice(2, 4), 1))
 """Positions and velocities among the states, and the order of the polynomials that smooth them."""
 STEPS = np.geomspace(0.4, 2.5, 15)
+"""Factors that fitting tries on a threshold."""
 FITTED = ("line_crossing_s", "brake_mps2", "accel_mps2", "swerve_mps2", "level_s")
 
 
@@ -47,7 +49,7 @@ class RuleSettings(Settings):
     )
     accel_mps2: float = Field(2.5, gt=0, description="acceleration of a hard acceleration, m/s2")
     swerve_mps2: float = Field(
-        3.0, gt=0, description="lateral acceleration of a swerve, m/s2; UN R79 allows 1 in a lane change, 3 in any"
+        3.0, gt=0, description="lateral acceleration of a swerve, m/s2; UN R79 allows an automated lane change 1"
     )
     level_s: float = Field(
         30.0,
@@ -116,7 +118,7 @@ def strengths(seen: Drive, settings: RuleSettings) -> Array:
     """
     left = _crossing(seen.left, seen.aside, settings.line_crossing_s)
     right = _crossing(seen.right, -seen.aside, settings.line_crossing_s)
-    soon = np.clip(settings.level_s / np.maximum(seen.level, EARLIEST_S), 0.5, 2.0)
+    soon = np.clip(settings.level_s / np.maximum(seen.level, LEAST), 0.5, 2.0)
     of: dict[Intention, Array] = {
         Intention.HARD_BRAKE: seen.brake / settings.brake_mps2,
         Intention.LEFT_LANE_CHANGE: left * np.minimum(1, 1 / soon),
@@ -148,7 +150,7 @@ def _macro_f1(seen: Drive, label: Ints, settings: RuleSettings) -> float:
 
 def _crossing(distance: Array, speed: Array, threshold_s: float) -> Array:
     """Strength of a change over a marking at that distance, m, neared at that speed, m/s; 1 once it is crossed."""
-    on_the_way = threshold_s * np.maximum(speed, 0) / np.maximum(distance, EARLIEST_S)
+    on_the_way = threshold_s * np.maximum(speed, 0) / np.maximum(distance, LEAST)
     return np.where(distance <= 0, 1.0, np.minimum(on_the_way, 1.0))
 
 
