@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.table import Table
 
 from isacsim.errors import InputError
 from labeling.intentions import Intention
+from models import page
 from models.answers import unseen
 from models.evaluation import METRICS_FILE
 from models.figures import spoken
@@ -56,9 +56,9 @@ def write_report(run: Run, dataset: Dataset, folder: str | Path) -> Path:
 
 def write_page(found: dict[str, Any], out: Path) -> Path:
     """index.html from metrics and the figures in a folder; it needs no other file."""
-    page = out / PAGE
-    replace(page, lambda path: path.write_text(_page(found, out), encoding="utf-8"))
-    return page
+    file = out / PAGE
+    replace(file, lambda path: path.write_text(_page(found, out), encoding="utf-8"))
+    return file
 
 
 def table(found: dict[str, Any]) -> Table:
@@ -165,50 +165,25 @@ def _difference(each: dict[str, float | None]) -> str:
 
 def _page(found: dict[str, Any], out: Path) -> str:
     head = ["intention", *_names(found), *(f"{found['name']} - {each['name']} (95 %)" for each in found["compared"])]
-    top = "".join(f"<th>{html.escape(h)}</th>" for h in head)
-    cells = "".join(f"<tr>{''.join(f'<td>{html.escape(c)}</td>' for c in row)}</tr>" for row in _rows(found))
-    shown = "".join(_image(out / name, text) for name, text in FIGURES.items() if (out / name).exists())
+    rows = [[html.escape(cell) for cell in row] for row in _rows(found)]
+    shown = "".join(page.image(out / name, text) for name, text in FIGURES.items() if (out / name).exists())
     said = "".join(f"<p class=verdict>{html.escape(line)}</p>" for line in verdict(found))
-    made = html.escape(json.dumps(found["made_by"], indent=1))
     windows = found["windows"]
     figures = (("macro-F1", "macro_f1"), ("accuracy", "accuracy"), ("AUROC of following", "auroc_unknown"))
     big = "".join(_big(name, found[key]) for name, key in figures)
     early, late = windows["end_after_s"]
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{html.escape(found["name"])} on unseen traffic</title>
-<style>
-body {{ font: 16px/1.5 system-ui, sans-serif; color: #1f2937; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }}
-h1 {{ font-size: 1.6rem; }} .big {{ display: flex; gap: 2.5rem; flex-wrap: wrap; margin: 1.2rem 0; }}
-.big b {{ display: block; font-size: 2rem; color: #0072b2; }}
-.scroll {{ overflow-x: auto; }}
-table {{ border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }}
-td, th {{ padding: .35rem .9rem; text-align: right; border-bottom: 1px solid #e5e7eb; }}
-td:first-child, th:first-child {{ text-align: left; }} th {{ background: #f3f4f6; }}
-tr:nth-last-child(n+1):nth-child(n+{len(found["classes"]) + 1}) {{ font-weight: 600; }}
-figure {{ margin: 2rem 0; }} img {{ max-width: 100%; }} figcaption {{ color: #4b5563; }}
-pre {{ background: #f3f4f6; padding: 1rem; overflow-x: auto; font-size: .8rem; }}
-</style></head><body>
-<h1>{html.escape(found["name"])} on unseen traffic</h1>
-<p>{found["n"]} windows of {windows["window_s"]:g} s from scenario seeds that were neither trained nor chosen on
-({html.escape(", ".join(found["made_by"]["seeds"]))}).
+    body = f"""<p>{found["n"]} windows of {windows["window_s"]:g} s from scenario seeds that were neither trained nor
+chosen on ({html.escape(", ".join(found["made_by"]["seeds"]))}).
 Each window ends {early:g} to {late:g} s after {windows["relative_to"]}.</p>
 <div class=big>{big}</div>
 <h2>F1 of each intention</h2>
-<div class=scroll><table><thead><tr>{top}</tr></thead><tbody>{cells}</tbody></table></div>
+{page.table([html.escape(h) for h in head], rows, range(len(found["classes"]), len(rows)))}
 {said}
 <p>Differences are paired on the same windows; the interval is a bootstrap over scenario seeds.</p>
 {shown}
-<details><summary>What made it</summary><pre>{made}</pre></details>
-</body></html>
-"""
+{page.made_by(json.dumps(found["made_by"], indent=1))}"""
+    return page.document(f"{found['name']} on unseen traffic", body)
 
 
 def _big(name: str, value: float | None) -> str:
     return f"<div><b>{_cell(value)}</b>{html.escape(name)}</div>"
-
-
-def _image(path: Path, text: str) -> str:
-    data = base64.b64encode(path.read_bytes()).decode()
-    alt = html.escape(text)
-    return f'<figure><img alt="{alt}" src="data:image/png;base64,{data}"><figcaption>{alt}</figcaption></figure>'
