@@ -3,7 +3,8 @@
 - cluster: a dask scheduler and WORKERS workers, processes of one thread each on this machine, joined over TCP. The
   dataset is made by `labeling.generate` as with `--cluster`, but an episode waits PAUSE_S in place of a simulation, and
   its shard is empty. What scheduler and parent spend of processor time on an episode bounds the rate at which they
-  could serve any number of workers; what they keep of it in memory bounds the number of episodes.
+  could serve any number of workers. Their memory is told at the beginning, in the middle and at the end: the scheduler
+  keeps a log of a bounded length, which fills in the first thousands of episodes.
 - metadata: a dataset's list of made-up shards, of the size that episodes of the bundled motorway have: planned, written
   and read back, in a process of its own.
 
@@ -32,7 +33,7 @@ from typing import Any
 import psutil
 from distributed import Client
 
-from benchmarks.scaling import apart, peak_memory
+from benchmarks.scaling import MIB, apart, peak_memory
 from isacsim import scenario
 from isacsim.recording import Recording
 from isacsim.scenario import Scenario
@@ -46,8 +47,8 @@ from labeling.study import DatasetStudy, SeedRange
 
 SCENARIO = "motorway"
 WORKERS = 16
-PAUSE_S = 0.1
-EPISODES = 3000
+PAUSE_S = 0.05
+EPISODES = 6000
 LISTED = (1_000, 10_000, 100_000)
 """Numbers of made-up shards."""
 START_S = 120.0
@@ -77,10 +78,11 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
     """Make a dataset of short episodes on a cluster, from the second on which every worker has had one.
 
     Keys: `episodes_per_s`; `scheduler` and `parent`: `cpu_ms` an episode, `episodes_per_s` that so much would allow,
-    `bytes` by which its memory grew an episode.
+    `mib` of memory at the beginning, in the middle and at the end.
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
-    skipped = 2 * workers
+    first = 2 * workers
+    marked = (first, (first + episodes) // 2, episodes)
     with tempfile.TemporaryDirectory(prefix="cosim-") as folder, cluster(Path(folder), workers) as (address, process):
         watched = {"scheduler": psutil.Process(process.pid), "parent": psutil.Process()}
         marks: list[tuple[float, dict[str, tuple[float, int]]]] = []
@@ -89,12 +91,12 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
         def note(entry: Entry) -> None:
             nonlocal ended
             ended += 1
-            if ended in (skipped, episodes):
+            if ended in marked:
                 marks.append((time.perf_counter(), {name: _spent(each) for name, each in watched.items()}))
 
         generate(study, Path(folder) / "data", ClusterEngine(address), source=Paused(PAUSE_S), note=note)
-    (begin, before), (end, after) = marks
-    counted = episodes - skipped
+    (begin, before), (_, half), (end, after) = marks
+    counted = episodes - first
     return {
         "workers": workers,
         "pause_s": PAUSE_S,
@@ -104,7 +106,7 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
             name: {
                 "cpu_ms": round(1000 * (after[name][0] - before[name][0]) / counted, 3),
                 "episodes_per_s": round(counted / (after[name][0] - before[name][0])),
-                "bytes": round((after[name][1] - before[name][1]) / counted),
+                "mib": [round(each[name][1] / MIB, 1) for each in (before, half, after)],
             }
             for name in watched
         },
@@ -164,7 +166,7 @@ def metadata(episodes: int) -> dict[str, Any]:
         "write_s": round(written - planned, 2),
         "read_s": round(read - written, 2),
         "bytes": size,
-        "peak_mib": round(peak_memory() / 2**20),
+        "peak_mib": round(peak_memory() / MIB),
     }
 
 

@@ -54,4 +54,5 @@ def test_a_simulated_cluster_makes_every_episode() -> None:
     assert 0 < found["episodes_per_s"] < 3 / cluster.PAUSE_S
     for side in ("scheduler", "parent"):
         assert found[side]["cpu_ms"] > 0
+        assert len(found[side]["mib"]) == 3
         assert found[side]["episodes_per_s"] == pytest.approx(1000 / found[side]["cpu_ms"], rel=0.05)

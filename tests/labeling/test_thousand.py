@@ -14,12 +14,12 @@ from labeling.log import LOG_FILE
 from labeling.study import DatasetStudy, checked
 
 EPISODES = 1000
-SHORT = {"run_in_s": 40.0, "duration_s": 30.0}
+SHORT = {"run_in_s": 30.0, "duration_s": 20.0}
 
 
 @pytest.mark.slow
 def test_a_thousand_episodes_lose_none(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Each ends once, made, and the dataset is what the log says it is. Half an hour on two cores."""
+    """Each ends once, made, and the dataset is what the log says it is. A quarter of an hour on two cores."""
     study = checked(DatasetStudy, {"seeds": {"first": 1, "last": EPISODES}, "traffic": SHORT}, "test")
     made = generate(study, tmp_path / "data", LocalEngine(2))
     entries = [json.loads(line) for line in (made.path / LOG_FILE).read_text().splitlines()]
@@ -31,7 +31,7 @@ def test_a_thousand_episodes_lose_none(tmp_path: Path, capfd: pytest.CaptureFixt
     assert {shard.episode.seed: shard.samples for shard in made.meta.shards} == {
         each["seed"]: each["samples"] for each in entries
     }
-    assert made.meta.samples > EPISODES
+    assert made.meta.samples > EPISODES // 10
     assert cosim.main(["inspect", str(made.path), "--verify", "--json", "--quiet"]) == 0
     found = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert (found["verified"], found["digest"], found["lost"]) == (True, made.digest, [])
