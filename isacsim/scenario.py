@@ -6,6 +6,7 @@ import importlib.resources
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import sumolib.net
@@ -104,9 +105,19 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
     """Lanes of a network, junction-internal ones included, and the origin of their plane in SUMO's coordinates."""
     refuse_document_type(network)
     try:
-        net = sumolib.net.readNet(str(network), withInternal=True)
-    except Exception as error:  # the reader raises whatever its parser meets
+        lanes, origin = _lanes(sumolib.net.readNet(str(network), withInternal=True))
+    except Exception as error:  # the reader raises whatever it meets
         raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
+    if not lanes:
+        raise InputError(f"{network} is a network without roads: give another")
+    for lane in lanes:
+        if not (np.isfinite(lane.shape).all() and 0 < lane.width_m < np.inf and 0 < lane.length_m < np.inf):
+            raise InputError(f"{network}: lane {lane.id} has no finite shape, width and length: mend the network")
+    return lanes, origin
+
+
+def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
+    """`read_network` of what sumolib read."""
     low_x, low_y, high_x, high_y = net.getBoundary()
     if max(map(abs, (low_x, low_y, high_x, high_y))) <= PLANE_REACH_M:
         origin = (0.0, 0.0)
@@ -120,9 +131,7 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
             width_m=lane.getWidth(),
             length_m=lane.getLength(),
             shape=np.array([point[:2] for point in lane.getShape()], dtype=float) - origin,
-            successors=tuple(
-                sorted({link.getViaLaneID() or link.getToLane().getID() for link in lane.getOutgoing()})
-            ),
+            successors=tuple(sorted({link.getViaLaneID() or link.getToLane().getID() for link in lane.getOutgoing()})),
         )
         for edge in net.getEdges(withInternal=True)
         for lane in edge.getLanes()

@@ -9,9 +9,9 @@ from isacsim.errors import InputError
 
 
 class Settings(BaseModel):
-    """A section of a study: immutable, unknown keys refused, units in the field names."""
+    """A section of a study: immutable, unknown keys and endless numbers refused, units in the field names."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 Stored = TypeVar("Stored", bound=Settings)

@@ -228,12 +228,19 @@ class Dataset:
             yield {name: states_of(table[name]) for name in names}
 
     def roads(self, scenario: str) -> list[RoadLane]:
-        """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon."""
-        table = pq.read_table(self.path / ROADS / f"{scenario}.parquet")
-        return [
-            RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T)
-            for row in table.to_pylist()
-        ]
+        """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon.
+
+        Raises InputError where their file is damaged or missing.
+        """
+        path = self.path / ROADS / f"{scenario}.parquet"
+        try:
+            rows = pq.ParquetFile(path).read().to_pylist()
+            return [RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T) for row in rows]
+        except (KeyError, OSError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"{path}: holds no roads ({reason}); delete it and run the same `{self.meta.maker}` again"
+            ) from None
 
     def sites(self, scenario: str) -> list[Site]:
         """The sites of a scenario."""

@@ -53,11 +53,11 @@ def generate(
     """
     source = source or SumoSource(study.traffic, study.maneuvers)
     scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
-    for name, scenario in scenarios.items():
-        if tell and scenario.overridden:
-            tell(name, scenario.overridden)
     started = describe(study, scenarios)
     with claimed(out, started):
+        for name, scenario in scenarios.items():
+            if tell and scenario.overridden:
+                tell(name, scenario.overridden)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():

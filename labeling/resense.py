@@ -88,9 +88,10 @@ def resense(
     started = _describe(dataset, settings)
     jobs = plan(dataset.meta.shards, settings.records)
     made: dict[str, Shard] = {}
+    roads = {scenario.name: dataset.roads(scenario.name) for scenario in dataset.meta.scenarios}
     with claimed(out, started):
-        for scenario in dataset.meta.scenarios:
-            write_roads(out, scenario.name, dataset.roads(scenario.name))
+        for name, lanes in roads.items():
+            write_roads(out, name, lanes)
         made |= standing(out, started)
         missing = [job for job in jobs if job.shard.file not in made]
         if missing:

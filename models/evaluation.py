@@ -223,7 +223,7 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
         if mine.unknown.any():
             figures.unknown_window_end(ends, relative_to, folder / "unknown_window_end.png")
     if (run.path / HISTORY_FILE).exists():
-        figures.loss_curves(pd.read_csv(run.path / HISTORY_FILE), folder / "loss.png")
+        figures.loss_curves(_history(run.path / HISTORY_FILE), folder / "loss.png")
     if mine.unknown.any():
         curves, scores = {}, openset.of_run(run)
         for name in dict.fromkeys((run.card.unknown_score, openset.PLAIN)):
@@ -232,3 +232,12 @@ def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None
             false, true, _ = roc_curve(mine.known[pick], value[pick])
             curves[f"{name.replace('_', ' ')} (AUROC {result['unknown_scores'][name]['auroc']:.3f})"] = (false, true)
         figures.unknown_roc(curves, folder / "unknown_roc.png")
+
+
+def _history(path: Path) -> pd.DataFrame:
+    """A run's history of epochs. Raises InputError where it is damaged."""
+    try:
+        history = pd.read_csv(path, dtype=float).astype({"epoch": int})
+        return history[["epoch", "train_loss", "validation_loss", "validation_macro_f1", "validation_accuracy"]]
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: is damaged ({error}); delete it, and evaluate without it") from None

@@ -52,11 +52,20 @@ def claim(out: Path, study: Study) -> None:
     written = study.model_dump(mode="json")
     mark = out / STUDY_FILE
     if mark.is_file():
-        if json.loads(mark.read_text()) != written:
+        try:
+            before = json.loads(mark.read_text())
+        except (RecursionError, ValueError):
+            before = None
+        if before != written:
             raise InputError(f"{out}: holds the results of another study; choose another folder with -o")
         return
     # A command that was killed may have left its temporary file.
-    if out.exists() and (not out.is_dir() or any(not path.name.endswith(STUDY_FILE) for path in out.iterdir())):
+    if out.exists() and (not out.is_dir() or any(not _own(path) for path in out.iterdir())):
         raise InputError(f"{out}: holds something that is no study's results; choose a new folder with -o")
     out.mkdir(parents=True, exist_ok=True)
     replace(mark, lambda path: path.write_text(json.dumps(written, indent=1) + "\n"))
+
+
+def _own(path: Path) -> bool:
+    """Whether a file is the mark of a study, or was to become one."""
+    return path.is_file() and path.name.endswith(STUDY_FILE)

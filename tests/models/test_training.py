@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from isacsim.errors import InputError
 from labeling.intentions import Intention
-from models import training
+from models import evaluation, training
 from models.run import Run, TrainSettings, load_run
 from models.training import train_records
 from models.windows import Records, cut, draw_ends
@@ -148,6 +148,13 @@ def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
     (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
     with pytest.raises(InputError, match="damaged"):
         load_run(run)
+
+
+@pytest.mark.parametrize("content", ["", "epoch\n1\n", "epoch,train_loss\na,b\n", "\x00"])
+def test_a_damaged_history_is_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "history.csv").write_text(content)
+    with pytest.raises(InputError, match=r"history\.csv: is damaged"):
+        evaluation._history(tmp_path / "history.csv")
 
 
 def test_a_dataset_without_known_intentions_is_refused(records: Records, tmp_path: Path) -> None:
