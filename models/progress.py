@@ -50,6 +50,10 @@ class EpochProgress(Callback):
         self.bar.stop()
 
 
+SURE_S = 60.0
+"""Work after which what steps took counts as much as what was expected of them, s."""
+
+
 class Steps:
     """Says what is worked on, and about how long everything that is left will take.
 
@@ -69,7 +73,7 @@ class Steps:
         """Around the work of a step; standing: whether it was done before, and is passed over."""
         began = time.monotonic()
         if not standing:
-            left_s = self.left_s * (self.took_s / self.expected_s if self.expected_s else 1.0)
+            left_s = self.left_s * (self.took_s + SURE_S) / (self.expected_s + SURE_S)
             self.console.print(f"{title}; about {spoken_time(left_s)} left", highlight=False, soft_wrap=True)
         try:
             yield

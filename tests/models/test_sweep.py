@@ -24,6 +24,7 @@ from models import sweep, sweep_report
 from models.axes import Sensing
 from models.estimate import estimate_study
 from models.evaluation import EvaluateSettings
+from models.progress import Steps
 from models.study import Study, read_study
 
 TINY = {
@@ -255,6 +256,25 @@ def test_the_bundled_sweep_is_as_documented() -> None:
     study = read_study(Path(cosim.__file__).parent / "studies" / "sweep.toml")
     assert (study.name, len(study.cells)) == ("sweep", 12)
     assert study.sensing_at("-20:-10").channel.snr_range_db == (-20.0, -10.0)
+
+
+def test_the_time_left_follows_what_steps_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps that take twice as long as expected, and one that was done before, of which nothing is told."""
+    clock = [0.0]
+    monkeypatch.setattr("models.progress.time.monotonic", lambda: clock[0])
+    console = Console(file=io.StringIO(), width=200)
+    steps = Steps(console, 3000.0)
+    for k, standing in enumerate((False, True, False, False)):
+        with steps.step(f"step {k}", 600.0, standing):
+            clock[0] += 0.0 if standing else 1200.0
+    steps.skip(300.0)
+    with steps.step("last", 300.0, False):
+        pass
+    told = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert told[0] == "step 0; about 50 min left"
+    assert told[1] == f"step 2; about {1800 * 1260 / 660 / 60:.0f} min left"
+    assert told[2] == f"step 3; about {1200 * 2460 / 1260 / 60:.0f} min left"
+    assert told[3] == f"last; about {300 * 3660 / 1860 / 60:.0f} min left"
 
 
 WRONG: dict[str, dict[str, Any]] = {
