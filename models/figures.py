@@ -175,7 +175,7 @@ def unknown_against(
         above.set(ylabel="AUROC", ylim=(0, 1.02))
         above.set_title("Following told apart from the known intentions")
         above.legend(loc="lower right")
-        below.set(ylabel="following taken for known,\nwhere 95 % of the known are kept", ylim=(0, 1.02))
+        below.set(ylabel="following taken for known\nat 95 % recall", ylim=(0, 1.02))
         yield below
 
 
