@@ -80,8 +80,12 @@ class Road:
         return np.asarray(np.stack([x, y], axis=1) + across)
 
     def piece(self, start: float, end: float, left_m: float) -> Array:
-        """The line beside the road from start to end, a vertex every 4 m: each turns a vehicle by next to nothing."""
-        return self.beside(np.linspace(start, end, max(2, int((end - start) / 4.0) + 1)), left_m)
+        """The line beside the road from start to end, with a vertex every 4 m where it is bent.
+
+        A straight line has none between its ends: SUMO looks through a lane's vertices one by one.
+        """
+        straight = end <= self.bend_m or start >= self.bend_end_m
+        return self.beside(np.linspace(start, end, 2 if straight else int((end - start) / 4.0) + 1), left_m)
 
     def ramp(self, at: float, left_m: float, towards: float) -> Array:
         """A lane that leaves (towards +1) or, driven the other way, joins (-1) the line at an offset, 260 m long."""
