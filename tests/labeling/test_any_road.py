@@ -29,12 +29,14 @@ CUTS = st.lists(
 
 
 def found(recording: Recording) -> tuple[list[tuple[str, Intention, str | None]], np.ndarray]:
-    """Who did what, about whom, in the order of vehicles and onsets, and the three times of each, s."""
+    """Who did what, about whom, in the order of vehicles and onsets, and of each the three times, s, and peak, m/s2."""
     events = sorted(label(recording, LabelSettings()).events, key=lambda e: (e.vehicle, e.intention, e.onset))
-    return [(e.vehicle, e.intention, e.other) for e in events], np.array([(e.onset, e.commit, e.end) for e in events])
+    return [(e.vehicle, e.intention, e.other) for e in events], np.array(
+        [(e.onset, e.commit, e.end, e.peak) for e in events]
+    )
 
 
-PLAIN, PLAIN_TIMES = found(record(Road(), *DRIVES))
+PLAIN, PLAIN_NUMBERS = found(record(Road(), *DRIVES))
 
 
 def test_on_a_straight_road_of_one_edge_every_maneuver_is_found_once() -> None:
@@ -62,6 +64,6 @@ def test_the_same_driving_gives_the_same_events_on_any_road(
         stretches.append(Stretch(length, tuple(range(-right, 3 + left))))
         if joints:
             stretches.append(Stretch(joints, (0, 1, 2), internal=True))
-    events, times = found(record(Road(tuple(stretches), curvature, heading, origin), *DRIVES))
+    events, numbers = found(record(Road(tuple(stretches), curvature, heading, origin), *DRIVES))
     assert events == PLAIN
-    assert times == pytest.approx(PLAIN_TIMES, abs=0.05)
+    assert numbers == pytest.approx(PLAIN_NUMBERS, abs=0.05)
