@@ -1,3 +1,4 @@
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,8 @@ def test_the_motorway_is_what_its_readme_says() -> None:
 
 def test_panels_of_the_motorway_face_the_road() -> None:
     scenario = load("motorway")
-    points = np.concatenate([lane.shape for lane in scenario.lanes if not lane.edge.startswith(":")])
+    ends = [pair for lane in scenario.lanes if not lane.edge.startswith(":") for pair in pairwise(lane.shape)]
+    points = np.concatenate([np.linspace(*pair, 200) for pair in ends])
     for site in scenario.sites:
         toward = points - (site.x, site.y)
         near = toward[np.hypot(*toward.T) < 60.0]
