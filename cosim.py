@@ -58,11 +58,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     help="From a SUMO road network to an evaluated driver-intention predictor that sees traffic through ISAC sensing.",
 )
-network_app = typer.Typer(no_args_is_help=True, help="Scenarios made from a map, or from a network without sites.")
+network_app = typer.Typer(help="Scenarios made from a map, or from a network without sites.")
 app.add_typer(network_app, name="network")
 INTERRUPTED = 130
 LONGEST = 1000

@@ -13,14 +13,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isacsim.errors import InputError, writing
 from isacsim.recording import Lane
@@ -123,6 +123,13 @@ class Meta(Settings):
     lost: tuple[Lost, ...] = ()
     short: tuple[str, ...] = ()
     resensed: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _of_its_scenarios(self) -> Self:
+        known = {scenario.name for scenario in self.scenarios}
+        if strange := {shard.episode.scenario for shard in self.shards} - known:
+            raise ValueError(f"shards are of scenarios that it does not list: {', '.join(sorted(strange))}")
+        return self
 
     @property
     def maker(self) -> str:

@@ -65,6 +65,8 @@ def _prepare(out: Path) -> None:
     """Make the folder's parts, and clear what a killed command left half-written. Raises InputError."""
     try:
         for folder in (out / SHARDS, out / ROADS):
+            if folder.is_symlink():
+                raise InputError(f"{folder}: is a link out of the dataset's folder; put the folder itself there")
             folder.mkdir(exist_ok=True)
         for partial_file in [*out.glob(".*.json.*"), *out.glob(f"{SHARDS}/.*.parquet.*")]:
             partial_file.unlink()

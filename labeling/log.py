@@ -5,6 +5,7 @@ The log is of the runs that made a dataset, not of the dataset: no digest covers
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -73,7 +74,8 @@ def made(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Entry:
 def append(folder: Path, entry: Entry) -> None:
     """Add a line to a dataset's log. What a killed command left of a line stays a line of its own."""
     path = folder / LOG_FILE
-    with writing(path), path.open("a+b") as file:
+    # A link, which would lead to a file that is no log, is not followed.
+    with writing(path), open(path, "a+b", opener=_unlinked) as file:
         if file.tell():
             file.seek(-1, 2)
             if file.read(1) != b"\n":
@@ -86,3 +88,7 @@ def record(folder: Path, note: Note | None, entry: Entry) -> None:
     append(folder, entry)
     if note:
         note(entry)
+
+
+def _unlinked(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)

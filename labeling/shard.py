@@ -13,13 +13,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
@@ -104,6 +104,12 @@ class Shard(Settings):
     def _brief(cls, episode: Episode) -> Episode:
         """Without what grows with the samples: a long list has to fit into memory."""
         return episode.model_copy(update={"fix_error_m": (), "state_error_m": ()})
+
+    @model_validator(mode="after")
+    def _named_by_its_episode(self) -> Self:
+        if self.file != shard_name(self.episode.scenario, self.episode.seed):
+            raise ValueError(f"{self.file} is not the file of {self.episode.scenario!r}, seed {self.episode.seed}")
+        return self
 
 
 def shard_name(scenario: str, seed: int) -> str:

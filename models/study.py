@@ -102,4 +102,4 @@ def read_study(path: Path | None) -> Study:
     """A study from its file, or the bundled quick one. Raises InputError naming the key that is wrong."""
     file = Path(str(importlib.resources.files("studies") / QUICK)) if path is None else path
     study = checked(Study, read_toml(file), file)
-    return study if study.name else study.model_copy(update={"name": file.stem})
+    return study if study.name else study.model_copy(update={"name": file.stem.strip(".") or "study"})

@@ -78,6 +78,8 @@ BAD = {
     "generate motorway": "Missing option '-o'",
     "generate motorway -o new --colour red": "No such option: --colour",
     "generate -o new": "Missing argument 'SCENARIO...'",
+    "": "Missing command",
+    "network": "Missing command",
     "fly": "No such command 'fly'",
     "inspect empty": "empty: not a dataset",
     "inspect nowhere": "nowhere: not a dataset",
