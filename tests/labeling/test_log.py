@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from scripted import InlineEngine, ScriptedSource, small_study
 
+import cosim
 from isacsim.errors import OutputError
 from labeling import log
 from labeling.dataset import Dataset
@@ -73,3 +74,33 @@ def test_a_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / log.LOG_FILE).mkdir()
     with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written \(Is a directory\)"):
         log.append(tmp_path, Entry(scenario="road", seed=1, outcome="lost"))
+
+
+@pytest.mark.parametrize("option", ["", "--quiet", "--verbose"])
+def test_how_much_a_command_says(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A line an episode with --verbose, nothing but warnings with --quiet; the result on standard output always."""
+    source = ScriptedSource(tmp_path, broken=(2,), warnings=3)
+    monkeypatch.setattr("labeling.generate.SumoSource", lambda *_: source)
+    monkeypatch.setattr("labeling.engine.LocalEngine.run", lambda _, task, items: INLINE.run(task, items))
+    out = tmp_path / "data"
+    words = ["generate", "road", "-o", str(out), "--seeds", "1:2", "--jobs", "1", "--json", *option.split()]
+    assert cosim.main(words) == 0
+    said = capfd.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["samples"] == 2
+    assert said.out.count("\n") == 1
+    episodes = [line for line in said.err.splitlines() if line.startswith("road-")]
+    warned = [line for line in said.err.splitlines() if line.startswith("warning: ")]
+    assert any("episode road-2 was left out: RuntimeError: the simulation broke" in line for line in warned)
+    if option == "--verbose":
+        assert len(episodes) == 2
+        assert episodes[0].startswith("road-1: 2 samples")
+        assert episodes[0].endswith("1 collided, 3 warnings")
+        assert episodes[1].startswith("road-2: lost, RuntimeError: the simulation broke")
+    else:
+        assert episodes == []
+    assert ("position_error_m" in said.err) is (option != "--quiet")
+    if option == "--quiet":
+        assert said.err.splitlines() == warned
+    assert len(lines(out)) == 2
