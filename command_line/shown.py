@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from models.study import Study
 
 
+UNBOUND = 1000
+"""Wider than any table, characters."""
+
+
 def console_of(quiet: bool) -> Console:
     """Where people's output goes: standard error, or nowhere."""
     return Console(stderr=True, quiet=quiet)
@@ -86,7 +90,10 @@ def show_sweep(found: dict[str, Any], folder: Path, console: Console) -> dict[st
     """The table of a sweep, and where it stands. Returns what `--json` gives."""
     from models import report, sweep_report
 
+    # Whole, also where the terminal is narrower or there is none.
+    own, console.width = console.width, UNBOUND
     console.print(sweep_report.table(found))
+    console.width = own
     page = folder / sweep_report.REPORT / report.PAGE
     plain(console, f"table: {folder / sweep_report.TABLE_CSV}; page: {page}")
     paths = {"table": str(folder / sweep_report.TABLE_JSON), "report": str(page.parent)}

@@ -31,7 +31,7 @@ def row_of(cell: Cell, tested_on: str, metrics: Row, report: str) -> dict[str, A
     """A row of the table: mean and standard deviation of SCORES over the cell's training seeds.
 
     tested_on: the network. metrics: of the cell's runs beside the floor's. report: folder of their evaluation.
-    `ahead_of_floor` is the paired difference in mean macro-F1, with its interval over the test seeds, `low` to `high`.
+    `ahead_of_floor` is the paired difference in mean macro-F1; `low` and `high` bound it over several test seeds.
     A standard deviation of one training is None, and so is a score that none has. `runs` holds the trainings.
     """
     everyone = [metrics, *metrics["compared"]]
@@ -46,8 +46,10 @@ def row_of(cell: Cell, tested_on: str, metrics: Row, report: str) -> dict[str, A
     row |= {"ahead_of_floor": None, "low": None, "high": None}
     if floors:
         # Of the means over training seeds; of two single runs it stands with the one compared.
-        paired = metrics.get("over_training_seeds", metrics["compared"])[-1]["paired_difference"]["macro_f1"]
-        row |= {"ahead_of_floor": paired["difference"], "low": paired["low"], "high": paired["high"]}
+        paired = metrics.get("over_training_seeds", metrics["compared"])[-1]["paired_difference"]
+        row["ahead_of_floor"] = paired["macro_f1"]["difference"]
+        if paired["groups"] > 1:
+            row |= {end: paired["macro_f1"][end] for end in ("low", "high")}
     seeds = [each["settings"]["seed"] for each in metrics["made_by"]["runs"]]
     runs = [
         {"training_seed": seed, **{name: each[name] for name in SCORES}} for seed, each in zip(seeds, own, strict=False)
@@ -124,7 +126,8 @@ def _score(row: Row, name: str) -> str:
 def _ahead(row: Row) -> str:
     if row["ahead_of_floor"] is None:
         return "-"
-    return f"{row['ahead_of_floor']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f})"
+    interval = "" if row["low"] is None else f" ({row['low']:+.3f} to {row['high']:+.3f})"
+    return f"{row['ahead_of_floor']:+.3f}{interval}"
 
 
 def _page(found: dict[str, Any], report: Path) -> str:

@@ -16,6 +16,7 @@ from made_up_dataset import InlineEngine, write_dataset
 from rich.console import Console
 
 import cosim
+from command_line.shown import show_sweep
 from isacsim.errors import InputError, OutputError, RunError
 from labeling.dataset import Dataset
 from labeling.resense import ResenseSettings, resense
@@ -33,7 +34,7 @@ TINY = {
     "trees": {"rounds": 4, "ends_per_record": 1},
 }
 EVALUATION = EvaluateSettings(ends_per_record=1).model_dump()
-SEEDS = {"north": 4, "south": 5}
+SEEDS = {"north": 6, "south": 4}
 
 
 def study_of(**axes: object) -> Study:
@@ -136,9 +137,23 @@ def test_a_sweep_tells_where_it_is_and_ends_in_a_page(swept: tuple[dict[str, Any
     assert (out / "cells/north/truth/asi-bip/report/index.html").is_file()
     assert "data:image/png" in page
     drawn = io.StringIO()
-    Console(file=drawn, width=80).print(sweep_report.table(found))
-    assert f"{found['cells'][3]['macro_f1']:.3f} ±{found['cells'][3]['macro_f1_sd']:.3f}" in drawn.getvalue()
-    assert max(map(len, drawn.getvalue().splitlines())) <= 80
+    show_sweep(found, out, Console(file=drawn, width=40))
+    (line,) = (line for line in drawn.getvalue().splitlines() if "truth" in line and "asi-bip" in line)
+    row = found["cells"][3]
+    assert line.split() == [
+        "north", "truth", "asi-bip",
+        f"{row['macro_f1']:.3f}", f"±{row['macro_f1_sd']:.3f}", f"{row['accuracy']:.3f}", f"±{row['accuracy_sd']:.3f}",
+        f"{row['ahead_of_floor']:+.3f}", f"({row['low']:+.3f}", "to", f"{row['high']:+.3f})",
+    ]  # fmt: skip
+
+
+def test_one_test_seed_gives_no_interval(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
+    found, out, _, _ = swept
+    metrics = json.loads((out / found["cells"][3]["report"] / "metrics.json").read_text())
+    metrics["over_training_seeds"][-1]["paired_difference"]["groups"] = 1
+    row = sweep_report.row_of(TWO_WAYS.cells[3], "north", metrics, "report")
+    assert row["ahead_of_floor"] == found["cells"][3]["ahead_of_floor"]
+    assert row["low"] is row["high"] is None
 
 
 def test_a_finished_sweep_answers_again_and_does_nothing(swept: tuple[dict[str, Any], Path, Makers, str]) -> None:
