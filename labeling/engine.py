@@ -80,21 +80,28 @@ class LocalEngine:
             "distributed.worker.daemon": False,
             "distributed.nanny.pre-spawn-environ": dict.fromkeys(ONE_THREAD, "1"),
         }
-        with (
-            dask.config.set(settings),
-            LocalCluster(
-                n_workers=self.jobs,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address=None,
-                # Any free port, so that commands side by side do not warn of each other's.
-                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-                silence_logs=logging.CRITICAL,
-            ) as cluster,
-            Client(cluster) as client,
-        ):
+        with dask.config.set(settings), self._started() as cluster, Client(cluster) as client:
             yield from run_on(client, task, items, lambda: self.jobs)
+
+    def _started(self) -> LocalCluster:
+        """The worker processes. Where one dies before it is ready, which ends all of them, they are started again."""
+        failures = 0
+        while True:
+            try:
+                return LocalCluster(
+                    n_workers=self.jobs,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    # Any free port, so that commands side by side do not warn of each other's.
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                    silence_logs=logging.CRITICAL,
+                )
+            except RuntimeError as error:
+                failures += 1
+                if failures > RETRIES:
+                    raise RunError(f"the worker processes do not start ({describe(error)})") from None
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from pathlib import Path
@@ -17,7 +18,7 @@ import psutil
 import pytest
 from scripted import InlineEngine, ScriptedSource, small_study
 
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 from labeling.dataset import Dataset, read_meta
 from labeling.engine import LocalEngine
 from labeling.generate import generate
@@ -281,3 +282,41 @@ def test_clusters_side_by_side_are_silent_and_listen_on_this_machine_only() -> N
         sockets = [each for process in (own, *own.children(recursive=True)) for each in process.net_connections()]
     listening = {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
+
+
+def workers() -> list[psutil.Process]:
+    """This process's own worker processes."""
+    found = []
+    for each in psutil.Process().children():
+        with contextlib.suppress(psutil.Error):
+            if "spawn_main" in " ".join(each.cmdline()):
+                found.append(each)
+    return found
+
+
+def test_a_worker_that_dies_while_it_starts_is_replaced() -> None:
+    """And nothing of the first attempt is left running."""
+
+    def kill_the_first() -> None:
+        while not (started := workers()):
+            time.sleep(0.01)
+        started[0].kill()
+
+    killer = threading.Thread(target=kill_the_first)
+    killer.start()
+    with contextlib.closing(LocalEngine(2).run(str, [1, 2])) as outcomes:
+        assert sorted(str(outcome.result) for outcome in outcomes) == ["1", "2"]
+    killer.join()
+    assert workers() == []
+
+
+def test_workers_that_never_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(**_: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("labeling.engine.LocalCluster", fail)
+    with (
+        pytest.raises(RunError, match=r"the worker processes do not start \(RuntimeError: Nanny failed to start"),
+        contextlib.closing(LocalEngine(1).run(str, [1])) as run,
+    ):
+        next(run)
