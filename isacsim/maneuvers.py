@@ -32,6 +32,9 @@ from isacsim.recording import Command
 from isacsim.scenario import Site
 from isacsim.settings import Settings
 
+RETURN_S = 25.0
+"""A lane that misses a vehicle's exit is given to it only if it can stay there for so long, s."""
+
 
 def _rate(what: str, default: float) -> Any:
     return Field(default, ge=0.0, le=3600.0, description=f"{what}, per hour of a vehicle's driving")
@@ -248,12 +251,17 @@ class Director:
 
     @staticmethod
     def _has_lane(sumo: Any, vehicle: str, direction: int) -> bool:
-        """Whether there is a lane on that side and the vehicle will be long enough on this edge to get there."""
+        """Whether there is a lane on that side that the vehicle may use and that does not take it past its exit."""
         target = sumo.vehicle.getLaneIndex(vehicle) + direction
         edge = sumo.vehicle.getRoadID(vehicle)
         if edge.startswith(":") or not 0 <= target < sumo.edge.getLaneNumber(edge):
             return False
-        return open_to(sumo, f"{edge}_{target}", sumo.vehicle.getVehicleClass(vehicle))
+        lane, needed_m = f"{edge}_{target}", RETURN_S * sumo.vehicle.getSpeed(vehicle)
+        leads_on = any(
+            name == lane and (offset == 0 or length > needed_m)
+            for name, length, _, offset, *_ in sumo.vehicle.getBestLanes(vehicle)
+        )
+        return leads_on and open_to(sumo, lane, sumo.vehicle.getVehicleClass(vehicle))
 
     def _beside_free(self, sumo: Any, vehicle: str, side: int) -> bool:
         """Whether no vehicle on the neighbouring lane is within 15 m ahead or behind."""

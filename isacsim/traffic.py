@@ -22,6 +22,10 @@ from isacsim.state_log import StateLog
 from isacsim.sumo_files import one_line, without_outputs
 
 LOG_FILE = "messages.log"
+STUCK_S = 300.0
+"""How long a vehicle may stand at the head of a queue before SUMO moves it on, s; longer than any red light."""
+MISSED_EXIT_S = 20.0
+"""The same on a fast road, in a lane that does not lead to its exit."""
 WARNING = "Warning:"
 """How SUMO begins a warning."""
 
@@ -111,7 +115,9 @@ def session(
             "seed": str(seed % 2**31),
             "collision.action": "warn",
             "collision.check-junctions": "true",
-            "time-to-teleport": "-1",
+            # One vehicle that can never move again would hold up all traffic behind it for good.
+            "time-to-teleport": f"{STUCK_S:g}",
+            "time-to-teleport.highways": f"{MISSED_EXIT_S:g}",
             "no-step-log": "true",
             # Not on the console, but in the log.
             "no-warnings": "true",
