@@ -22,6 +22,7 @@ from isacsim.sumo_files import (
     parse,
     read_config,
     refuse_document_type,
+    refuse_outputs,
 )
 
 SITE_TYPE = "isac_site"
@@ -91,8 +92,9 @@ def load_without_sites(where: str | Path) -> Scenario:
     name, file = _find(Path(where))
     alone = file.name.endswith(NETWORK_ENDINGS)
     inputs = Inputs(file, (), (), 0.0, {}, ()) if alone else read_config(file)
-    for demand in inputs.demand:
-        refuse_document_type(demand)
+    for each in (inputs.network, *inputs.demand):
+        refuse_document_type(each)
+        refuse_outputs(each)
     lanes, origin = read_network(inputs.network)
     sites = tuple(_read_sites(inputs.additional, origin))
     return Scenario(

@@ -1,12 +1,14 @@
 """What SUMO's own input files say: configurations, and additional files made safe to load.
 
-They may come from others: a file with a document type is refused, so that no entity is expanded and no other file read.
+They may come from others: a file with a document type is refused, so that no entity is expanded and no other file read,
+and what would make SUMO write files is taken out or refused.
 """
 
 from __future__ import annotations
 
 import gzip
 import os
+import re
 import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Iterator
@@ -52,8 +54,15 @@ OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
 OUTPUT_ELEMENTS = (
     "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector", "e3Detector",
     "entryExitDetector", "edgeData", "laneData", "edgedata", "lanedata", "meandata-edge", "meandata-lane",
-    "routeProbe", "vTypeProbe", "timedEvent",
+    "routeProbe", "vTypeProbe", "timedEvent", "calibrator",
 )  # fmt: skip
+OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
+"""Parameters, of vehicles and of traffic lights, by which SUMO writes a file."""
+NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
+MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
+"""What a file that makes SUMO write another holds somewhere; character references and wide encodings may hide it."""
+BLOCK, OVERLAP = 1 << 20, 64
+"""Bytes read at once, and of those before them that are looked at again."""
 
 
 @dataclass(frozen=True)
@@ -109,14 +118,46 @@ def without_outputs(file: Path, folder: Path) -> Path:
     taken = 0
     for parent in list(root.iter()):
         for child in list(parent):
-            if child.tag in OUTPUT_ELEMENTS and any(name in child.attrib for name in OUTPUT_ATTRIBUTES):
-                parent.remove(child)
+            if _makes_output(child):
+                if child.tag == "calibrator":  # it shapes the traffic too
+                    child.attrib.pop("output", None)
+                else:
+                    parent.remove(child)
                 taken += 1
     if not taken:
         return file
     copy = folder / f"{len(list(folder.iterdir()))}-{file.name.removesuffix('.gz')}"
     ET.ElementTree(root).write(copy, encoding="utf-8")
     return copy
+
+
+def refuse_outputs(file: Path) -> None:
+    """Raises InputError where a network or route file would make SUMO write a file."""
+    with _reading(file) as stream:
+        if not _may_write(stream):
+            return
+        stream.seek(0)
+        for node in _elements(stream):
+            if _makes_output(node):
+                name = node.get("key", node.get("id", ""))
+                raise InputError(f"{file}: {node.tag} {name!r} makes SUMO write a file of its own: take it out")
+
+
+def _may_write(stream: IO[bytes]) -> bool:
+    """Whether a file has to be read as XML to know that it makes SUMO write nothing."""
+    before = b""
+    while block := stream.read(BLOCK):
+        if MAY_WRITE.search(before + block):
+            return True
+        before = block[-OVERLAP:]
+    return False
+
+
+def _makes_output(node: ET.Element) -> bool:
+    """Whether an element, as it begins, asks SUMO for a file."""
+    if node.tag == "param":
+        return node.get("key") in OUTPUT_PARAMS and node.get("value", "").strip().lower() not in NO_OUTPUT
+    return node.tag in OUTPUT_ELEMENTS and any(node.get(name) for name in OUTPUT_ATTRIBUTES)
 
 
 def parse(file: Path) -> ET.Element:

@@ -16,7 +16,7 @@ from isacsim.errors import InputError
 from isacsim.network import import_map
 from isacsim.scenario import load, load_without_sites
 from isacsim.site_placement import PlacementSettings
-from isacsim.sumo_files import parse
+from isacsim.sumo_files import BLOCK, parse
 
 
 def bomb(levels: int = 9) -> str:
@@ -102,3 +102,46 @@ def test_what_is_no_xml_is_told_in_one_line(tmp_path: Path, content: bytes) -> N
         with pytest.raises(InputError, match=rf"{name} cannot be read as XML: ") as caught:
             parse(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+SSM = '<param key="has.ssm.device" value="true"/><param key="device.ssm.file" value="evil.xml"/>'
+WRITERS = {
+    "rou device": ("r.rou.xml", '<vType id="car"', f'<vType id="evil">{SSM}</vType><vType id="car"'),
+    "rou hidden": (
+        "r.rou.xml", '<vType id="car"', f'<vType id="evil">{SSM.replace("ssm", "&#115;sm")}</vType><vType id="car"'
+    ),
+    "net detector": ("r.net.xml", "</net>", '<e1Detector id="evil" lane="e0_0" pos="1" file="evil.xml"/></net>'),
+    "net calibrator": ("r.net.xml", "</net>", '<calibrator id="evil" edge="e0" output="evil.xml"/></net>'),
+    "net signals": ("r.net.xml", "</net>", '<tlLogic id="t"><param key="file" value="evil.xml"/></tlLogic></net>'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("case", WRITERS)
+def test_a_file_that_makes_sumo_write_another_is_refused(tmp_path: Path, case: str, encoding: str) -> None:
+    name, old, new = WRITERS[case]
+    road = straight_road(tmp_path / "road", vehicle("a"))
+    text = (road / name).read_text().replace('<?xml version="1.0" encoding="UTF-8"?>', "")
+    assert old in text
+    (road / name).write_text(text, encoding=encoding)
+    load(road)
+    (road / name).write_text(text.replace(old, new), encoding=encoding)
+    with pytest.raises(InputError, match=rf"{name}: \w+ '[\w.]+' makes SUMO write a file of its own"):
+        load(road)
+
+
+def test_what_asks_for_no_file_is_kept(tmp_path: Path) -> None:
+    """Parameters that say no, and a word across two blocks of reading."""
+    road = straight_road(tmp_path / "road", vehicle("a"))
+    routes = road / "r.rou.xml"
+    text = routes.read_text()
+    routes.write_text(
+        text.replace("</routes>", '<vType id="x"><param key="has.ssm.device" value="false"/></vType></routes>')
+    )
+    load(road)
+    at = text.index("</routes>")
+    for shift in range(-70, 10, 5):
+        filler = f"<!--{'x' * (BLOCK - at + shift - 7)}-->"
+        routes.write_text(f'{text[:at]}{filler}<vType id="evil">{SSM}</vType></routes>')
+        with pytest.raises(InputError, match=r"has\.ssm\.device"):
+            load(road)

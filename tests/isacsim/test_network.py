@@ -64,10 +64,15 @@ def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
 
 def test_additional_files_keep_what_is_no_output(tmp_path: Path) -> None:
     file = tmp_path / "a.add.xml"
-    file.write_text('<additional><e1Detector id="d" file="x"/><busStop id="b"/></additional>')
+    file.write_text(
+        '<additional><e1Detector id="d" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
+        '<vType id="t"><param key="has.ssm.device" value="true"/><param key="color" value="red"/></vType></additional>'
+    )
     (folder := tmp_path / "copies").mkdir()
     copy = without_outputs(file, folder)
-    assert [node.tag for node in parse(copy)] == ["busStop"]
+    assert [node.tag for node in parse(copy)] == ["busStop", "calibrator", "vType"]
+    assert [node.attrib for node in parse(copy).iter("calibrator")] == [{"id": "c", "freq": "1"}]
+    assert [node.get("key") for node in parse(copy).iter("param")] == ["color"]
     harmless = tmp_path / "b.add.xml"
     harmless.write_text('<additional><busStop id="b"/></additional>')
     assert without_outputs(harmless, folder) == harmless
