@@ -256,7 +256,9 @@ class Director:
         edge = sumo.vehicle.getRoadID(vehicle)
         if edge.startswith(":") or not 0 <= target < sumo.edge.getLaneNumber(edge):
             return False
-        lane, needed_m = f"{edge}_{target}", RETURN_S * sumo.vehicle.getSpeed(vehicle)
+        # SUMO counts a lane's length from where the edge begins.
+        needed_m = sumo.vehicle.getLanePosition(vehicle) + RETURN_S * sumo.vehicle.getSpeed(vehicle)
+        lane = f"{edge}_{target}"
         leads_on = any(
             name == lane and (offset == 0 or length > needed_m)
             for name, length, _, offset, *_ in sumo.vehicle.getBestLanes(vehicle)

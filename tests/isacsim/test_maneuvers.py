@@ -178,3 +178,47 @@ def test_every_driver_is_commanded_in_a_way_of_its_own(monkeypatch: pytest.Monke
             assert low <= values.min() < values.max() <= high
             assert len(np.unique(values)) == len(values) or name == "speed_gain"
     assert 0.8 < min(headways) < max(headways) < 2.5
+
+
+def test_nobody_is_sent_past_its_exit() -> None:
+    """On the last 1.5 km before the off-ramp, which the rightmost lane leads to, at any speed that matters."""
+    scenario = load("motorway")
+    asked: dict[bool, list[float]] = {True: [], False: []}
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(9000):
+            sumo.simulationStep()
+            if step % 100:
+                continue
+            for name in sumo.vehicle.getIDList():
+                exits = sumo.vehicle.getRoute(name)[-1] == "offramp"
+                if exits and sumo.vehicle.getLaneIndex(name) == 0 and sumo.vehicle.getSpeed(name) > 20.0:
+                    left_m = _ahead(sumo, name) / sumo.vehicle.getSpeed(name)
+                    asked[Director._has_lane(sumo, name, 1)].append(left_m)
+    assert min(asked[True], default=0.0) > maneuvers.RETURN_S - 1.0
+    assert asked[False]
+    assert max(asked[False]) < maneuvers.RETURN_S + 12.0
+
+
+def _ahead(sumo: Any, name: str) -> float:
+    """Distance to the off-ramp along the route, m."""
+    return float(sumo.vehicle.getDrivingDistance(name, "offramp", 0.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban"])
+def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
+    scenario = load(name)
+    speeds: list[float] = []
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        asked = director(scenario, ManeuverSettings())
+        for step in range(360_000):
+            asked.step(sumo, step * STEP)
+            sumo.simulationStep()
+            if step % 6000 == 0 and step:
+                speeds.append(float(np.mean([sumo.vehicle.getSpeed(v) for v in sumo.vehicle.getIDList()])))
+        asked.finish(3600.0)
+    print(
+        name, "mean speed of every ten minutes, m/s:", np.reshape([*speeds, speeds[-1]], (6, 10)).mean(axis=1).round(1)
+    )
+    early = np.mean(speeds[1:10])
+    assert np.mean(speeds[-10:]) > 0.7 * early
