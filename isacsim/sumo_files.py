@@ -61,6 +61,8 @@ OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
 NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
 MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
 """What a file that makes SUMO write another holds somewhere; character references and wide encodings may hide it."""
+STEMS = (b"ssm", b"toc", b"file", b"output", b"dest", b"&#", b"\x00")
+"""One of them is in whatever MAY_WRITE matches; they are looked for first, because that is ten times as fast."""
 BLOCK, OVERLAP = 1 << 20, 64
 """Bytes read at once, and of those before them that are looked at again."""
 
@@ -147,7 +149,8 @@ def _may_write(stream: IO[bytes]) -> bool:
     """Whether a file has to be read as XML to know that it makes SUMO write nothing."""
     before = b""
     while block := stream.read(BLOCK):
-        if MAY_WRITE.search(before + block):
+        text = before + block
+        if any(stem in text for stem in STEMS) and MAY_WRITE.search(text):
             return True
         before = block[-OVERLAP:]
     return False
