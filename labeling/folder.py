@@ -49,7 +49,7 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be used as the dataset's folder ({error.strerror}); choose another") from None
-    with _locked(out):
+    with locked(out):
         before = read_meta(out)
         if before is not None and before.fingerprint != started.fingerprint:
             raise InputError(
@@ -77,7 +77,7 @@ def _prepare(out: Path) -> None:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Keep a second command out of a folder. The lock ends with the process, however it ends, and leaves no file."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:

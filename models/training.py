@@ -18,6 +18,7 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from rich.console import Console
 
 from isacsim.errors import InputError
+from labeling.folder import locked
 from labeling.intentions import KNOWN, Intention
 from models import openset
 from models.calibration import fit_temperature
@@ -89,8 +90,15 @@ def train_records(
         rocket_kind()
     folder = Path(out)
     card = _card(records, made_of, settings, sides or split(records, settings.split))
-    if _claim(folder, card):
-        return load_run(folder)
+    if not _claim(folder, card):
+        with locked(folder):
+            _fill(records, folder, card, progress)
+    return load_run(folder)
+
+
+def _fill(records: Records, folder: Path, card: RunCard, progress: Console | None) -> None:
+    """Train what a claimed folder is for, and put it there."""
+    settings = card.settings
     known = records.take(_taught(records, settings))
     training = known.take(np.isin(known.groups, card.split["train"]))
     validation = known.take(np.isin(known.groups, card.split["validation"]))
@@ -105,7 +113,6 @@ def train_records(
     _learn_preludes(training, folder, card)
     card = card.model_copy(update={"complete": True})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
-    return load_run(folder)
 
 
 def _taught(records: Records, settings: TrainSettings) -> npt.NDArray[np.bool_]:

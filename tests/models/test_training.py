@@ -95,6 +95,24 @@ def test_foreign_folders_and_other_runs_are_left_alone(records: Records, network
         train_records(records, {**MADE_OF, "digest": "other"}, network_run.path, SMALL_RUN)
 
 
+def test_two_trainings_in_one_folder_do_not_meet(
+    records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    settings = SMALL_RUN.model_copy(update={"model": "trees"})
+
+    def second(*_: object) -> None:
+        with pytest.raises(InputError, match="run: another command is writing it"):
+            train_records(records, MADE_OF, run, settings)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "_train_trees", second)
+        with pytest.raises(KeyboardInterrupt):
+            train_records(records, MADE_OF, run, settings)
+    assert train_records(records, MADE_OF, run, settings).card.complete
+
+
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a run"):
         load_run(tmp_path / "nothing")
