@@ -29,6 +29,7 @@ import numpy.typing as npt
 import skops.io
 import torch
 from pydantic import Field, model_validator
+from sklearn.ensemble import HistGradientBoostingClassifier
 from torch import nn
 
 from isacsim.errors import InputError, writing
@@ -59,7 +60,8 @@ NAMES: dict[Model, str] = {
     "rule": "rule of the road", "minirocket": "MiniRocket",
 }  # fmt: skip
 DAMAGE = (
-    OSError, RuntimeError, ValueError, LookupError, TypeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile,
+    OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, pickle.UnpicklingError,
+    zipfile.BadZipFile,
 )  # fmt: skip
 """What the readers of weights, trees and arrays raise on files that are cut off or not theirs."""
 LEAST_PROBABILITY = 1e-12
@@ -368,4 +370,7 @@ def _load_trees(folder: Path) -> TreesPredictor:
 
 
 def _read_trees(path: Path) -> Any:
-    return skops.io.load(path, trusted=list(TRUSTED))
+    found = skops.io.load(path, trusted=list(TRUSTED))
+    if not isinstance(found, HistGradientBoostingClassifier):
+        raise ValueError(f"{path.name} holds no trees")
+    return found

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import skops.io
 import torch
 from made_up import MADE_OF, SMALL_RUN
 from pydantic import ValidationError
@@ -158,6 +159,14 @@ def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request:
 
 def write_pickle(path: Path, folder: Path) -> None:
     path.write_bytes(pickle.dumps(Evil(folder / "mark"), protocol=2))
+
+
+def test_a_file_of_something_else_is_told(trees_run: Run, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trees_run.path, run)
+    skops.io.dump([1, 2], run / "trees.skops")
+    with pytest.raises(InputError, match=r"damaged \(trees\.skops holds no trees\)"):
+        load_run(run)
 
 
 def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
