@@ -24,9 +24,7 @@ class MotionSettings(Settings):
     width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the Gaussian kernel, s")
 
 
-def condition(
-    values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | None = None
-) -> Array:
+def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | None = None) -> Array:
     """Gaussian-smoothed values of an evenly sampled signal, or their derivative in time.
 
     values: shape (n,), one every step_s seconds. width_s: standard deviation of the kernel, s; 0.15 s passes 2 Hz at

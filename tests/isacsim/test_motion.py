@@ -11,8 +11,19 @@ STEP = 0.01
 
 def recording_of(x: np.ndarray, y: np.ndarray, first_step: int = 0) -> tuple[Recording, Track]:
     n = len(x)
-    track = Track("v", "passenger", 4.5, 1.8, first_step, x, y, *(np.zeros(n) for _ in range(1)),
-                  np.zeros(n, np.int32), np.zeros(n), np.zeros(n))
+    track = Track(
+        "v",
+        "passenger",
+        4.5,
+        1.8,
+        first_step,
+        x,
+        y,
+        *(np.zeros(n) for _ in range(1)),
+        np.zeros(n, np.int32),
+        np.zeros(n),
+        np.zeros(n),
+    )
     return Recording("road", 1, STEP, (), {"v": track}), track
 
 
@@ -36,9 +47,7 @@ def test_fractional_evaluation_agrees_with_the_grid(order: int) -> None:
 
 
 @settings(max_examples=25, deadline=None)
-@given(
-    seed=st.integers(0, 2**31), angle=st.floats(0, 2 * np.pi), dx=st.floats(-1e4, 1e4), first=st.integers(0, 10_000)
-)
+@given(seed=st.integers(0, 2**31), angle=st.floats(0, 2 * np.pi), dx=st.floats(-1e4, 1e4), first=st.integers(0, 10_000))
 def test_states_turn_and_move_with_the_road(seed: int, angle: float, dx: float, first: int) -> None:
     xy = np.cumsum(np.random.default_rng(seed).normal(0.3, 0.02, size=(2, 500)), axis=1)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
