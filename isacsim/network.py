@@ -13,7 +13,7 @@ from pathlib import Path
 
 from isacsim.demand import DemandSettings, make_demand
 from isacsim.errors import InputError
-from isacsim.scenario import Scenario, load_without_sites, read_network
+from isacsim.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isacsim.site_placement import PlacementSettings, place, sites_file
 from isacsim.sumo_files import has_demand, one_line, parse, refuse_document_type
 
@@ -80,12 +80,13 @@ def import_map(
     with _new_folder(out) as folder:
         network = folder / f"{out.name}.net.xml"
         _netconvert(source, network, box)
-        lanes, origin = read_network(network)
-        if all(lane.edge.startswith(":") for lane in lanes):
+        try:
+            lanes, origin = read_network(network)
+        except NoRoadsError:
             inside = " in the box" if box else ""
             raise InputError(
                 f"{source} holds no connected roads for cars{inside}: give another {'box' if box else 'map'}"
-            )
+            ) from None
         bare = Scenario(out.name, network, (), (), origin, lanes, ())
         return _complete(bare, folder, out, placement, demand, seed)
 

@@ -30,6 +30,10 @@ PLANE_REACH_M = 10_000.0
 """A network that keeps within this of SUMO's origin keeps SUMO's coordinates."""
 
 
+class NoRoadsError(InputError):
+    """A network holds nothing that a car could drive on."""
+
+
 @dataclass(frozen=True)
 class Site:
     """One ISAC base-station panel.
@@ -110,8 +114,8 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
         lanes, origin = _lanes(sumolib.net.readNet(str(network), withInternal=True))
     except Exception as error:  # the reader raises whatever it meets
         raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
-    if not lanes:
-        raise InputError(f"{network} is a network without roads: give another")
+    if all(lane.edge.startswith(":") for lane in lanes):
+        raise NoRoadsError(f"{network} is a network without roads: give another")
     for lane in lanes:
         if not (np.isfinite(lane.shape).all() and 0 < lane.width_m < np.inf and 0 < lane.length_m < np.inf):
             raise InputError(f"{network}: lane {lane.id} has no finite shape, width and length: mend the network")
