@@ -21,7 +21,7 @@ from models import figures, metrics, openset, repeats, unknown
 from models.answers import Answers, answers, unseen
 from models.calibration import calibration_error
 from models.repeats import Measured
-from models.run import HISTORY_FILE, Run, replace, versions
+from models.run import HISTORY_FILE, Run, holds_other, replace, versions
 from models.windows import Array, Ends, Ints, Records, WindowSettings, draw_ends, end_bounds
 
 if TYPE_CHECKING:
@@ -202,7 +202,7 @@ def calibration(logits: Array, label: Ints, temperature: float) -> dict[str, flo
 
 def claim(folder: Path, mark: str) -> None:
     """Make a folder of results. InputError where it exists and holds no file of that name, i.e. something else."""
-    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / mark).exists())):
+    if holds_other(folder, mark):
         raise InputError(f"{folder}: exists and holds no {mark}; choose a new folder")
     folder.mkdir(parents=True, exist_ok=True)
 

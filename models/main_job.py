@@ -22,7 +22,7 @@ from isacsim.errors import InputError
 from labeling.dataset import Dataset
 from models.evaluation import evaluate
 from models.report import write_report
-from models.run import replace
+from models.run import holds_other, replace
 from models.study import Study
 from models.training import train
 
@@ -59,13 +59,7 @@ def claim(out: Path, study: Study) -> None:
         if before != written:
             raise InputError(f"{out}: holds the results of another study; choose another folder with -o")
         return
-    # A command that was killed may have left its temporary file.
-    if out.exists() and (not out.is_dir() or any(not _own(path) for path in out.iterdir())):
+    if holds_other(out, STUDY_FILE):
         raise InputError(f"{out}: holds something that is no study's results; choose a new folder with -o")
     out.mkdir(parents=True, exist_ok=True)
     replace(mark, lambda path: path.write_text(json.dumps(written, indent=1) + "\n"))
-
-
-def _own(path: Path) -> bool:
-    """Whether a file is the mark of a study, or was to become one."""
-    return path.is_file() and path.name.endswith(STUDY_FILE)

@@ -336,6 +336,21 @@ def replace(path: Path, write: Callable[[Path], object]) -> None:
         partial.unlink(missing_ok=True)
 
 
+def holds_other(folder: Path, mark: str) -> bool:
+    """Whether something stands at `folder` that is not the tool's: a file, or files without that named `mark`.
+
+    What a killed command left of its first `replace` of the mark is the tool's.
+    """
+    if not folder.exists():
+        return False
+    return not folder.is_dir() or not ((folder / mark).exists() or all(_begun(path, mark) for path in folder.iterdir()))
+
+
+def _begun(path: Path, mark: str) -> bool:
+    """Whether a file was to become the mark."""
+    return path.is_file() and path.name.startswith(".") and path.name.endswith(f"-{mark}")
+
+
 def versions() -> dict[str, str]:
     """Versions of the packages that a result depends on; those that are not installed are left out."""
     found = {}

@@ -31,6 +31,7 @@ from models.preludes import fit_preludes, holds_preludes, prelude_windows
 from models.progress import EpochProgress
 from models.rule import Drive, drive, fitted
 from models.run import (
+    CARD_FILE,
     CHECKPOINTS,
     HISTORY_FILE,
     PRELUDES_FILE,
@@ -49,6 +50,7 @@ from models.run import (
     TrainSettings,
     TreesPredictor,
     build_network,
+    holds_other,
     load_run,
     open_run,
     read_card,
@@ -158,7 +160,7 @@ def _claim(folder: Path, card: RunCard) -> bool:
     """Make the folder this training's. Returns whether it is finished; InputError where it holds another thing."""
     found = read_card(folder)
     if found is None:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if holds_other(folder, CARD_FILE):
             raise InputError(f"{folder}: exists and is no run; choose a new folder")
         folder.mkdir(parents=True, exist_ok=True)
         write_card(folder, card)
