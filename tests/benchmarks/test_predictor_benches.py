@@ -6,22 +6,21 @@ import pytest
 
 import benchmarks.infer
 import benchmarks.train
-from models.asi_bip import AsiBipSettings
 
 SMALL = {"hidden": 4, "width": 8, "heads": 2, "feedforward": 8}
 
 
-def test_train_extrapolates_epochs_of_both_readings(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(benchmarks.train, "BATCH", 2)
     monkeypatch.setattr(benchmarks.train, "EPOCH", 20)
-    literal = benchmarks.train.LITERAL
-    assert literal.tokens == "literal"
-    assert literal.attention_dropout == literal.dropout == 0.1
-    monkeypatch.setattr(benchmarks.train, "LITERAL", literal.model_copy(update=SMALL))
-    monkeypatch.setattr(benchmarks.train, "AsiBipSettings", lambda: AsiBipSettings.model_validate(SMALL))
+    networks = benchmarks.train.NETWORKS
+    assert networks["literal"].tokens == "literal"
+    assert networks["literal"].attention_dropout == networks["literal"].dropout == 0.1
+    small = {name: network.model_copy(update=SMALL) for name, network in networks.items()}
+    monkeypatch.setattr(benchmarks.train, "NETWORKS", small)
     found = benchmarks.train.run()
-    assert set(found["epoch_s"]) == set(found["step_s"]) == {"pooled", "literal"}
-    for name in ("pooled", "literal"):
+    assert set(found["epoch_s"]) == set(found["step_s"]) == set(networks)
+    for name in networks:
         assert found["epoch_s"][name] == pytest.approx(10 * found["step_s"][name], abs=0.06)
     assert found["ratio"] > 0
 
