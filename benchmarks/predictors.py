@@ -18,7 +18,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from rich.console import Console
 from rich.progress import track
@@ -74,8 +74,8 @@ class Bench:
             runs[model].append(train_records(self.records, self.made_of, folder, settings, None))
         return runs
 
-    def evaluate(self, runs: Sequence[Run], name: str, ends: Literal["early", "late"]) -> dict[str, Any]:
-        """What metrics.json holds of all those runs on the same windows, the first one's in full."""
+    def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> dict[str, Any]:
+        """What metrics.json holds of all those runs on the same windows, the first one's in full. ends: a key of ENDS."""
         settings = EvaluateSettings(end_after_s=ENDS[ends])
         return evaluate_records(runs[0], self.records, self.made_of, self.out / name / ends, settings, runs[1:])
 
