@@ -75,7 +75,7 @@ class Bench:
         return runs
 
     def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> dict[str, Any]:
-        """What metrics.json holds of all those runs on the same windows, the first one's in full. ends: a key of ENDS."""
+        """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS."""
         settings = EvaluateSettings(end_after_s=ENDS[ends])
         return evaluate_records(runs[0], self.records, self.made_of, self.out / name / ends, settings, runs[1:])
 
