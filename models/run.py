@@ -337,13 +337,13 @@ def replace(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def holds_other(folder: Path, mark: str) -> bool:
-    """Whether something stands at `folder` that is not the tool's: a file, or files without that named `mark`.
+    """Whether something stands at `folder` that is not the tool's: a file, or content without a file named `mark`.
 
     What a killed command left of its first `replace` of the mark is the tool's.
     """
     if not folder.exists():
         return False
-    return not folder.is_dir() or not ((folder / mark).exists() or all(_begun(path, mark) for path in folder.iterdir()))
+    return not folder.is_dir() or not ((folder / mark).is_file() or all(_begun(path, mark) for path in folder.iterdir()))
 
 
 def _begun(path: Path, mark: str) -> bool:
