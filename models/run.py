@@ -341,9 +341,9 @@ def holds_other(folder: Path, mark: str) -> bool:
 
     What a killed command left of its first `replace` of the mark is the tool's.
     """
-    if not folder.exists():
-        return False
-    return not folder.is_dir() or not ((folder / mark).is_file() or all(_begun(path, mark) for path in folder.iterdir()))
+    if not folder.is_dir():
+        return folder.exists()
+    return not ((folder / mark).is_file() or all(_begun(path, mark) for path in folder.iterdir()))
 
 
 def _begun(path: Path, mark: str) -> bool:
