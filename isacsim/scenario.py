@@ -174,13 +174,11 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                 continue
             params = {p.get("key"): p.get("value") for p in poi.iter("param")}
             try:
-                yield Site(
-                    id=poi.attrib["id"],
-                    x=float(poi.attrib["x"]) - origin[0],
-                    y=float(poi.attrib["y"]) - origin[1],
-                    height_m=float(params["height"] or ""),
-                    azimuth_deg=float(params["azimuth"] or ""),
-                )
+                x, y = float(poi.attrib["x"]), float(poi.attrib["y"])
+                height, azimuth = float(params["height"] or ""), float(params["azimuth"] or "")
+                if not np.isfinite((x, y, height, azimuth)).all():
+                    raise ValueError
+                yield Site(poi.attrib["id"], x - origin[0], y - origin[1], height, azimuth)
             except (KeyError, ValueError):
                 raise InputError(
                     f"{file}: site {poi.get('id')} needs numbers x and y, and params height (m) and azimuth (degrees)"

@@ -130,6 +130,8 @@ def _load(source: Source, where: str) -> Scenario:
 
 def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     """The `dataset.json` of a dataset of which no episode is made yet."""
+    if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
+        raise InputError(f"{again[0]} is named twice; name every scenario once")
     names = [scenario.name for scenario in scenarios.values()]
     if twice := [name for name, times in Counter(names).items() if times > 1]:
         raise InputError(f"two scenarios are called {twice[0]}; rename the folder or configuration of one")

@@ -60,6 +60,8 @@ def test_large_coordinates_get_a_near_origin(tmp_path: Path) -> None:
         (lambda f: (f / "r.rou.xml").unlink(), "r.rou.xml, which is not there"),
         (lambda f: (f / "sites.add.xml").write_text("<additional/>"), "has no sites"),
         (lambda f: (f / "sites.add.xml").write_text(SITE.replace('value="15"', 'value="tall"')), "height"),
+        (lambda f: (f / "sites.add.xml").write_text(SITE.replace('x="100"', 'x="nan"')), "needs numbers x and y"),
+        (lambda f: (f / "sites.add.xml").write_text(SITE.replace('value="180"', 'value="inf"')), "azimuth"),
         (lambda f: (f / "r.net.xml").write_text("<net"), "cannot be read as XML"),
         (lambda f: (f / "r.net.xml").write_text('<net><lane id="a"/></net>'), "cannot be read as a SUMO network"),
         (lambda f: (f / "r.sumocfg").write_text("<configuration"), "cannot be read as XML"),

@@ -270,6 +270,14 @@ def test_two_scenarios_of_one_name_are_refused(source: ScriptedSource, tmp_path:
         generate(study, tmp_path / "data", INLINE, source=source)
 
 
+def test_a_scenario_named_twice_is_refused(source: ScriptedSource, tmp_path: Path) -> None:
+    (tmp_path / "road").mkdir()
+    study = small_study(scenarios=[str(tmp_path / "road"), f"{tmp_path}/../{tmp_path.name}/road"])
+    with pytest.raises(InputError, match="road is named twice"):
+        generate(study, tmp_path / "data", INLINE, source=source)
+    assert not (tmp_path / "data").exists()
+
+
 def test_clusters_side_by_side_are_silent_and_listen_on_this_machine_only() -> None:
     with (
         warnings.catch_warnings(),
