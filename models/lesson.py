@@ -142,7 +142,7 @@ class Lesson(lightning.LightningModule):
     def training_step(self, batch: Batch, k: int) -> Tensor:
         # Dropout has a seed of its own in every step, so that a resumed training draws what an unbroken one would.
         torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
-        said = self._answers(batch)
+        said = self.network.answers(batch[0], batch[1])
         outlier = batch[2] == OUTLIER
         if outlier.any():
             loss = self.settings.loss.exposure_weight * exposure_loss(said["joint"][outlier])
@@ -154,8 +154,8 @@ class Lesson(lightning.LightningModule):
         return loss
 
     def validation_step(self, batch: Batch, _: int) -> None:
-        said = self._answers(batch)
-        logits = said["joint"]
+        said = self.network.answers(batch[0], batch[1])
+        logits = said["joint"].float()
         self.f1(logits, batch[2])
         n = len(batch[2])
         self.log("validation_loss", self._loss(said, batch[2]), batch_size=n)
@@ -179,10 +179,6 @@ class Lesson(lightning.LightningModule):
 
         schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
-
-    def _answers(self, batch: Batch) -> dict[str, Tensor]:
-        """Logits by branch, in float32: the loss is reckoned in it whatever the layers are."""
-        return {name: logits.float() for name, logits in self.network.answers(batch[0], batch[1]).items()}
 
     def _loss(self, said: dict[str, Tensor], label: Tensor) -> Tensor:
         return self.network.loss(said, label, self.get_buffer("alpha"), self.settings.loss.gamma)

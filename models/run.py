@@ -93,9 +93,6 @@ class OptimiserSettings(Settings):
     )
     warmup_share: float = Field(0.1, ge=0, lt=1, description="share of all steps that the learning rate rises over")
     clip_norm: float = Field(1.0, ge=0, description="gradients are scaled down to this norm; 0 leaves them")
-    precision: Literal["float32", "bfloat16"] = Field(
-        "float32", description="of the layers' arithmetic in training; weights, loss and answers are float32"
-    )
     patience: int = Field(12, ge=1, description="epochs without a better validation macro-F1 before training stops")
     threads: int = Field(2, ge=1, description="CPU threads; the last digits of a result depend on it")
 

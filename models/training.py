@@ -269,7 +269,6 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
     with _quiet():
         trainer = lightning.Trainer(
             accelerator="cpu", max_epochs=optimiser.epochs, callbacks=callbacks,
-            precision="bf16-mixed" if optimiser.precision == "bfloat16" else "32-true",
             gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
             plugins=[Checkpoints()],

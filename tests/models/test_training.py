@@ -227,15 +227,6 @@ def test_mirrored_windows_would_show_a_held_out_lane_change() -> None:
     TrainSettings.model_validate({"held_out": "evasive_swerve", **mirrored})
 
 
-def test_half_precision_trains_nearly_the_same_weights(records: Records, network_run: Run, tmp_path: Path) -> None:
-    optimiser = SMALL_RUN.optimiser.model_copy(update={"precision": "bfloat16"})
-    run = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"optimiser": optimiser}))
-    losses = [pd.read_csv(each.path / "history.csv")["train_loss"].to_numpy() for each in (network_run, run)]
-    assert (losses[0] != losses[1]).all()
-    np.testing.assert_allclose(losses[1], losses[0], rtol=0.02)
-    assert {x.dtype for x in torch.load(run.path / "weights.pt", weights_only=True).values()} <= {torch.float32}
-
-
 def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
     rates = pd.read_csv(network_run.path / "history.csv")["learning_rate"].to_numpy()
     assert rates[0] > rates[1] > rates[2]
