@@ -85,15 +85,16 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """The main job: generate, train, evaluate, report; or all of it for every cell of a sweep."""
-    from isacsim.scenario import load
+    from labeling.generate import describe, read_scenarios
     from models import report
     from models.main_job import run_study
     from models.study import read_study
 
     began = time.monotonic()
     console, content = console_of(quiet), read_study(study)
-    for scenario in content.axes.scenarios:
-        load(scenario)  # A network that is at fault is told before hours go into the others.
+    for each in content.networks.values():
+        # A network that is at fault is told before anything is written, and before hours go into the others.
+        describe(each, read_scenarios(each))
     if dry_run:
         print_json(as_json, show_estimate(content, jobs or cores(), console))
         return

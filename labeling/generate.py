@@ -52,7 +52,7 @@ def generate(
     nothing can be written.
     """
     source = source or SumoSource(study.traffic, study.maneuvers)
-    scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
+    scenarios = read_scenarios(study, source)
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
@@ -128,13 +128,20 @@ def _load(source: Source, where: str) -> Scenario:
     return source.load(where)
 
 
-def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
-    """The `dataset.json` of a dataset of which no episode is made yet."""
+def read_scenarios(study: DatasetStudy, source: Source | None = None) -> dict[str, Scenario]:
+    """The study's scenarios, by where they are. InputError where one is at fault or two cannot be told apart."""
+    source = source or SumoSource(study.traffic, study.maneuvers)
     if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
         raise InputError(f"{again[0]} is named twice; name every scenario once")
-    names = [scenario.name for scenario in scenarios.values()]
-    if twice := [name for name, times in Counter(names).items() if times > 1]:
+    found = {_where(name): source.load(_where(name)) for name in study.scenarios}
+    names = Counter(scenario.name for scenario in found.values())
+    if twice := [name for name, times in names.items() if times > 1]:
         raise InputError(f"two scenarios are called {twice[0]}; rename the folder or configuration of one")
+    return found
+
+
+def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
+    """The `dataset.json` of a dataset of which no episode is made yet. InputError where a name makes no file name."""
     content = study.model_dump(mode="json")
     found = versions()
     described = tuple(

@@ -12,6 +12,7 @@ T may differ between clips, W and V may not. Clips are read in the order of thei
 from __future__ import annotations
 
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,7 @@ def read_clip(file: Path, n_classes: int) -> Clip:
             inner, outer, label = (np.asarray(stored[key]) for key in KEYS)
     except KeyError:
         raise InputError(f"{file}: a clip holds the arrays in, out and label; add what is missing") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{file}: not readable as .npz without pickled objects; save it with numpy.savez") from None
     inner, outer = _stream(file, "in", inner), _stream(file, "out", outer)
     if len(inner) != len(outer):

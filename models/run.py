@@ -19,6 +19,7 @@ import json
 import os
 import pickle
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,7 +62,7 @@ NAMES: dict[Model, str] = {
 }  # fmt: skip
 DAMAGE = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, pickle.UnpicklingError,
-    zipfile.BadZipFile,
+    zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What the readers of weights, trees and arrays raise on files that are cut off or not theirs."""
 LEAST_PROBABILITY = 1e-12

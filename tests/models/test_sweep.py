@@ -333,7 +333,16 @@ def test_a_network_that_is_not_there_is_told_before_anything_is_made(
     command: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (command / "none.toml").write_text(TOML.replace("ramp_weave", "nowhere"))
-    for options in ([], ["--dry-run"]):
-        assert cosim.main(["run", "none.toml", *options]) == 2
-        assert capfd.readouterr().err.startswith("cosim: there is no scenario nowhere")
+    (command / "plain.toml").write_text('dataset.scenarios = ["motorway", "nowhere"]')
+    (command / "twice.toml").write_text('dataset.scenarios = ["motorway", "motorway"]')
+    (command / "nameless.toml").write_text('dataset.scenarios = [""]')
+    for study, says in (
+        ("none.toml", "there is no scenario nowhere"),
+        ("plain.toml", "there is no scenario nowhere"),
+        ("twice.toml", "motorway is named twice"),
+        ("nameless.toml", f"{command} holds 0 SUMO configurations"),
+    ):
+        for options in ([], ["--dry-run"]):
+            assert cosim.main(["run", study, *options]) == 2
+            assert capfd.readouterr().err.startswith(f"cosim: {says}")
     assert not (command / "results").exists()
