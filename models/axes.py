@@ -107,7 +107,9 @@ def sensings(axes: SweepAxes) -> list[Sensing]:
 
 def network_name(where: str) -> str:
     """Short name of a scenario as a study names it, fit for a file: of its folder or file, without the ending."""
-    name = Path(where).resolve().name
+    path = Path(where)
+    # What is no path at all (it has a null character) does not exist, and is told where it is read.
+    name = (path.resolve() if path.exists() else path).name
     for ending in (*CONFIG_ENDINGS, *NETWORK_ENDINGS):
         name = name.removesuffix(ending)
     return re.sub(r"[^A-Za-z0-9_.-]", "-", name).lstrip(".-") or "network"

@@ -335,11 +335,13 @@ def test_a_network_that_is_not_there_is_told_before_anything_is_made(
     (command / "none.toml").write_text(TOML.replace("ramp_weave", "nowhere"))
     (command / "plain.toml").write_text('dataset.scenarios = ["motorway", "nowhere"]')
     (command / "twice.toml").write_text('dataset.scenarios = ["motorway", "motorway"]')
+    (command / "null.toml").write_text('dataset.scenarios = ["\\u0000"]')
     (command / "nameless.toml").write_text('dataset.scenarios = [""]')
     for study, says in (
         ("none.toml", "there is no scenario nowhere"),
         ("plain.toml", "there is no scenario nowhere"),
         ("twice.toml", "motorway is named twice"),
+        ("null.toml", "there is no scenario "),
         ("nameless.toml", f"{command} holds 0 SUMO configurations"),
     ):
         for options in ([], ["--dry-run"]):
