@@ -8,7 +8,8 @@
 - bfloat16: pooled, the LSTMs in bfloat16.
 
 Steps are full ones: windows cut, forward, focal loss, backward, Adam, in batches of 32 windows of 2.2 s. Epochs of
-4,800 windows are extrapolated from a few steps; all take turns, so that a busy machine slows both. One thread.
+4,800 windows are extrapolated from a few steps; all take turns, so that a busy machine slows both. As many threads as
+training has by default.
 
 Run: python -m benchmarks.train
 """
@@ -26,9 +27,11 @@ import torch
 
 from models.asi_bip import AsiBip, AsiBipSettings
 from models.losses import focal_loss
+from models.run import OptimiserSettings
 from models.windows import Ends, Records, WindowSettings, cut
 
 BATCH, EPOCH = 32, 4800
+THREADS = OptimiserSettings().threads
 TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
 CLASSES = 6
 ROUNDS = 2
@@ -46,7 +49,7 @@ NETWORKS = {
 def run() -> dict[str, Any]:
     """Measure; keys `ratio` (literal over pooled), `epoch_s` of each, and what they rest on."""
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(THREADS)
     try:
         return _measured()
     finally:
@@ -64,7 +67,12 @@ def _measured() -> dict[str, Any]:
         "ratio_of": "seconds of a literal training step with PyTorch's default dropout over those of a pooled one",
         "epoch_s": {name: round(seconds * EPOCH / BATCH, 1) for name, seconds in step_s.items()},
         "step_s": {name: round(seconds, 4) for name, seconds in step_s.items()},
-        "settings": {"batch": BATCH, "windows_an_epoch": EPOCH, "window_s": WindowSettings().window_s, "threads": 1},
+        "settings": {
+            "batch": BATCH,
+            "windows_an_epoch": EPOCH,
+            "window_s": WindowSettings().window_s,
+            "threads": THREADS,
+        },
         "steps_timed": {name: ROUNDS * count for name, count in STEPS.items()},
     }
 
