@@ -2,6 +2,7 @@
 
 - windows: every predictor on windows that end 0-1.0 s and 1.0-2.2 s after onset, with paired differences; overtake
   against left lane change; the unknown, by score.
+- window ends: one run of every predictor with all windows ending at the same time, from 0.5 s before onset on.
 - truth: ASI-BIP and the trees trained and tested on the true states of the TV in place of the sensed ones.
 - samples: both on early windows, trained on shares of the training seeds.
 - other: both on all records of another dataset, next to their own test.
@@ -24,7 +25,7 @@ from rich.console import Console
 from rich.progress import track
 
 from labeling.dataset import Dataset
-from models.evaluation import EvaluateSettings, evaluate_records
+from models.evaluation import EvaluateSettings, SweepSettings, evaluate_records
 from models.metrics import spread
 from models.repeats import summary
 from models.run import Model, Run, TrainSettings, replace
@@ -76,14 +77,21 @@ class Bench:
 
     def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> dict[str, Any]:
         """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS."""
-        settings = EvaluateSettings(end_after_s=ENDS[ends])
-        return evaluate_records(runs[0], self.records, self.made_of, self.out / name / ends, settings, runs[1:])
+        return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]))
+
+    def sweep(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
+        """`by_window_end` of each run, drawn in OUT/name/window_end.png."""
+        measured = self._measured(runs, name, EvaluateSettings(ends_per_record=1, sweep=SweepSettings()))
+        return [{key: each[key] for key in ("name", "by_window_end")} for each in (measured, *measured["compared"])]
+
+    def _measured(self, runs: Sequence[Run], name: str, settings: EvaluateSettings) -> dict[str, Any]:
+        return evaluate_records(runs[0], self.records, self.made_of, self.out / name, settings, runs[1:])
 
 
 def run(
     dataset: Dataset, out: Path, seeds: int = 3, other: Dataset | None = None, console: Console | None = None
 ) -> dict[str, Any]:
-    """Measure; keys `early`, `late`, `truth`, `samples`, `other`, written to OUT/predictors.json after each."""
+    """Measure: `truth`, `other`, `samples`, `early`, `late`, `by_window_end`, in OUT/predictors.json as they come."""
     console = console or Console(stderr=True)
     bench = Bench(dataset, Records.of(dataset), out, range(seeds), console)
     truth = Bench(dataset, Records.of(dataset, "tv_truth"), out / "true", range(seeds), console)
@@ -111,10 +119,12 @@ def run(
             taught = spread([sum(one.card.counts.values()) for one in each])["mean"]
             samples.append({"model": model, "share": share, "samples": taught, **_scores(scores)})
     keep(samples=samples)
-    everyone = [one for each in bench.train(PREDICTORS).values() for one in each]
+    trained = bench.train(PREDICTORS)
+    everyone = [one for each in trained.values() for one in each]
     for ends in ENDS:
         measured = bench.evaluate(everyone, "evaluated/all", ends)
         keep(**{ends: {"predictors": measured["over_training_seeds"], "unknown": _unknown(measured)}})
+    keep(by_window_end=bench.sweep([each[0] for each in trained.values()], "evaluated/window_ends"))
     return found
 
 

@@ -41,6 +41,8 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
         assert "paired_difference" not in rows[0]
         assert all(set(row["paired_difference"]["macro_f1"]) >= {"difference", "low", "high"} for row in rows[1:])
         assert len(found[ends]["unknown"]) == 6
+    assert [row["name"] for row in found["by_window_end"]] == ["ASI-BIP", "boosted trees", "UV alone"]
+    assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in found["by_window_end"])
     half, whole = (next(r for r in found["samples"] if (r["model"], r["share"]) == ("trees", s)) for s in (0.5, 1.0))
     assert half["samples"] == pytest.approx(whole["samples"] / 2)
     assert half["windows"] == whole["windows"]
