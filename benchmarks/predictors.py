@@ -9,7 +9,7 @@
 
 OUT keeps the runs: the same command goes on where it was stopped.
 
-Run: python -m benchmarks.predictors DATASET OUT [--other DATASET] [--seeds 3]
+Run: python -m benchmarks.predictors DATASET OUT [--other DATASET] [--seeds 3] [--also minirocket]
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from rich.console import Console
 from rich.progress import track
@@ -34,7 +34,9 @@ from models.windows import Records
 
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""
-PREDICTORS: tuple[Model, ...] = ("asi-bip", "ensemble", "trees", "aligned", "tv-alone", "uv-alone", "rule")
+PREDICTORS: tuple[Model, ...] = (
+    "asi-bip", "ensemble", "castformer", "trees", "aligned", "tv-alone", "uv-alone", "rule",
+)  # fmt: skip
 COMPARED: tuple[Model, ...] = ("asi-bip", "trees")
 SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED: dict[str, Any] = {
@@ -89,7 +91,12 @@ class Bench:
 
 
 def run(
-    dataset: Dataset, out: Path, seeds: int = 3, other: Dataset | None = None, console: Console | None = None
+    dataset: Dataset,
+    out: Path,
+    seeds: int = 3,
+    other: Dataset | None = None,
+    console: Console | None = None,
+    also: Sequence[Model] = (),
 ) -> dict[str, Any]:
     """Measure: `truth`, `other`, `samples`, `early`, `late`, `by_window_end`, in OUT/predictors.json as they come."""
     console = console or Console(stderr=True)
@@ -119,7 +126,7 @@ def run(
             taught = spread([sum(one.card.counts.values()) for one in each])["mean"]
             samples.append({"model": model, "share": share, "samples": taught, **_scores(scores)})
     keep(samples=samples)
-    trained = bench.train(PREDICTORS)
+    trained = bench.train((*PREDICTORS, *also))
     everyone = [one for each in trained.values() for one in each]
     for ends in ENDS:
         measured = bench.evaluate(everyone, "evaluated/all", ends)
@@ -161,9 +168,10 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--other", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--also", action="append", default=[], choices=set(get_args(Model)) - set(PREDICTORS))
     given = parser.parse_args()
     other = None if given.other is None else Dataset.open(given.other)
-    print(json.dumps(run(Dataset.open(given.dataset), given.out, given.seeds, other), indent=1))
+    print(json.dumps(run(Dataset.open(given.dataset), given.out, given.seeds, other, also=given.also), indent=1))
 
 
 if __name__ == "__main__":
