@@ -12,12 +12,15 @@ from made_up_dataset import write_dataset
 from rich.console import Console
 
 import benchmarks.predictors as bench
+from models.run import TrainSettings
 
-SMALL = {
-    **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "preludes", "windows"}),
-    "split": {"validation": 0.2, "test": 0.3},
-    "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
-}
+SMALL = TrainSettings.model_validate(
+    {
+        **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "preludes", "windows"}),
+        "split": {"validation": 0.2, "test": 0.3},
+        "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
+    }
+)
 
 
 @pytest.fixture
