@@ -5,6 +5,7 @@
 - window ends: one run of every predictor with all windows ending at the same time, from 0.5 s before onset on.
 - truth: ASI-BIP and the trees trained and tested on the true states of the TV in place of the sensed ones.
 - samples: both on early windows, trained on shares of the training seeds.
+- longer: ASI-BIP trained three times as long, beside the trees.
 - other: both on all records of another dataset, next to their own test.
 
 OUT keeps the runs: the same command goes on where it was stopped.
@@ -43,6 +44,7 @@ COMPARED: tuple[Model, ...] = ("asi-bip", "trees")
 SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED = read_study(Path(str(importlib.resources.files("studies") / "full.toml"))).training
 """How every predictor is trained; chosen on validation seeds."""
+LONGER = 3
 
 
 @dataclass(frozen=True)
@@ -60,16 +62,21 @@ class Bench:
         """What the runs' cards say of the dataset."""
         return {"digest": self.dataset.digest, "study": self.dataset.meta.study}
 
-    def train(self, models: Iterable[Model], name: str = "sensed", share: float = 1.0) -> dict[Model, list[Run]]:
+    def train(
+        self, models: Iterable[Model], name: str = "sensed", share: float = 1.0, times: int = 1
+    ) -> dict[Model, list[Run]]:
         """Runs of each predictor with each training seed; those that stand are taken as they are.
 
-        The rule of the road draws nothing: it has one run.
+        share: of the training seeds. times: as many epochs. The rule of the road draws nothing: it has one run.
         """
         runs: dict[Model, list[Run]] = {model: [] for model in models}
         jobs = [(seed, model) for seed in self.seeds for model in runs if seed == self.seeds[0] or model != "rule"]
         split = TUNED.split.model_copy(update={"training_share": share})
+        epochs, patience = (times * each for each in (TUNED.optimiser.epochs, TUNED.optimiser.patience))
+        optimiser = TUNED.optimiser.model_copy(update={"epochs": epochs, "patience": patience})
         for seed, model in track(jobs, f"{name}, share {share:g}", console=self.console):
-            settings = TUNED.model_copy(update={"split": split, "model": model, "seed": seed})
+            own = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
+            settings = TUNED.model_copy(update=own)
             folder = self.out / name / f"{model}-{share:g}-{seed}"
             runs[model].append(train_records(self.records, self.made_of, folder, settings, None))
         return runs
@@ -95,7 +102,7 @@ def run(
     console: Console | None = None,
     also: Sequence[Model] = (),
 ) -> dict[str, Any]:
-    """Measure: `truth`, `other`, `samples`, `early`, `late`, `by_window_end`, in OUT/predictors.json as they come."""
+    """Measure `truth`, `other`, `samples`, `longer`, `early`, `late`, `by_window_end`, kept in OUT/predictors.json."""
     console = console or Console(stderr=True)
     bench = Bench(dataset, Records.of(dataset), out, range(seeds), console)
     truth = Bench(dataset, Records.of(dataset, "tv_truth"), out / "true", range(seeds), console)
@@ -123,11 +130,12 @@ def run(
             taught = spread([sum(one.card.counts.values()) for one in each])["mean"]
             samples.append({"model": model, "share": share, "samples": taught, **_scores(scores)})
     keep(samples=samples)
+    longer = [*bench.train(("asi-bip",), "longer", times=LONGER)["asi-bip"], *main["trees"]]
+    keep(longer={ends: _predictors(bench.evaluate(longer, "evaluated/longer", ends)) for ends in ENDS})
     trained = bench.train((*PREDICTORS, *also))
     everyone = [one for each in trained.values() for one in each]
     for ends in ENDS:
-        measured = bench.evaluate(everyone, "evaluated/all", ends)
-        keep(**{ends: {"predictors": measured["over_training_seeds"], "unknown": _unknown(measured)}})
+        keep(**{ends: _predictors(bench.evaluate(everyone, "evaluated/all", ends))})
     keep(by_window_end=bench.sweep([each[0] for each in trained.values()], "evaluated/window_ends"))
     return found
 
@@ -150,12 +158,13 @@ def _scores(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {"windows": found[0]["n"], **summary(found)}
 
 
-def _unknown(measured: dict[str, Any]) -> list[dict[str, Any]]:
-    """Of every run: its score chosen on validation seeds, and the AUROC and FPR at 95 % recall of every score."""
-    return [
-        {key: each[key] for key in ("name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores")}
-        for each in (measured, *measured["compared"])
-    ]
+def _predictors(measured: dict[str, Any]) -> dict[str, Any]:
+    """Scores over training seeds, each predictor's difference to the first, and every run's scores of the unknown."""
+    keys = ("name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores")
+    return {
+        "predictors": measured["over_training_seeds"],
+        "unknown": [{key: each[key] for key in keys} for each in (measured, *measured["compared"])],
+    }
 
 
 def main() -> None:

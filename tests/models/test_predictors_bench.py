@@ -46,6 +46,10 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
         assert len(found[ends]["unknown"]) == 6
     assert [row["name"] for row in found["by_window_end"]] == ["ASI-BIP", "boosted trees", "UV alone"]
     assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in found["by_window_end"])
+    for row in found["longer"].values():
+        assert [each["name"] for each in row["predictors"]] == ["ASI-BIP", "boosted trees"]
+    card = json.loads((tmp_path / "out" / "longer" / "asi-bip-1-0" / "run.json").read_text())
+    assert card["settings"]["optimiser"]["epochs"] == 3
     half, whole = (next(r for r in found["samples"] if (r["model"], r["share"]) == ("trees", s)) for s in (0.5, 1.0))
     assert half["samples"] == pytest.approx(whole["samples"] / 2)
     assert half["windows"] == whole["windows"]
