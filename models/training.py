@@ -93,7 +93,7 @@ def train_records(
     folder = Path(out)
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     if not _claim(folder, card):
-        with locked(folder):
+        with locked(folder), _threads(settings.optimiser.threads):
             _fill(records, folder, card, progress)
     return load_run(folder)
 
@@ -221,25 +221,17 @@ def _learn_preludes(training: Records, folder: Path, card: RunCard) -> None:
 def _train_network(
     training: Records, validation: Records, folder: Path, card: RunCard, progress: Console | None
 ) -> RunCard:
-    optimiser = card.settings.optimiser
-    threads = torch.get_num_threads()
-    torch.set_num_threads(optimiser.threads)
-    try:
-        torch.manual_seed(torch_seed("weights", card.settings.seed))
-        network = build_network(card)
-        data = WindowData(training, validation, card.settings)
-        network.fit_scale(*data.first_windows())
-        alpha = inverse_frequency(training.label, len(card.classes)) if card.settings.loss.class_weights else None
-        lesson = Lesson(network, card.settings, alpha)
-        best = _fit(lesson, data, folder, card, progress)
-        network.load_state_dict(
-            {k.removeprefix("network."): v for k, v in best["state_dict"].items() if k.startswith("network.")}
-        )
-        state = {name: value.clone() for name, value in network.state_dict().items()}
-        write_tensors(folder / WEIGHTS_FILE, state)
-        _write_reference(training, NetworkPredictor(network.eval()), folder, card)
-    finally:
-        torch.set_num_threads(threads)
+    torch.manual_seed(torch_seed("weights", card.settings.seed))
+    network = build_network(card)
+    data = WindowData(training, validation, card.settings)
+    network.fit_scale(*data.first_windows())
+    alpha = inverse_frequency(training.label, len(card.classes)) if card.settings.loss.class_weights else None
+    best = _fit(Lesson(network, card.settings, alpha), data, folder, card, progress)
+    network.load_state_dict(
+        {k.removeprefix("network."): v for k, v in best["state_dict"].items() if k.startswith("network.")}
+    )
+    write_tensors(folder / WEIGHTS_FILE, {name: value.clone() for name, value in network.state_dict().items()})
+    _write_reference(training, NetworkPredictor(network.eval()), folder, card)
     score = float(next(v for k, v in best["callbacks"].items() if k.startswith("ModelCheckpoint"))["current_score"])
     return card.model_copy(
         update={"best_epoch": int(best["epoch"]), MONITOR: score, "parameters": network.parameter_count}
@@ -290,6 +282,17 @@ def _write_reference(training: Records, predictor: Predictor, folder: Path, card
         folder / REFERENCE_FILE,
         lambda path: np.savez_compressed(path, features=features.astype(np.float32), label=label),
     )
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """torch's own threads, inside it; the other libraries are told where they are called."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 @contextmanager

@@ -78,6 +78,27 @@ def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
     assert all(torch.equal(here[name], there[name]) for name in here)
 
 
+def test_all_of_a_training_keeps_to_its_threads(
+    records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def spied(*given: object) -> dict[str, object]:
+        seen.append(torch.get_num_threads())
+        return choose(*given)  # type: ignore[arg-type]
+
+    choose = training._choose_on_validation
+    monkeypatch.setattr(training, "_choose_on_validation", spied)
+    one = SMALL_RUN.optimiser.model_copy(update={"epochs": 1, "threads": 1})
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"optimiser": one}))
+        assert (seen, torch.get_num_threads()) == ([1], 3)
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_a_finished_training_is_not_repeated(
     records: Records, network_run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
