@@ -99,7 +99,7 @@ def evaluate_records(
         "versions": versions(),
     }
     replace(folder / METRICS_FILE, lambda path: path.write_text(json.dumps(result, indent=1) + "\n"))
-    _draw(run, mine.given, result, folder)
+    _draw(run, mine.given, result, [group[0].found for group in repeats.grouped(everyone)], folder)
     return result
 
 
@@ -207,17 +207,15 @@ def claim(folder: Path, mark: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
 
-def _draw(run: Run, mine: Answers, result: dict[str, Any], folder: Path) -> None:
-    """The figures of an evaluation."""
+def _draw(run: Run, mine: Answers, result: dict[str, Any], side_by_side: list[dict[str, Any]], folder: Path) -> None:
+    """The figures of an evaluation; side_by_side: the metrics of one run of every predictor."""
     figures.confusion(np.array(result["confusion"]), run.card.classes, folder / "confusion.png", run.name)
-    rows = {result["name"]: result["by_lead_time"]} | {
-        each["name"]: each["by_lead_time"] for each in result["compared"]
-    }
+    rows = {each["name"]: each["by_lead_time"] for each in side_by_side}
     figures.lead_time(rows, folder / "lead_time.png")
     if mine.unknown.any():
         figures.unknown_lead_time(rows, folder / "unknown_lead_time.png")
     if "by_window_end" in result:
-        ends = {each["name"]: each["by_window_end"] for each in (result, *result["compared"])}
+        ends = {each["name"]: each["by_window_end"] for each in side_by_side}
         relative_to = result["windows"]["sweep"]["relative_to"]
         figures.window_end(ends, relative_to, folder / "window_end.png")
         if mine.unknown.any():

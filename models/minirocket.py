@@ -117,8 +117,8 @@ def read_rocket(path: Path, lengths: tuple[int, int]) -> Rocket:
     for k, length in enumerate(lengths):
         parts = tuple(arrays.pop(f"{name}_{k}") for name in PARTS)
         check(parts, length)
-        # Fitted on nothing: what it would have learnt is put in its place.
-        rocket = kind(n_kernels=KERNELS).fit(np.zeros((2, N_STATES, length), np.float32))
+        # Fitted on anything that varies, lest it warn: what it learns is put aside for what was read.
+        rocket = kind(n_kernels=KERNELS).fit(np.tile(np.arange(length, dtype=np.float32), (2, N_STATES, 1)))
         rocket.parameters = parts
         rockets.append(rocket)
     return Rocket((rockets[0], rockets[1]), **arrays)

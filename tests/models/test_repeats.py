@@ -8,7 +8,7 @@ import pytest
 from made_up import MADE_OF, SMALL_RUN
 from sklearn.metrics import f1_score
 
-from models import repeats
+from models import figures, repeats
 from models.answers import answers, unseen
 from models.evaluation import EvaluateSettings, evaluate_records
 from models.report import verdict
@@ -83,3 +83,12 @@ def test_nothing_is_summed_up_without_repeats(
     assert "over_training_seeds" not in evaluate_records(
         trees_run, records, MADE_OF, tmp_path / "out", ONCE, [network_run]
     )
+
+
+def test_figures_show_one_run_of_every_predictor(
+    records: Records, network_run: Run, trees_run: Run, again: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[list[str]] = []
+    monkeypatch.setattr(figures, "lead_time", lambda rows, _: drawn.append(list(rows)))
+    evaluate_records(trees_run, records, MADE_OF, tmp_path / "out", ONCE, [again, network_run])
+    assert drawn == [["boosted trees, seed 0", "ASI-BIP"]]
