@@ -24,11 +24,14 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#6b7280",
 )  # fmt: skip
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, "#000000")
+BESIDE: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+"""Where the legend of any number of predictors stands."""
 STYLE: Any = {
     "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#9ca3af", "axes.labelcolor": "#1f2937",
     "xtick.color": "#4b5563", "ytick.color": "#4b5563", "axes.grid": True, "grid.color": "#e5e7eb",
-    "axes.axisbelow": True, "legend.frameon": False, "lines.linewidth": 1.8, "axes.prop_cycle": cycler(color=CYCLE),
+    "axes.axisbelow": True, "legend.frameon": False, "lines.linewidth": 1.8,
+    "axes.prop_cycle": cycler(linestyle=["-", "--"]) * cycler(color=CYCLE),
 }  # fmt: skip
 
 
@@ -107,11 +110,11 @@ def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
 
 def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
     """Macro-F1 against lead time, a line a predictor; bins of fewer than `least` windows are left out."""
-    with figure(path, 7, 4.2) as drawn:
+    with figure(path, 8, 4.2) as drawn:
         axes, below = drawn.subplots(2, 1, sharex=True, height_ratios=[4, 1])
         for name, bins in rows.items():
             kept = [b for b in bins if b["n"] >= least and b["macro_f1"] is not None]
-            axes.plot(_middles(kept), [b["macro_f1"] for b in kept], "o-", ms=4, label=name)
+            axes.plot(_middles(kept), [b["macro_f1"] for b in kept], marker="o", ms=4, label=name)
         bins = list(next(iter(rows.values())))
         width = bins[0]["to_s"] - bins[0]["from_s"] if bins else 0.2
         below.bar(_middles(bins), [b["n"] for b in bins], 0.9 * width, color="#cbd5e1")
@@ -119,7 +122,7 @@ def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least
         axes.text(0, 0.04, " commit ", color=GREY, transform=axes.get_xaxis_transform(), ha="left", fontsize=9)
         axes.set(ylabel="macro-F1", ylim=(0, 1.02))
         axes.set_title("How early: score against lead time")
-        axes.legend(loc="lower left")
+        axes.legend(**BESIDE)
         below.set(xlabel="lead time: commit minus end of window, s", ylabel="windows")
         # Time runs to the right: windows that end long before the commit come first.
         axes.invert_xaxis()
@@ -127,15 +130,15 @@ def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least
 
 def window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str, path: Path) -> None:
     """Macro-F1 against the time at which every window ends, a line a predictor; rows: of `by_window_end`."""
-    with figure(path, 7, 3.8) as drawn:
+    with figure(path, 8, 3.8) as drawn:
         axes = drawn.subplots()
         for name, ends in rows.items():
             kept = [e for e in ends if e["macro_f1"] is not None]
-            axes.plot([e["end_s"] for e in kept], [e["macro_f1"] for e in kept], "o-", ms=4, label=name)
+            axes.plot([e["end_s"] for e in kept], [e["macro_f1"] for e in kept], marker="o", ms=4, label=name)
         axes.axvline(0, color=GREY, lw=1, ls="--")
         axes.set(xlabel=f"end of window after {relative_to}, s", ylabel="macro-F1", ylim=(0, 1.02))
         axes.set_title("What a later window is worth")
-        axes.legend(loc="lower right")
+        axes.legend(**BESIDE)
 
 
 def unknown_lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
@@ -163,18 +166,18 @@ def unknown_against(
 
     lines: of every predictor, the quantity and its rows. Yields the lower axes, whose x axis is still to be named.
     """
-    with figure(path, 7, 5) as drawn:
+    with figure(path, 8, 5) as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
         for name, (x, rows) in lines.items():
             for axes, key in ((above, "auroc_unknown"), (below, "fpr_at_95_recall")):
                 y = [np.nan if row[key] is None else row[key] for row in rows]
-                axes.plot(x, y, "o-", ms=4, label=name)
+                axes.plot(x, y, marker="o", ms=4, label=name)
         for axes in (above, below):
             axes.axvline(0, color=GREY, lw=1, ls="--")
         above.axhline(0.5, color=GREY, lw=1.2, ls=":")
         above.set(ylabel="AUROC", ylim=(0, 1.02))
         above.set_title("Following told apart from the known intentions")
-        above.legend(loc="lower right")
+        above.legend(**BESIDE)
         below.set(ylabel="following taken for known\nat 95 % recall", ylim=(0, 1.02))
         yield below
 
