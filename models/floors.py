@@ -11,7 +11,6 @@ import numpy.typing as npt
 import torch
 from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
-from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
@@ -87,12 +86,11 @@ def _of_stream(states: Float32) -> Array:
 
 
 def fit_trees(
-    features: Float32, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int, threads: int
+    features: Float32, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Trees on statistics (n, 120), classes weighted by inverse frequency."""
     trees = HistGradientBoostingClassifier(
         max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
         l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
     )  # fmt: skip
-    with threadpool_limits(threads):
-        return trees.fit(features, label)
+    return trees.fit(features, label)

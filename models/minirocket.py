@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 from sklearn.linear_model import RidgeClassifierCV
-from threadpoolctl import threadpool_limits
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
@@ -64,7 +63,7 @@ class Rocket:
         return ((features - self.centre) / self.scale) @ self.weight + self.offset
 
 
-def fit_rocket(windows: Windows, label: Ints, settings: MinirocketSettings, seed: int, threads: int) -> Rocket:
+def fit_rocket(windows: Windows, label: Ints, settings: MinirocketSettings, seed: int) -> Rocket:
     """Train on windows with labels (n,), classes weighted by inverse frequency. InputError where aeon is missing."""
     kind = rocket_kind()
     streams = (windows.tv, windows.uv)
@@ -75,8 +74,7 @@ def fit_rocket(windows: Windows, label: Ints, settings: MinirocketSettings, seed
     rockets = tuple(kind(n_kernels=each, random_state=seed % 2**31).fit(x) for x in seen)
     features = transformed(rockets, seen)
     centre, scale = features.mean(axis=0, dtype=np.float64), features.std(axis=0, dtype=np.float64) + 1e-6
-    with threadpool_limits(threads):
-        ridge = RidgeClassifierCV(PENALTIES, class_weight="balanced").fit((features - centre) / scale, label)
+    ridge = RidgeClassifierCV(PENALTIES, class_weight="balanced").fit((features - centre) / scale, label)
     weight, offset = np.atleast_2d(ridge.coef_).T, np.atleast_1d(ridge.intercept_)
     if len(ridge.classes_) == 2:
         weight, offset = np.concatenate([-weight, weight], axis=1), np.concatenate([-offset, offset])

@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 from sklearn.ensemble import HistGradientBoostingClassifier
-from threadpoolctl import threadpool_limits
 
 from isacsim.settings import Settings
 from models.windows import Float32, Records, WindowSettings, end_bounds
@@ -52,7 +51,7 @@ def holds_preludes(records: Records, windows: WindowSettings, settings: PreludeS
 
 
 def fit_preludes(
-    maneuvers: Float32, preludes: Float32, settings: PreludeSettings, seed: int, threads: int
+    maneuvers: Float32, preludes: Float32, settings: PreludeSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Trees that tell features of training windows (n, F), class 1, from those of preludes (m, F), class 0."""
     trees = HistGradientBoostingClassifier(
@@ -60,5 +59,4 @@ def fit_preludes(
         l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
     )  # fmt: skip
     label = np.repeat([1, 0], [len(maneuvers), len(preludes)])
-    with threadpool_limits(threads):
-        return trees.fit(np.concatenate([maneuvers, preludes]), label)
+    return trees.fit(np.concatenate([maneuvers, preludes]), label)

@@ -16,6 +16,7 @@ import skops.io
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from rich.console import Console
+from threadpoolctl import threadpool_limits
 
 from isacsim.errors import InputError
 from labeling.folder import locked
@@ -188,7 +189,7 @@ def _train_rocket(training: Records, folder: Path, card: RunCard) -> None:
     settings, chosen = card.settings, card.settings.minirocket
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=chosen.ends_per_record)
     windows = cut(training, ends, settings.windows)
-    rocket = fit_rocket(windows, training.label[ends.row], chosen, settings.seed, settings.optimiser.threads)
+    rocket = fit_rocket(windows, training.label[ends.row], chosen, settings.seed)
     replace(folder / ROCKET_FILE, lambda path: write_rocket(rocket, path))
     _write_reference(training, RocketPredictor(rocket), folder, card)
 
@@ -198,7 +199,7 @@ def _train_trees(training: Records, folder: Path, card: RunCard) -> None:
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.trees.ends_per_record)
     features = np.concatenate([statistics(w) for w in batches(training, ends, settings.windows, 256)])
     label = training.label[ends.row]
-    trees = fit_trees(features, label, settings.trees, settings.seed, settings.optimiser.threads)
+    trees = fit_trees(features, label, settings.trees, settings.seed)
     replace(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
     _write_reference(training, TreesPredictor(trees), folder, card)
 
@@ -214,7 +215,7 @@ def _learn_preludes(training: Records, folder: Path, card: RunCard) -> None:
         ends = draw_ends(training, seen, purpose, settings.seed, per_record=wanted.ends_per_record)
         parts = [predictor(w).features for w in batches(training, ends, seen, 64)]
         features.append(np.concatenate(parts).astype(np.float32))
-    trees = fit_preludes(features[0], features[1], wanted, settings.seed, settings.optimiser.threads)
+    trees = fit_preludes(features[0], features[1], wanted, settings.seed)
     replace(folder / PRELUDES_FILE, lambda path: skops.io.dump(trees, path))
 
 
@@ -286,12 +287,14 @@ def _write_reference(training: Records, predictor: Predictor, folder: Path, card
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    """torch's own threads, inside it; the other libraries are told where they are called."""
+    """What numerical libraries may use inside it."""
     before = torch.get_num_threads()
-    torch.set_num_threads(count)
     try:
-        yield
+        with threadpool_limits(count):
+            torch.set_num_threads(count)
+            yield
     finally:
+        # Last: a library that is given its own number back may set torch's, whose OpenMP it has found loaded.
         torch.set_num_threads(before)
 
 

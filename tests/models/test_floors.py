@@ -36,7 +36,7 @@ def test_trees_learn_the_made_up_intentions_and_repeat_themselves() -> None:
     features, label = statistics(cut(records, ends, WindowSettings())), records.label[ends.row]
     unseen = records.table["seed"].to_numpy()[ends.row] >= 4
     few = TreesSettings(rounds=10)
-    trees, again = (fit_trees(features[~unseen], label[~unseen], few, seed=3, threads=1) for _ in range(2))
+    trees, again = (fit_trees(features[~unseen], label[~unseen], few, seed=3) for _ in range(2))
     assert (trees.predict(features[unseen]) == label[unseen]).mean() > 0.6
     np.testing.assert_array_equal(trees.decision_function(features), again.decision_function(features))
 
@@ -58,7 +58,7 @@ def test_an_intention_that_trees_never_saw_keeps_its_place_among_the_logits(taug
     records = records.take(np.isin(records.label, taught))
     ends = draw_ends(records, WindowSettings(), "test")
     windows, label = cut(records, ends, WindowSettings()), records.label[ends.row]
-    trees = fit_trees(statistics(windows), label, TreesSettings(rounds=10), seed=3, threads=1)
+    trees = fit_trees(statistics(windows), label, TreesSettings(rounds=10), seed=3)
     said = TreesPredictor(trees)(windows)
     assert said.logits.shape == (len(label), 6)
     np.testing.assert_array_equal(said.logits.argmax(axis=1), trees.predict(statistics(windows)))

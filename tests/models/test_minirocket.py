@@ -81,7 +81,7 @@ def test_what_is_stored_is_what_was_fitted(records: Records, taught: tuple[int, 
     some = records.take(np.isin(records.label, taught))
     ends = draw_ends(some, SETTINGS.windows, "test")
     windows, label = cut(some, ends, SETTINGS.windows), some.label[ends.row]
-    rocket = fit_rocket(windows, label, MinirocketSettings(features=400), seed=3, threads=1)
+    rocket = fit_rocket(windows, label, MinirocketSettings(features=400), seed=3)
     write_rocket(rocket, tmp_path / "rocket.npz")
     again = read_rocket(tmp_path / "rocket.npz", (windows.tv.shape[2], windows.uv.shape[2]))
     values = again.decide(windows)

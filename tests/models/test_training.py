@@ -93,7 +93,8 @@ def test_all_of_a_training_keeps_to_its_threads(
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"optimiser": one}))
+        settings = SMALL_RUN.model_copy(update={"model": "ensemble", "optimiser": one})
+        train_records(records, MADE_OF, tmp_path / "run", settings)
         assert (seen, torch.get_num_threads()) == ([1], 3)
     finally:
         torch.set_num_threads(before)
