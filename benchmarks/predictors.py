@@ -19,7 +19,7 @@ import argparse
 import importlib.resources
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
 
@@ -45,6 +45,7 @@ SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED = read_study(Path(str(importlib.resources.files("studies") / "full.toml"))).training
 """How every predictor is trained; chosen on validation seeds."""
 LONGER = 3
+"""Times the epochs, where ASI-BIP is trained longer."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Bench:
     out: Path
     seeds: range
     console: Console
+    alone: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    """Metrics of runs that were measured by themselves, by name and key of ENDS."""
 
     @property
     def made_of(self) -> dict[str, Any]:
@@ -85,6 +88,14 @@ class Bench:
         """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS."""
         return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]))
 
+    def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
+        """Mean and spread over runs, each measured by itself, and the windows that they were measured on."""
+        for one in runs:
+            if (one.path.name, ends) not in self.alone:
+                self.alone[one.path.name, ends] = self.evaluate([one], f"evaluated/{one.path.name}", ends)
+        found = [self.alone[one.path.name, ends] for one in runs]
+        return {"windows": found[0]["n"], **summary(found)}
+
     def sweep(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
         """`by_window_end` of each run, drawn in OUT/name/window_end.png."""
         measured = self._measured(runs, name, EvaluateSettings(ends_per_record=1, sweep=SweepSettings()))
@@ -108,6 +119,7 @@ def run(
     truth = Bench(dataset, Records.of(dataset, "tv_truth"), out / "true", range(seeds), console)
     found: dict[str, Any] = {
         "training": TUNED.model_dump(mode="json"),
+        "longer_times_epochs": LONGER,
         "dataset": dataset.digest,
         "scenario_seeds": len(set(bench.records.groups)),
     }
@@ -126,9 +138,8 @@ def run(
     for share in SHARES:
         runs = bench.train(COMPARED, "sensed", share)
         for model, each in runs.items():
-            scores = [bench.evaluate([one], f"evaluated/{one.path.name}", "early") for one in each]
             taught = spread([sum(one.card.counts.values()) for one in each])["mean"]
-            samples.append({"model": model, "share": share, "samples": taught, **_scores(scores)})
+            samples.append({"model": model, "share": share, "samples": taught, **bench.scores(each, "early")})
     keep(samples=samples)
     longer = [*bench.train(("asi-bip",), "longer", times=LONGER)["asi-bip"], *main["trees"]]
     keep(longer={ends: _predictors(bench.evaluate(longer, "evaluated/longer", ends)) for ends in ENDS})
@@ -148,14 +159,8 @@ def _beside(
     for model in own_runs:
         for ends in ENDS:
             for bench, runs in ((own, own_runs[model]), (other, other_runs[model])):
-                scores = [bench.evaluate([one], f"evaluated/{one.path.name}", ends) for one in runs]
-                rows.append({"model": model, "ends": ends, "on": bench.out.name, **_scores(scores)})
+                rows.append({"model": model, "ends": ends, "on": bench.out.name, **bench.scores(runs, ends)})
     return rows
-
-
-def _scores(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Mean and spread over runs, with the windows that they were measured on."""
-    return {"windows": found[0]["n"], **summary(found)}
 
 
 def _predictors(measured: dict[str, Any]) -> dict[str, Any]:

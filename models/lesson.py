@@ -155,7 +155,7 @@ class Lesson(lightning.LightningModule):
 
     def validation_step(self, batch: Batch, _: int) -> None:
         said = self.network.answers(batch[0], batch[1])
-        logits = said["joint"].float()
+        logits = said["joint"]
         self.f1(logits, batch[2])
         n = len(batch[2])
         self.log("validation_loss", self._loss(said, batch[2]), batch_size=n)
