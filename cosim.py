@@ -32,7 +32,7 @@ from command_line.options import (
     engine_of,
     placed,
 )
-from command_line.shown import (
+from command_line.output import (
     console_of,
     failures,
     note_of,
@@ -49,12 +49,12 @@ from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_err
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from labeling.dataset import Dataset
-    from labeling.engine import Engine
-    from labeling.log import Note
-    from labeling.resense import ResenseSettings
-    from labeling.study import DatasetStudy
-    from models.study import Study
+    from labeling.dataset.dataset import Dataset
+    from labeling.generation.engine import Engine
+    from labeling.generation.log import Note
+    from labeling.generation.resense import ResenseSettings
+    from labeling.generation.settings import DatasetStudy
+    from models.studies.study import Study
 
 app = typer.Typer(
     add_completion=False,
@@ -85,10 +85,10 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """The main job: generate, train, evaluate, report; or all of it for every cell of a sweep."""
-    from labeling.generate import describe, read_scenarios
-    from models import report
-    from models.main_job import run_study
-    from models.study import read_study
+    from labeling.generation.generate import describe, read_scenarios
+    from models.report import report
+    from models.studies.single import run_study
+    from models.studies.study import read_study
 
     began = time.monotonic()
     console, content = console_of(quiet), read_study(study)
@@ -143,7 +143,7 @@ def generate(
     verbose: Verbose = False,
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
-    from labeling.arguments import dataset_study
+    from command_line.arguments import dataset_study
 
     study, console = dataset_study(scenarios, windows, seeds, snr), console_of(quiet)
     note = note_of(console, verbose)
@@ -173,9 +173,9 @@ def sense(
     verbose: Verbose = False,
 ) -> None:
     """The same records, sensed anew; what is not named stays as in the dataset. Resumes where it stopped."""
-    from labeling.arguments import resense_settings
-    from labeling.dataset import Dataset
-    from labeling.engine import LocalEngine
+    from command_line.arguments import resense_settings
+    from labeling.dataset.dataset import Dataset
+    from labeling.generation.engine import LocalEngine
 
     console, opened = console_of(quiet), Dataset.open(dataset)
     note = note_of(console, verbose)
@@ -194,7 +194,7 @@ def inspect(
     quiet: Quiet = False,
 ) -> None:
     """What is in a dataset: counts, how its events look, rates, seeds, SNR."""
-    from labeling.dataset import Dataset
+    from labeling.dataset.dataset import Dataset
 
     opened = Dataset.open(dataset)
     if verify:
@@ -218,11 +218,11 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """A trained predictor; resumes where it stopped."""
-    from labeling.dataset import Dataset
-    from labeling.study import checked
-    from models.castformer import PAPER_OPTIMISER
+    from labeling.dataset.dataset import Dataset
+    from labeling.generation.settings import checked
+    from models.predictors.castformer import PAPER_OPTIMISER
     from models.run import TrainSettings
-    from models.training import train as train_predictor
+    from models.training.training import train as train_predictor
 
     optimiser = (PAPER_OPTIMISER if model == "castformer" else {}) | ({} if epochs is None else {"epochs": epochs})
     said = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
@@ -252,9 +252,9 @@ def evaluate(
     quiet: Quiet = False,
 ) -> None:
     """Metrics and figures of a predictor on windows of traffic it has not seen."""
-    from labeling.dataset import Dataset
-    from models import report
-    from models.evaluation import evaluate as evaluate_run
+    from labeling.dataset.dataset import Dataset
+    from models.evaluation.evaluation import evaluate as evaluate_run
+    from models.report import report
     from models.run import load_run
 
     console, loaded, dataset = console_of(quiet), load_run(run), Dataset.open(data)
@@ -280,8 +280,8 @@ def network_import(
     quiet: Quiet = False,
 ) -> None:
     """A scenario from a map: network, demand, and sites along the roads."""
-    from isacsim.network import import_map
-    from labeling.arguments import box_of
+    from command_line.arguments import box_of
+    from isacsim.scenarios.making import import_map
 
     part = None if box is None else box_of(box)
     made = import_map(source, out, part, *placed(spacing, set_back, height, vehicles), seed)
@@ -301,7 +301,7 @@ def network_sites(
     quiet: Quiet = False,
 ) -> None:
     """A scenario with sites along its roads, and demand where it has none; nothing is written beside the original."""
-    from isacsim.network import add_sites
+    from isacsim.scenarios.making import add_sites
 
     made = add_sites(scenario, out, *placed(spacing, set_back, height, vehicles), seed)
     print_json(as_json, show_scenario(made, scenario, console_of(quiet)))
@@ -355,8 +355,8 @@ def _sense(
     dataset: Dataset, settings: ResenseSettings, out: Path, engine: Engine, console: Console, note: Note | None
 ) -> Dataset:
     """Sense a dataset anew under a bar."""
-    from labeling.progress import bar
-    from labeling.resense import resense
+    from command_line.progress import bar
+    from labeling.generation.resense import resense
 
     with bar(console, "sensing", "records") as progress:
         return resense(dataset, settings, out, engine, progress, note)
@@ -366,7 +366,7 @@ def _sweep(
     study: Study, folder: Path, engine: Engine, workers: int, console: Console, note: Note | None
 ) -> dict[str, Any]:
     """Run all cells of a study and show their table. Returns what `--json` gives."""
-    from models.sweep import run_sweep
+    from models.studies.sweep import run_sweep
 
     def generate(dataset: DatasetStudy, where: Path) -> Dataset:
         return _generate(dataset, where, engine, console, note)[0]
@@ -388,8 +388,8 @@ def _generate(
     study: DatasetStudy, out: Path, engine: Engine, console: Console, note: Note | None
 ) -> tuple[Dataset, dict[str, Any]]:
     """A study's dataset, made behind a bar and shown, and its summary."""
-    from labeling.generate import generate as generate_dataset
-    from labeling.progress import bar
+    from command_line.progress import bar
+    from labeling.generation.generate import generate as generate_dataset
 
     with bar(console, "generating", study.unit) as progress:
         made = generate_dataset(study, out, engine, progress, tell=tell_of(console), note=note)

@@ -1,10 +1,10 @@
 """What gives first on a large cluster: the scheduler, the parent, or the list of shards.
 
 - cluster: a dask scheduler and WORKERS workers, processes of one thread each on this machine, joined over TCP. The
-  dataset is made by `labeling.generate` as with `--cluster`, but an episode waits PAUSE_S in place of a simulation, and
-  its shard is empty. What scheduler and parent spend of processor time on an episode bounds the rate at which they
-  could serve any number of workers. Their memory is told at the beginning, in the middle and at the end: the scheduler
-  keeps a log of a bounded length, which fills in the first thousands of episodes.
+  dataset is made by `labeling.generation.generate` as with `--cluster`, but an episode waits PAUSE_S in place of a
+  simulation, and its shard is empty. What scheduler and parent spend of processor time on an episode bounds the rate at
+  which they could serve any number of workers. Their memory is reported at the beginning, in the middle and at the
+  end: the scheduler keeps a log of a bounded length, which fills in the first thousands of episodes.
 - metadata: a dataset's list of made-up shards, of the size that episodes of the bundled motorway have: planned, written
   and read back, in a process of its own.
 
@@ -34,16 +34,16 @@ import psutil
 from distributed import Client
 
 from benchmarks.scaling import MIB, apart, peak_memory
-from isacsim import scenario
-from isacsim.recording import Recording
-from isacsim.scenario import Scenario
-from labeling.dataset import CLASS_NAMES, META_FILE, SHARDS, Episode, Shard, read_meta, shard_name
-from labeling.engine import ClusterEngine
-from labeling.folder import finish
-from labeling.generate import describe, generate
-from labeling.log import Entry
-from labeling.plan import Jobs, Plan
-from labeling.study import DatasetStudy, SeedRange
+from isacsim.scenarios import scenario
+from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.recording import Recording
+from labeling.dataset.dataset import CLASS_NAMES, META_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from labeling.generation.engine import ClusterEngine
+from labeling.generation.episode_plan import Jobs, Plan
+from labeling.generation.folder import finish
+from labeling.generation.generate import describe, generate
+from labeling.generation.log import Entry
+from labeling.generation.settings import DatasetStudy, SeedRange
 
 SCENARIO = "motorway"
 WORKERS = 16

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from isacsim.bounds import cell_bound
-from isacsim.estimation import Estimates, observe
-from isacsim.scenario import Site
+from isacsim.radio.bounds import cell_bound
+from isacsim.radio.echo_tensor import observe_tensor
+from isacsim.radio.estimation import Estimates, observe
+from isacsim.radio.waveform import Array, Waveform, steering
+from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, sense
-from isacsim.tensor import observe_tensor
-from isacsim.waveform import Array, Waveform, steering
 
 SNR_RANGE_DB = (-25.0, -20.0, -10.0, 0.0, 10.0, 20.0)
 RATE_HZ = 400.0

@@ -24,14 +24,14 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import scaling
 from benchmarks.echo import record_s
-from isacsim.scenario import load
-from isacsim.traffic import record
-from labeling.dataset import Episode, write_shard
-from labeling.episode import make_samples, select
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.simulation import record
+from labeling.dataset.dataset import Episode, write_shard
 from labeling.events import label
-from labeling.samples import candidates
-from labeling.study import DatasetStudy
-from labeling.surroundings import Surroundings
+from labeling.generation.episode import make_samples, select
+from labeling.generation.settings import DatasetStudy
+from labeling.road.surroundings import Surroundings
+from labeling.samples.candidates import candidates
 
 SCENARIO = "motorway"
 SEED = 1

@@ -11,16 +11,16 @@ from typing import Any
 
 from rich.console import Console
 
-from labeling.dataset import Dataset
-from labeling.study import checked
-from models.castformer import PAPER_OPTIMISER
-from models.held_out import hold_out_each, table
+from labeling.dataset.dataset import Dataset
+from labeling.generation.settings import checked
+from models.data.windows import Records
+from models.predictors.castformer import PAPER_OPTIMISER
 from models.run import TrainSettings
-from models.windows import Records
+from models.studies.held_out import hold_out_each, table
 
 
 def run(dataset: Path, out: Path, settings: TrainSettings, console: Console | None = None) -> dict[str, Any]:
-    """`models.held_out.hold_out_each` on a dataset."""
+    """`models.studies.held_out.hold_out_each` on a dataset."""
     opened = Dataset.open(dataset)
     made_of = {"digest": opened.digest, "study": opened.meta.study}
     return hold_out_each(Records.of(opened), made_of, out, settings, progress=console)

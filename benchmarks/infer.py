@@ -17,12 +17,12 @@ import numpy as np
 import torch
 
 from benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
-from models.asi_bip import AsiBip, AsiBipSettings
-from models.castformer import Castformer, CastformerSettings
-from models.floors import Aligned, AlignedSettings
-from models.network import WindowNetwork
+from models.data.windows import WindowSettings, in_frame
+from models.predictors.asi_bip import AsiBip, AsiBipSettings
+from models.predictors.castformer import Castformer, CastformerSettings
+from models.predictors.floors import Aligned, AlignedSettings
+from models.predictors.network import WindowNetwork
 from models.run import NetworkPredictor
-from models.windows import WindowSettings, in_frame
 
 ROUNDS, BATCH = 15, 64
 

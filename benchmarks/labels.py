@@ -17,13 +17,13 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from isacsim.maneuvers import ManeuverSettings
-from isacsim.scenario import load
-from isacsim.traffic import TrafficSettings, record
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.events import LabelSettings, label
-from labeling.pairs import PairSettings
-from labeling.samples import RecordSettings, candidates
-from labeling.surroundings import Surroundings
+from labeling.road.surroundings import Surroundings
+from labeling.samples.candidates import RecordSettings, candidates
+from labeling.samples.uv_choice import PairSettings
 
 SCENARIO = "motorway"
 SEED = 1

@@ -18,11 +18,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from isacsim.maneuvers import ManeuverSettings
-from isacsim.scenario import load
-from isacsim.traffic import TrafficSettings, record
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.events import label
-from labeling.study import DatasetStudy
+from labeling.generation.settings import DatasetStudy
 
 SCENARIO = "motorway"
 SEED = 1

@@ -26,14 +26,14 @@ from typing import Any, get_args
 from rich.console import Console
 from rich.progress import track
 
-from labeling.dataset import Dataset
-from models.evaluation import EvaluateSettings, SweepSettings, evaluate_records
-from models.metrics import spread
-from models.repeats import summary
+from labeling.dataset.dataset import Dataset
+from models.data.windows import Records
+from models.evaluation.evaluation import EvaluateSettings, SweepSettings, evaluate_records
+from models.evaluation.metrics import spread
+from models.evaluation.repeats import summary
 from models.run import Model, Run, replace
-from models.study import read_study
-from models.training import train_records
-from models.windows import Records
+from models.studies.study import read_study
+from models.training.training import train_records
 
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""

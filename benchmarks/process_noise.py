@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from isacsim.radio.waveform import Array
 from isacsim.sensing import LEAST_SITES, before, fix, prelude_snapshots
-from isacsim.tracking import track
-from isacsim.waveform import Array
-from labeling.dataset import Dataset
-from labeling.episode import record_key
+from isacsim.tracking.kalman import track
+from labeling.dataset.dataset import Dataset
+from labeling.generation.episode import record_key
+from labeling.generation.resense import own_sensing
 from labeling.intentions import Intention
-from labeling.resense import own_sensing
 
 DENSITIES = (1.0, 3.0, 10.0, 20.0, 30.0, 100.0)
 

@@ -25,15 +25,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from isacsim.recording import Recording
-from isacsim.scenario import Scenario
-from isacsim.traffic import TrafficSettings
-from labeling.engine import LocalEngine
-from labeling.episode import SumoSource
-from labeling.generate import generate
-from labeling.log import Entry
-from labeling.study import DatasetStudy, SeedRange
-from labeling.summary import summary
+from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings
+from labeling.dataset.summary import summary
+from labeling.generation.engine import LocalEngine
+from labeling.generation.episode import SumoSource
+from labeling.generation.generate import generate
+from labeling.generation.log import Entry
+from labeling.generation.settings import DatasetStudy, SeedRange
 
 Result = TypeVar("Result")
 

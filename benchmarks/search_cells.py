@@ -1,4 +1,5 @@
-"""How many independent cells a search grid finer than the DFT counts as: the numbers behind `isacsim.echo`'s rival.
+"""How many independent cells a search grid finer than the DFT counts as: the numbers behind the rival
+in `isacsim.radio.echo`.
 
 Draws noise alone, takes the largest cell of each grid, and prints g in P(largest < x) = exp(-g N exp(-x)) at several
 quantiles, with the straight line through them. Run: python -m benchmarks.search_cells [ECHOES]
@@ -12,7 +13,7 @@ from itertools import product
 import numpy as np
 import torch
 
-from isacsim.waveform import Waveform
+from isacsim.radio.waveform import Waveform
 
 QUANTILES = np.array([0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95])
 

@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from isacsim.bounds import cell_bound, fix_bound, measured_bound
-from isacsim.eq5 import fuse_eq5
-from isacsim.estimation import Estimator, observe
-from isacsim.fusion import FusionSettings, Panels, fuse
-from isacsim.scenario import Site
-from isacsim.waveform import Array, Waveform
+from isacsim.radio.bounds import cell_bound, fix_bound, measured_bound
+from isacsim.radio.estimation import Estimator, observe
+from isacsim.radio.waveform import Array, Waveform
+from isacsim.scenarios.scenario import Site
+from isacsim.tracking.fusion import FusionSettings, Panels, fuse
+from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
 COLOURS = ("#1b6ca8", "#c8553d", "#5b8c5a", "#7d5ba6")

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from isacsim.maneuvers import Director, ManeuverSettings
-from isacsim.scenario import load
+from isacsim.scenarios.scenario import load
 from isacsim.seeding import stream
-from isacsim.state_log import StateLog
-from isacsim.traffic import TrafficSettings, session
+from isacsim.traffic.director import Director, ManeuverSettings
+from isacsim.traffic.simulation import TrafficSettings, session
+from isacsim.traffic.state_log import StateLog
 
 SCENARIO = "motorway"
 SEED = 1
@@ -66,7 +66,7 @@ def run() -> dict[str, Any]:
 
 
 def simulate(traffic: TrafficSettings, record: bool) -> Spent:
-    """Simulate once, as `isacsim.traffic.record` does."""
+    """Simulate once, as `isacsim.traffic.simulation.record` does."""
     scenario = load(SCENARIO)
     first = round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)

@@ -1,6 +1,6 @@
 """Speed of training ASI-BIP: pooled tokens against the paper read literally.
 
-- pooled: the network of `models.asi_bip` with its defaults.
+- pooled: the network of `models.predictors.asi_bip` with its defaults.
 - literal: every LSTM output a token, and PyTorch's default dropout, that of attention weights included, as a module
   written straight from the paper has it.
 - patched: pooled, and a step of the LSTMs takes 25 ms of samples side by side (10 of the TV, 5 of the UV), an extension
@@ -25,10 +25,10 @@ import numpy as np
 import pandas as pd
 import torch
 
-from models.asi_bip import AsiBip, AsiBipSettings
-from models.losses import focal_loss
+from models.data.windows import Ends, Records, WindowSettings, cut
+from models.predictors.asi_bip import AsiBip, AsiBipSettings
+from models.predictors.losses import focal_loss
 from models.run import OptimiserSettings
-from models.windows import Ends, Records, WindowSettings, cut
 
 BATCH, EPOCH = 32, 4800
 THREADS = OptimiserSettings().threads

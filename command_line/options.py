@@ -14,9 +14,9 @@ import typer
 from isacsim.errors import InputError
 
 if TYPE_CHECKING:
-    from isacsim.demand import DemandSettings
-    from isacsim.site_placement import PlacementSettings
-    from labeling.engine import Engine
+    from isacsim.scenarios.demand import DemandSettings
+    from isacsim.scenarios.site_placement import PlacementSettings
+    from labeling.generation.engine import Engine
 
 DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
 Out = Annotated[Path, typer.Option("-o", "--out", help="Folder to write; a new or empty one, or one to go on with.")]
@@ -40,7 +40,7 @@ DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that
 
 def engine_of(jobs: int | None, cluster: str | None) -> Engine:
     """What makes episodes: own worker processes, or those of a running scheduler, which is asked whether it is fit."""
-    from labeling.engine import ClusterEngine, LocalEngine
+    from labeling.generation.engine import ClusterEngine, LocalEngine
 
     if cluster is None:
         return LocalEngine(jobs or cores())
@@ -55,9 +55,9 @@ def placed(
     spacing: float | None, set_back: float | None, height: float | None, vehicles: int | None
 ) -> tuple[PlacementSettings, DemandSettings]:
     """Where poles stand and how much traffic is made, by the arguments."""
-    from isacsim.demand import DemandSettings
-    from isacsim.site_placement import PlacementSettings
-    from labeling.study import checked
+    from isacsim.scenarios.demand import DemandSettings
+    from isacsim.scenarios.site_placement import PlacementSettings
+    from labeling.generation.settings import checked
 
     places = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
     given = {name: value for name, value in places.items() if value is not None}

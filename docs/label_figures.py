@@ -17,16 +17,16 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from isacsim.maneuvers import ManeuverSettings
-from isacsim.recording import Recording
-from isacsim.scenario import load
-from isacsim.traffic import TrafficSettings, record
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.events import LabelSettings, label
 from labeling.intentions import Event, Intention
-from labeling.pairs import PairSettings
-from labeling.road_motion import RoadMotion, road_motion
-from labeling.samples import RecordSettings, candidates
-from labeling.surroundings import Surroundings
+from labeling.road.road_motion import RoadMotion, road_motion
+from labeling.road.surroundings import Surroundings
+from labeling.samples.candidates import RecordSettings, candidates
+from labeling.samples.uv_choice import PairSettings
 
 ALONG = (Intention.HARD_BRAKE, Intention.HARD_ACCEL, Intention.FOLLOWING)
 TIMES = (("onset", "tab:green"), ("commit", "black"), ("end", "tab:red"))

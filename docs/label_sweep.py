@@ -13,14 +13,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from isacsim.maneuvers import ManeuverSettings
-from isacsim.recording import Recording
-from isacsim.scenario import load
+from isacsim.scenarios.scenario import load
 from isacsim.settings import Settings
-from isacsim.traffic import TrafficSettings, record
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.events import LabelSettings, label
 from labeling.intentions import Intention
-from labeling.surroundings import Surroundings
+from labeling.road.surroundings import Surroundings
 
 SEEDS = (1, 2)
 SHARE = 0.2

@@ -11,10 +11,10 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 
-from isacsim.maneuvers import ManeuverSettings
-from isacsim.recording import Recording
-from isacsim.scenario import bundled, load
-from isacsim.traffic import TrafficSettings, record
+from isacsim.scenarios.scenario import bundled, load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.events import LabelSettings, label
 from labeling.intentions import KNOWN
 

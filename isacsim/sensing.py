@@ -15,17 +15,17 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from isacsim.blockage import Blockers
-from isacsim.channel import ChannelSettings, snr_db
-from isacsim.eq5 import fuse_eq5
 from isacsim.errors import InputError
-from isacsim.estimation import Estimator, estimate_deviation, observe
-from isacsim.fusion import Fixes, FusionSettings, Panels, fuse
-from isacsim.scenario import Site
+from isacsim.radio.blockage import Blockers
+from isacsim.radio.channel import ChannelSettings, snr_db
+from isacsim.radio.estimation import Estimator, estimate_deviation, observe
+from isacsim.radio.waveform import Array, Waveform
+from isacsim.scenarios.scenario import Site
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.tracking import TrackingSettings, track
-from isacsim.waveform import Array, Waveform
+from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, fuse
+from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
+from isacsim.tracking.kalman import TrackingSettings, track
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
@@ -54,7 +54,7 @@ class SensingSettings(Settings):
     view: ViewSettings = Field(default_factory=ViewSettings)
     channel: ChannelSettings = Field(default_factory=ChannelSettings)
     echo: Literal["window", "tensor"] = Field(
-        "window", description="Draw what an estimate depends on (isacsim.echo), or every number (isacsim.tensor, slow)."
+        "window", description="Draw what an estimate depends on (echo.py), or every number (echo_tensor.py, slow)."
     )
     device: str = Field("cpu", description="Where torch works on `tensor` echoes: cpu, cuda, cuda:1.")
     estimator: Estimator = Field("ml", description="Maximum likelihood, Candan's, the DFT's cell, the padded DFT's.")
@@ -239,7 +239,7 @@ def _measure(
     snr = 10 ** (level_db.ravel() / 10)
     if settings.echo == "tensor":
         # Here, so that workers that draw by the window need not load torch.
-        from isacsim.tensor import observe_tensor
+        from isacsim.radio.echo_tensor import observe_tensor
 
         seed = int(stream(*key, "echo").integers(2**62))
         found = observe_tensor(cells, snr, settings.estimator, waveform, seed, settings.device)

@@ -5,7 +5,7 @@ Precedence, in this order:
 1. An evasive swerve takes in the lane changes whose crossing lies within it: a swerve that ends in the next lane, or
    pokes across a marking and returns, is a swerve and nothing else.
 2. A left lane change by which the vehicle ahead was overtaken is an overtake. For another vehicle than the one ahead
-   `labeling.samples` asks again: an overtake is about the pair. The return stays a right lane change.
+   `labeling.samples.candidates` asks again: an overtake is about the pair. The return stays a right lane change.
 3. Everything else keeps its own event: a brake during a lane change or a swerve is two events.
 4. Following is where none of these is near.
 """
@@ -20,17 +20,17 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.recording import Recording, Track
 from isacsim.settings import Settings
-from labeling.evasive_swerve import EvasiveSwerve, EvasiveSwerveSettings
-from labeling.following import Following, FollowingSettings
-from labeling.hard_accel import HardAccel, HardAccelSettings
-from labeling.hard_brake import HardBrake, HardBrakeSettings
+from isacsim.traffic.recording import Recording, Track
+from labeling.detectors.evasive_swerve import EvasiveSwerve, EvasiveSwerveSettings
+from labeling.detectors.following import Following, FollowingSettings
+from labeling.detectors.hard_accel import HardAccel, HardAccelSettings
+from labeling.detectors.hard_brake import HardBrake, HardBrakeSettings
+from labeling.detectors.lane_change import LaneChange, LaneChangeSettings
+from labeling.detectors.overtake import Overtake, OvertakeSettings
 from labeling.intentions import Event, Intention
-from labeling.lane_change import LaneChange, LaneChangeSettings
-from labeling.overtake import Overtake, OvertakeSettings
-from labeling.road_motion import RoadMotion, road_motion, slope
-from labeling.surroundings import Surroundings
+from labeling.road.road_motion import RoadMotion, road_motion, slope
+from labeling.road.surroundings import Surroundings
 
 Origin = Literal["natural", "stimulated"]
 
@@ -46,7 +46,7 @@ class LabelSettings(Settings):
     """What counts as each intention. `preset` names the set of values: other values need another name.
 
     width_s is one of the definitions, since the thresholds are for motion so smoothed: what is sensed may be
-    conditioned otherwise (`isacsim.motion.MotionSettings`), and the events stay the same.
+    conditioned otherwise (`isacsim.traffic.motion.MotionSettings`), and the events stay the same.
     """
 
     preset: str = Field(PRESET, min_length=1, description="name and version of these definitions")

@@ -40,7 +40,7 @@ class Event:
     other: the vehicle it is about (the one overtaken, the leader followed), if any.
     motion_end: until when the vehicle's own motion belongs to the event, s: `end`, but for an overtake the end of the
         pulling-out, since an overtake ends with the return.
-    mark: why a lane change is neither a plain one nor an overtake, if so (see `labeling.overtake`).
+    mark: why a lane change is neither a plain one nor an overtake, if so (see `labeling.detectors.overtake`).
     """
 
     vehicle: str

@@ -1,8 +1,8 @@
 """A trained network as one file that runs without this tool: torch's exported program (`.pt2`).
 
 The program takes windows in the run's frame of reference, tv (n, 6, T) and uv (n, 6, U) float32, for any n, and answers
-with logits (n, G) and features (n, F). `models.windows.in_frame` changes the frame; divide logits by the temperature of
-`run.json` for calibrated probabilities. Tracing an LSTM over a long window takes a minute.
+with logits (n, G) and features (n, F). `models.data.windows.in_frame` changes the frame; divide logits by the
+temperature of `run.json` for calibrated probabilities. Tracing an LSTM over a long window takes a minute.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.export import Dim, ExportedProgram
 
 from isacsim.errors import InputError
-from models.network import N_STATES, WindowNetwork
+from models.predictors.network import N_STATES, WindowNetwork
 from models.run import NetworkPredictor, Run, replace
 
 SUFFIX = ".pt2"

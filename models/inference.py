@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import softmax
 
-from models import openset
-from models.lanes import LaneMap
-from models.openset import Score
+from models.data.lane_map import LaneMap
+from models.data.windows import OnMap, in_frame
 from models.run import Run, load_run
-from models.windows import OnMap, in_frame
+from models.scores import open_set
+from models.scores.open_set import Score
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Infer:
     def load(cls, path: str | Path) -> Self:
         """From a run's folder. InputError where it is none."""
         run = load_run(path)
-        return cls(run, openset.chosen(run))
+        return cls(run, open_set.chosen(run))
 
     def __call__(
         self, tv: npt.NDArray[np.floating], uv: npt.NDArray[np.floating], lanes: LaneMap | None = None

@@ -36,16 +36,16 @@ from torch import nn
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN, LANE_CHANGES, Intention
-from models.asi_bip import AsiBip, AsiBipSettings, Streams
-from models.augment import AugmentSettings
-from models.castformer import Castformer, CastformerSettings
-from models.floors import Aligned, AlignedSettings, TreesSettings, statistics
-from models.losses import LossSettings
-from models.minirocket import MinirocketSettings, Rocket, read_rocket
-from models.network import WindowNetwork
-from models.preludes import PreludeSettings
-from models.rule import RuleSettings, drive, logits
-from models.windows import Array, Float32, SplitSettings, Windows, WindowSettings
+from models.data.augment import AugmentSettings
+from models.data.windows import Array, Float32, SplitSettings, Windows, WindowSettings
+from models.predictors.asi_bip import AsiBip, AsiBipSettings, Streams
+from models.predictors.castformer import Castformer, CastformerSettings
+from models.predictors.floors import Aligned, AlignedSettings, TreesSettings, statistics
+from models.predictors.losses import LossSettings
+from models.predictors.minirocket import MinirocketSettings, Rocket, read_rocket
+from models.predictors.network import WindowNetwork
+from models.predictors.reject_option import PreludeSettings
+from models.predictors.rule import RuleSettings, drive, logits
 
 CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, PRELUDES_FILE, HISTORY_FILE = (
     "run.json", "weights.pt", "trees.skops", "reference.npz", "preludes.skops", "history.csv",
@@ -146,9 +146,10 @@ class RunCard(Settings):
 
     classes: in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training records a class.
     tv_length, uv_length: samples of a window. dataset: its digest and study. unknown_score: of the scores in
-    `models.openset`, the one that told `following` apart best on the validation seeds (`validation_auroc`); what is
-    below unknown_threshold is rejected: 95 % of the known validation windows are above it. temperature: what logits are
-    divided by for calibrated probabilities, fitted on the validation seeds. parameters: trained numbers of a network.
+    `models.scores.open_set`, the one that told `following` apart best on the validation seeds (`validation_auroc`);
+    what is below unknown_threshold is rejected: 95 % of the known validation windows are above it. temperature: what
+    logits are divided by for calibrated probabilities, fitted on the validation seeds. parameters: trained numbers of
+    a network.
     """
 
     schema_version: Literal[1] = 1

@@ -12,7 +12,6 @@ import io
 import json
 import os
 import shutil
-import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -26,16 +25,14 @@ from hypothesis import strategies as st
 
 import cosim
 from isacsim.errors import RunError
-from labeling.generate import generate
-from models.main_job import claim
+from labeling.generation.generate import generate
 from models.run import OptimiserSettings, TrainSettings
-from models.study import Study, read_study
-from models.training import train
-
-sys.path += [str(Path(__file__).parent / room) for room in (".", "isacsim", "labeling")]
-from mutations import ODD_NUMBERS, ODD_TEXTS, Spoilt, attribute_changed, changed, garbled, spoilt, toml
-from roads import straight_road, vehicle
-from scripted import InlineEngine, ScriptedSource, small_study
+from models.studies.single import claim
+from models.studies.study import Study, read_study
+from models.training.training import train
+from tests.support.mutations import ODD_NUMBERS, ODD_TEXTS, Spoilt, attribute_changed, changed, garbled, spoilt, toml
+from tests.support.roads import straight_road, vehicle
+from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 BEGUN = "the work itself begins"
 MAP = (
@@ -85,13 +82,13 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
-        "labeling.engine.LocalEngine.run",
-        "models.training._train_network",
-        "models.training._train_trees",
+        "labeling.generation.engine.LocalEngine.run",
+        "models.training.training._train_network",
+        "models.training.training._train_trees",
         "models.run.TreesPredictor.__call__",
     ):
         monkeypatch.setattr(place, begin)
-    monkeypatch.setattr("labeling.engine.ANSWER_S", 0.05)
+    monkeypatch.setattr("labeling.generation.engine.ANSWER_S", 0.05)
     monkeypatch.setattr("benchmarks.importlib", SimpleNamespace(import_module=lambda _: SimpleNamespace(run=begin)))
     with contextlib.suppress(AttributeError):
         monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 120)

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.scenario import bundled, load
+from isacsim.scenarios.scenario import bundled, load
 
 ROOT = Path(cosim.__file__).parent
 TINY = """

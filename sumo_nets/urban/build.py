@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.demand import flow
+from isacsim.scenarios.demand import flow
 from sumo_nets.plain import Plain, write_scenario
 
 LIMIT = 13.89

@@ -10,8 +10,8 @@ import pytest
 import benchmarks.generate
 import benchmarks.traffic
 import cosim
-from isacsim.traffic import TrafficSettings
-from labeling.study import DatasetStudy
+from isacsim.traffic.simulation import TrafficSettings
+from labeling.generation.settings import DatasetStudy
 
 SHORT = TrafficSettings(run_in_s=20.0, duration_s=20.0)
 

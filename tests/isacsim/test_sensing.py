@@ -1,24 +1,19 @@
 """The chain composed: accuracy, independence of company and order, and who sees whom."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-sys.path.insert(0, str(Path(__file__).parent))
-from sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
-
-from isacsim.blockage import TRUCK_HEIGHT_M, Blockers
-from isacsim.bounds import fix_bound
-from isacsim.channel import ChannelSettings
 from isacsim.errors import InputError
-from isacsim.fusion import FusionSettings, Panels
-from isacsim.scenario import Site
+from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
+from isacsim.radio.bounds import fix_bound
+from isacsim.radio.channel import ChannelSettings
+from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, assign, before, fix, sense
+from isacsim.tracking.fusion import FusionSettings, Panels
+from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
 SITES = road_sites()
 # Masts 200 m apart leave three within 400 m at times; these tests want four throughout.

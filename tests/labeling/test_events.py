@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
 from pydantic import ValidationError
 
-from isacsim.recording import Command, Recording
-from labeling.evasive_swerve import EvasiveSwerveSettings
+from isacsim.traffic.recording import Command, Recording
+from labeling.detectors.evasive_swerve import EvasiveSwerveSettings
 from labeling.events import LabelSettings, label, origin
 from labeling.intentions import Event, Intention
+from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
 
 ROAD = Road((Stretch(600.0), Stretch(5.0, internal=True), Stretch(400.0, (-1, 0, 1, 2)), Stretch(6000.0)), 0.0005)
 SETTINGS = LabelSettings()

@@ -1,11 +1,11 @@
 """Made-up records, and predictors trained on them once a session."""
 
 import pytest
-from made_up import MADE_OF, SMALL_RUN, make_records
 
+from models.data.windows import Records
 from models.run import Run
-from models.training import train_records
-from models.windows import Records
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 
 
 @pytest.fixture(scope="session")

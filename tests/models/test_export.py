@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from made_up import SMALL_RUN
 
 from isacsim.errors import InputError
-from models.castformer import CastformerSettings
+from models.data.windows import Records, Windows, cut, draw_ends
 from models.export import write_export
-from models.floors import AlignedSettings
+from models.predictors.castformer import CastformerSettings
+from models.predictors.floors import AlignedSettings
 from models.run import NetworkPredictor, Run, build_network
-from models.windows import Records, Windows, cut, draw_ends
+from tests.support.made_up import SMALL_RUN
 
 SHORT = {"tv_length": 80, "uv_length": 20}
 SETTINGS = SMALL_RUN.model_copy(

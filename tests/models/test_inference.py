@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 import torch
-from made_up import SMALL_RUN
 
-from models.asi_bip import AsiBip
-from models.floors import Aligned
+from models.data.windows import Ends, Records, cut
 from models.inference import Infer
-from models.openset import chosen
+from models.predictors.asi_bip import AsiBip
+from models.predictors.floors import Aligned
 from models.run import Run, build_network
-from models.windows import Ends, Records, cut
+from models.scores.open_set import chosen
+from tests.support.made_up import SMALL_RUN
 
 ENDS = Ends(np.array([0, 1, 6]), np.array([300, 350, 400]))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from isacsim.scenario import bundled
+from isacsim.scenarios.scenario import bundled
 
 
 @pytest.mark.parametrize("name", sorted(bundled()))

@@ -1,0 +1,50 @@
+"""Cramer-Rao bounds: of one echo, and of position and velocity from several sites.
+
+One echo: a single target of unknown complex amplitude in white noise, rho = |b|^2 / sigma^2 the per-element SNR and N
+the number of elements. Source: Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974), for the model of Eq. (1) of ASI-BIP.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isacsim.radio.waveform import LIGHT_SPEED_MPS, Array, Waveform
+from isacsim.tracking.fusion import Panels, information_of
+
+
+def cell_bound(snr: Array, waveform: Waveform) -> Array:
+    """Bound of the frequency along each axis: variance 6 / (rho N (Ni^2 - 1)) in radians a step.
+
+    snr: per-element SNR, linear, shape (...). Returns the standard deviation in cells, shape (..., 3).
+    """
+    counts = np.array(waveform.shape, dtype=np.float64)
+    radians = np.sqrt(6 / (np.asarray(snr)[..., None] * waveform.size * (counts**2 - 1)))
+    return np.asarray(radians * counts / (2 * np.pi))
+
+
+def measured_bound(snr: Array, waveform: Waveform) -> Array:
+    """Bound of (sine of angle, range in m, radial velocity in m/s): standard deviations, shape (..., 3)."""
+    return np.asarray(cell_bound(snr, waveform) / np.abs(waveform.cells_per_unit))
+
+
+def angle_bound(snr: Array, sine: Array, waveform: Waveform) -> Array:
+    """Bound of the angle of arrival: standard deviation in radians, shape (...). sine: of the true angle."""
+    return np.asarray(measured_bound(snr, waveform)[..., 0] / np.sqrt(1 - np.asarray(sine) ** 2))
+
+
+def delay_bound(snr: Array, waveform: Waveform) -> Array:
+    """Bound of the delay: standard deviation in seconds, shape (...)."""
+    return np.asarray(measured_bound(snr, waveform)[..., 1] * 2 / LIGHT_SPEED_MPS)
+
+
+def doppler_bound(snr: Array, waveform: Waveform) -> Array:
+    """Bound of the Doppler shift: standard deviation in Hz, shape (...)."""
+    return np.asarray(measured_bound(snr, waveform)[..., 2] * 2 / waveform.wavelength_m)
+
+
+def fix_bound(state: Array, snr: Array, panels: Panels, waveform: Waveform) -> Array:
+    """Bound of x, y (m), vx, vy (m/s) estimated together from all sites' echoes of one instant.
+
+    state: true x, y, vx, vy, (S, 4). snr: per-element SNR of each echo, linear, (S, I). Returns covariances, (S, 4, 4).
+    """
+    return np.asarray(np.linalg.inv(information_of(state, measured_bound(snr, waveform), panels)))

@@ -1,0 +1,143 @@
+"""Where the SNR of an echo comes from: a number, a range, a link budget; and what rain and other vehicles take off it.
+
+Source of the link budget: the monostatic radar equation per array element; of the vehicle's radar cross-section: 3GPP
+TR 38.901 clause 7.9. The defaults of `link` give 33.7, 21.7 and 9.6 dB at 50, 100 and 200 m for 10 dBsm. Rain and
+vehicles in between (`isacsim.radio.blockage`) come off any of the three.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from isacsim.errors import InputError
+from isacsim.radio.blockage import Blockers, blockage_db
+from isacsim.radio.waveform import Array, Waveform
+from isacsim.seeding import stream
+from isacsim.settings import Settings
+from isacsim.tracking.fusion import Panels
+
+IntArray = npt.NDArray[np.int64]
+
+_THERMAL_DBM_PER_HZ = -173.98
+
+
+class LinkBudget(Settings):
+    """Transmit and receive chain of one panel."""
+
+    power_dbm: float = Field(29.8, description="Transmit power over the sensing bandwidth.")
+    transmit_gain_db: float = Field(8.0, description="Gain of the transmitting panel toward the vehicle.")
+    element_gain_db: float = Field(8.0, description="Gain of one receiving element.")
+    noise_figure_db: float = Field(5.0, ge=0, description="Receiver noise figure.")
+    loss_db: float = Field(3.0, ge=0, description="Losses of the chain, both ways.")
+    cross_section_dbsm: float = Field(11.25, description="Mean radar cross-section of a vehicle (TR 38.901, 7.9).")
+    cross_section_sd_db: float = Field(3.41, ge=0, description="Its spread, drawn a record and site (TR 38.901, 7.9).")
+
+
+class ChannelSettings(Settings):
+    """The per-element SNR of every echo of a record."""
+
+    kind: Literal["fixed", "uniform", "link"] = Field(
+        "uniform", description="One number; one draw a record, alike at all its sites (the paper); the link budget."
+    )
+    snr_db: float = Field(5.0, ge=-60, le=80, description="Per-element SNR of `fixed`.")
+    snr_range_db: tuple[float, float] = Field((0.0, 10.0), description="Range of `uniform`: lowest, highest.")
+    link: LinkBudget = Field(default_factory=LinkBudget, description="Budget of `link`.")
+    rain_mm_per_h: float = Field(0.0, ge=0, le=300, description="Rain, which attenuates both ways (ITU-R P.838-3).")
+    blockage: bool = Field(False, description="Whether vehicles between site and target attenuate (3GPP TR 37.885).")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ChannelSettings:
+        low, high = self.snr_range_db
+        if not -60 <= low <= high <= 80:
+            raise ValueError(f"snr_range_db {low:g}:{high:g} is no range: give LOW:HIGH in dB with LOW <= HIGH")
+        return self
+
+
+def snr_db(
+    settings: ChannelSettings,
+    waveform: Waveform,
+    position: Array,
+    site: IntArray,
+    panels: Panels,
+    time_s: Array,
+    blockers: Blockers | None,
+    key: tuple[str | int, ...],
+) -> Array:
+    """Per-element SNR of every echo of a record, dB, (S, I).
+
+    position: true x, y, m, (S, 2). site: number of each echo's site, (S, I), and panels its geometry. time_s: of each
+    snapshot from the record's start, (S,). blockers: the other vehicles, where the settings ask for blockage.
+    key: names the record; every draw is seeded by it.
+    """
+    _, _, distance = panels.sight(position[:, :1], position[:, 1:])
+    if settings.kind == "fixed":
+        level = np.full(distance.shape, settings.snr_db)
+    elif settings.kind == "uniform":
+        level = np.full(distance.shape, stream(*key, "channel").uniform(*settings.snr_range_db))
+    else:
+        numbers = np.unique(site)
+        spread = np.zeros(int(numbers.max()) + 1)
+        spread[numbers] = [stream(*key, "cross-section", int(k)).standard_normal() for k in numbers]
+        section = settings.link.cross_section_dbsm + settings.link.cross_section_sd_db * spread[site]
+        level = link_snr_db(settings.link, waveform, distance, section)
+    if settings.rain_mm_per_h:
+        level = level - 2 * distance / 1000 * rain_db_per_km(waveform.carrier_hz, settings.rain_mm_per_h)
+    if settings.blockage:
+        if blockers is None:
+            raise InputError(
+                "blockage asks for the other vehicles, which were not given: sense from traffic, or turn it off"
+            )
+        level = level - 2 * blockage_db(blockers, position, site, panels, time_s, key)
+    return level
+
+
+def link_snr_db(link: LinkBudget, waveform: Waveform, distance_m: Array, cross_section_dbsm: Array | float) -> Array:
+    """Per-element SNR by the radar equation, dB. distance_m: slant range, (...). Returns (...)."""
+    bandwidth_hz = waveform.subcarriers * waveform.subcarrier_spacing_hz
+    received = (
+        link.power_dbm
+        + link.transmit_gain_db
+        + link.element_gain_db
+        - link.loss_db
+        + cross_section_dbsm
+        + 20 * np.log10(waveform.wavelength_m)
+        - 30 * np.log10(4 * np.pi)
+        - 40 * np.log10(distance_m)
+    )
+    noise = _THERMAL_DBM_PER_HZ + 10 * np.log10(bandwidth_hz) + link.noise_figure_db
+    return np.asarray(received - noise)
+
+
+def rain_db_per_km(carrier_hz: float, rain_mm_per_h: float) -> float:
+    """Specific attenuation of rain for horizontal polarisation, dB/km, one way.
+
+    Source: ITU-R P.838-3, equations (1)-(3) and tables 1 and 3; valid from 1 to 1000 GHz.
+    """
+    decade = np.log10(carrier_hz / 1e9)
+
+    def regression(terms: list[tuple[float, float, float]], slope: float, constant: float) -> float:
+        bells = sum(a * np.exp(-(((decade - b) / c) ** 2)) for a, b, c in terms)
+        return float(bells + slope * decade + constant)
+
+    k = 10 ** regression(_RAIN_K, -0.18961, 0.71147)
+    alpha = regression(_RAIN_ALPHA, 0.67849, -1.95537)
+    return float(k * rain_mm_per_h**alpha)
+
+
+_RAIN_K = [
+    (-5.33980, -0.10008, 1.13098),
+    (-0.35351, 1.26970, 0.45400),
+    (-0.23789, 0.86036, 0.15354),
+    (-0.94158, 0.64552, 0.16817),
+]
+_RAIN_ALPHA = [
+    (-0.14318, 1.82442, -0.55187),
+    (0.29591, 0.77564, 0.19822),
+    (0.32177, 0.63773, 0.13164),
+    (-5.37610, -0.96230, 1.47828),
+    (16.1721, -3.29980, 3.43990),
+]

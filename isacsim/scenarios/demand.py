@@ -1,0 +1,158 @@
+"""Demand made for a network that has none: a population of drivers, and through routes by road class.
+
+A large network is not filled: routes are made along its busiest corridors, one after the other, until about as many
+vehicles are on the road at once as asked for.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sumolib.net
+from pydantic import Field
+
+from isacsim.errors import InputError
+from isacsim.scenarios.sumo_files import one_line
+from isacsim.seeding import stream
+from isacsim.settings import Settings
+
+
+class DemandSettings(Settings):
+    """How much traffic is made, and where."""
+
+    vehicles: int = Field(120, ge=1, le=5000, description="vehicles on the road at once, about")
+    truck_share: float = Field(0.1, ge=0.0, le=1.0, description="share of trucks")
+    corridor_m: float = Field(5000.0, ge=500.0, le=50_000.0, description="longest corridor, m")
+    motorway_per_lane_h: float = Field(900.0, gt=0.0, description="vehicles an hour and lane at 25 m/s and more")
+    arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles an hour and lane at 16 to 25 m/s")
+    street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles an hour and lane below 16 m/s")
+    ramp_share: float = Field(0.1, ge=0.0, le=1.0, description="of its volume, that a side road adds")
+
+    def per_lane_h(self, speed: float) -> float:
+        """Volume of a road by its speed limit, m/s: vehicles an hour and lane."""
+        if speed >= 25.0:
+            return self.motorway_per_lane_h
+        return self.arterial_per_lane_h if speed >= 16.0 else self.street_per_lane_h
+
+
+def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[str]:
+    """vTypeDistributions `cars` and `trucks`, as lines of XML.
+
+    All drive by the Intelligent Driver Model, the calmest of SUMO's models at 10 ms steps in the sublane model. They
+    differ in what drivers differ in: acceleration 1.5-2.6 m/s2, deceleration 3-5.5 m/s2, headway 0.9-1.7 s, desired
+    speed, lateral acceleration 0.6-1.6 m/s2 and speed 0.8-1.5 m/s, eagerness to gain speed, and how strictly they
+    keep right.
+    """
+    draw = rng.uniform
+    common = 'carFollowModel="IDM" speedDev="0" latAlignment="center" probability="1"'
+    lines = ['<vTypeDistribution id="cars">']
+    for k in range(cars):
+        keep_right = rng.choice([1.0, 5.0, 20.0], p=[0.4, 0.3, 0.3])
+        lines.append(
+            f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" '
+            f'minGap="2.0" accel="{draw(1.5, 2.6):.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" '
+            f'tau="{draw(0.9, 1.7):.2f}" maxSpeed="50" speedFactor="{draw(0.75, 1.10):.3f}" '
+            f'maxSpeedLat="{draw(0.8, 1.5):.2f}" lcAccelLat="{draw(0.6, 1.6):.2f}" lcKeepRight="{keep_right}" '
+            f'lcSpeedGain="{draw(0.8, 3.0):.2f}" lcStrategic="2" lcAssertive="{draw(1.0, 1.5):.2f}"/>'
+        )
+    lines += ["</vTypeDistribution>", '<vTypeDistribution id="trucks">']
+    lines += [
+        f'  <vType id="truck{k}" vClass="truck" {common} length="{draw(10.0, 16.5):.2f}" width="2.50" minGap="3.0" '
+        f'accel="{draw(0.8, 1.3):.2f}" decel="{draw(3.0, 4.5):.2f}" emergencyDecel="7.0" tau="{draw(1.4, 2.0):.2f}" '
+        f'maxSpeed="{draw(22.2, 25.0):.2f}" speedFactor="1" maxSpeedLat="0.8" lcAccelLat="0.6" lcKeepRight="20"/>'
+        for k in range(trucks)
+    ]
+    return [*lines, "</vTypeDistribution>"]
+
+
+def flow(name: str, kind: str, route: str, per_hour: float, depart_speed: str = "desired") -> str:
+    """A flow of vehicles with exponential headways, as a line of XML."""
+    return (
+        f'<flow id="{name}" type="{kind}" route="{route}" begin="0" period="exp({per_hour / 3600:.6f})" '
+        f'departLane="best_prob" departSpeed="{depart_speed}" departPos="base"/>'
+    )
+
+
+def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
+    """The text of a route file for a network. Equal arguments give equal text.
+
+    Raises InputError where no road of the network takes cars.
+    """
+    try:
+        net = sumolib.net.readNet(str(network))
+    except Exception as error:  # the reader raises whatever its parser meets
+        raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
+    rng = stream("demand", seed)
+    edges = [edge for edge in net.getEdges() if edge.allows("passenger")]
+    if not edges:
+        raise InputError(f"{network} has no road that cars may use: give another network")
+    edges.sort(key=lambda e: (-e.getLaneNumber() * e.getSpeed(), -e.getLength(), rng.random()))
+    lines = drivers(rng)
+    expected, covered, number = 0.0, set[str](), 0
+    for core in edges:
+        if expected >= settings.vehicles:
+            break
+        if core.getID() in covered:
+            continue
+        corridor = _corridor(core, settings.corridor_m, covered)
+        covered |= {edge.getID() for edge in corridor}
+        length = sum(edge.getLength() for edge in corridor)
+        speed = sum(edge.getSpeed() * edge.getLength() for edge in corridor) / length
+        if length < 200.0:
+            continue
+        volume = settings.per_lane_h(speed) * min(edge.getLaneNumber() for edge in corridor)
+        for name, route, per_hour in _routes(corridor, volume, settings.ramp_share):
+            lines += _flows(f"c{number}{name}", route, per_hour, settings.truck_share)
+        expected += volume / 3600.0 * length / speed
+        number += 1
+    return "<routes>\n  " + "\n  ".join(lines) + "\n</routes>\n"
+
+
+def _corridor(core: Any, longest_m: float, covered: set[str]) -> list[Any]:
+    """Edges in driving order through a core edge: at each end, on along the road that goes on most."""
+    corridor = [core]
+    length = core.getLength()
+    for forward in (True, False):
+        reach = length + (longest_m - length) / (2.0 if forward else 1.0)
+        while length < reach:
+            end = corridor[-1] if forward else corridor[0]
+            nexts = end.getOutgoing() if forward else end.getIncoming()
+            taken = covered | {edge.getID() for edge in corridor}
+            choices = [e for e in nexts if e.allows("passenger") and e.getID() not in taken and not _turns_back(end, e)]
+            if not choices:
+                break
+            best = max(choices, key=lambda e: (min(e.getLaneNumber(), end.getLaneNumber()), e.getSpeed(), e.getID()))
+            corridor = [*corridor, best] if forward else [best, *corridor]
+            length += best.getLength()
+    return corridor
+
+
+def _turns_back(a: Any, b: Any) -> bool:
+    return bool(a.getFromNode() is b.getToNode() and a.getToNode() is b.getFromNode())
+
+
+def _routes(corridor: list[Any], volume: float, ramp_share: float) -> list[tuple[str, list[Any], float]]:
+    """Name, edges and vehicles an hour of the routes of a corridor: through, from each side road, to each."""
+    inside = {edge.getID() for edge in corridor}
+    routes = [("through", corridor, volume)]
+    for k, edge in enumerate(corridor[1:], 1):
+        for side in edge.getIncoming():
+            if side.getID() not in inside and side.allows("passenger") and not _turns_back(side, edge):
+                routes.append((f"in{k}_{len(routes)}", [side, *corridor[k:]], ramp_share * volume))
+    for k, edge in enumerate(corridor[:-1], 1):
+        for side in edge.getOutgoing():
+            if side.getID() not in inside and side.allows("passenger") and not _turns_back(edge, side):
+                routes.append((f"out{k}_{len(routes)}", [*corridor[:k], side], ramp_share * volume))
+    return routes
+
+
+def _flows(name: str, route: list[Any], per_hour: float, truck_share: float) -> list[str]:
+    """A route and its flows of cars and, where they may drive all of it, trucks."""
+    trucks = truck_share if all(edge.allows("truck") for edge in route) else 0.0
+    lines = [f'<route id="{name}" edges="{" ".join(edge.getID() for edge in route)}"/>']
+    for kind, share in (("cars", 1.0 - trucks), ("trucks", trucks)):
+        if share > 0.0:
+            lines.append(flow(f"{name}_{kind}", kind, name, share * per_hour))
+    return lines

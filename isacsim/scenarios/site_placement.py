@@ -1,0 +1,111 @@
+"""Sites along the roads of a network: poles on alternating sides, panels that look along the road, up and down."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+from isacsim.scenarios.scenario import SITE_TYPE, Site
+from isacsim.settings import Settings
+from isacsim.traffic.recording import Array, Lane
+
+STATION_STEP_M = 5.0
+
+
+class PlacementSettings(Settings):
+    """Where poles stand."""
+
+    spacing_m: float = Field(150.0, ge=20.0, le=2000.0, description="between poles along the road, m")
+    set_back_m: float = Field(12.0, ge=1.0, le=100.0, description="from the road's edge, m")
+    height_m: float = Field(15.0, ge=2.0, le=100.0, description="of the antennas above the road, m")
+    off_road_axis_deg: float = Field(45.0, ge=0.0, le=90.0, description="panels look this far off the road's axis")
+
+
+def place(lanes: Sequence[Lane], edges: Collection[str], settings: PlacementSettings) -> list[Site]:
+    """Sites for the given edges: a pole wherever the road has none within the spacing.
+
+    A pole stands set back from the outermost lane, on the other side than the last one where there is room, beyond
+    the opposite carriageway if need be, and nowhere nearer than the set-back to any lane.
+    """
+    surface = _Surface(lanes)
+    outer: dict[str, tuple[Lane, Lane]] = {}
+    for lane in lanes:
+        if lane.edge in edges:
+            right, left = outer.get(lane.edge, (lane, lane))
+            outer[lane.edge] = (min(right, lane, key=_index), max(left, lane, key=_index))
+    stations = np.empty((0, 2))
+    sites: list[Site] = []
+    for right, left in sorted(outer.values(), key=lambda pair: (-pair[0].length_m, pair[0].edge)):
+        for point, heading in _stations(right):
+            if len(stations) and np.hypot(*(stations - point).T).min() < settings.spacing_m:
+                continue
+            first = 1.0 if len(stations) % 2 else -1.0
+            for side in (first, -first):
+                edge_of_road = right.width_m / 2.0 if side < 0 else (left.index - right.index + 0.5) * left.width_m
+                pole = surface.clear_point(point, heading, side, edge_of_road, settings.set_back_m)
+                if pole is not None:
+                    sites += panels(f"pole{len(stations)}", pole, heading, side, settings)
+                    stations = np.vstack([stations, point])
+                    break
+    return sites
+
+
+def panels(name: str, pole: Array, heading: float, side: float, settings: PlacementSettings) -> list[Site]:
+    """The two panels of a pole. heading: of the road, rad; side: +1 where the pole is on its left, -1 on its right."""
+    compass = 90.0 - np.degrees(heading)
+    turns = (settings.off_road_axis_deg, 180.0 - settings.off_road_axis_deg)
+    return [
+        # Clockwise from the driving direction is towards the road for a pole on its left.
+        Site(f"{name}_{end}", float(pole[0]), float(pole[1]), settings.height_m, float((compass + side * turn) % 360.0))
+        for end, turn in zip(("up", "down"), turns, strict=True)
+    ]
+
+
+def sites_file(sites: Iterable[Site], origin: tuple[float, float] = (0.0, 0.0)) -> str:
+    """The text of an additional file with the sites as POIs, which sumo-gui and netedit show."""
+    lines = [
+        f'<poi id="{site.id}" x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
+        f'color="red" layer="100">\n    <param key="height" value="{site.height_m:g}"/>\n'
+        f'    <param key="azimuth" value="{site.azimuth_deg:.1f}"/>\n  </poi>'
+        for site in sites
+    ]
+    return "<additional>\n  " + "\n  ".join(lines) + "\n</additional>\n"
+
+
+def _index(lane: Lane) -> int:
+    return lane.index
+
+
+def _stations(lane: Lane) -> Iterable[tuple[Array, float]]:
+    """Points every few metres along a lane, with its heading there, rad."""
+    steps = np.diff(lane.shape, axis=0)
+    lengths = np.hypot(*steps.T)
+    ends = np.concatenate([[0.0], np.cumsum(lengths)])
+    for at in np.arange(min(STATION_STEP_M, ends[-1] / 2.0), ends[-1], STATION_STEP_M):
+        k = min(int(np.searchsorted(ends, at, side="right")) - 1, len(steps) - 1)
+        yield lane.shape[k] + steps[k] * (at - ends[k]) / lengths[k], float(np.arctan2(steps[k, 1], steps[k, 0]))
+
+
+class _Surface:
+    """Where roads are: points along all lanes, with the half-width around each."""
+
+    def __init__(self, lanes: Sequence[Lane]) -> None:
+        points, widths = [], []
+        for lane in lanes:
+            along = [point for point, _ in _stations(lane)]
+            points += [*along, lane.shape[0], lane.shape[-1]]
+            widths += [lane.width_m / 2.0] * (len(along) + 2)
+        self._tree = cKDTree(np.array(points))
+        self._widest = max(widths)
+
+    def clear_point(self, point: Array, heading: float, side: float, edge_m: float, set_back_m: float) -> Array | None:
+        """The nearest point on a side of the road that is set back from every lane; None within 60 m."""
+        outward = side * np.array([-np.sin(heading), np.cos(heading)])
+        for further in np.arange(0.0, 60.0, 3.0):
+            pole = point + outward * (edge_m + set_back_m + further)
+            if self._tree.query(pole)[0] >= self._widest + set_back_m - STATION_STEP_M / 2.0:
+                return np.asarray(pole)
+        return None

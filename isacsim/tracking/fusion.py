@@ -1,0 +1,203 @@
+"""Position and velocity of one vehicle from several sites that measured it at the same instant.
+
+A site measures the sine of the angle between the line of sight and its broadside (a linear array on a mast sees the
+cone about its axis, not the bearing), the slant range, and the radial velocity. With the target's height known, all
+three are functions of its position and velocity on the ground:
+
+    d = p - p_site,  R = sqrt(|d|^2 + h^2),  sine = e.d / R,  v_r = d.v / R
+
+where h is the difference of heights and e the horizontal unit vector along the array, to the right of its azimuth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from isacsim.radio.waveform import Array
+from isacsim.scenarios.scenario import Site
+from isacsim.settings import Settings
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+class FusionSettings(Settings):
+    """How several sites' measurements become one fix."""
+
+    method: Literal["information", "eq5"] = Field(
+        "information", description="Joint maximum likelihood; the paper's linear equations (fusion_tdoa_aoa)."
+    )
+    steps: int = Field(2, ge=1, le=10, description="Gauss-Newton steps of `information`.")
+    eq5_weights: Literal["paper", "covariance"] = Field(
+        "paper",
+        description="Weights of `eq5`: one variance a site for its range and its angle; the rows' true covariance.",
+    )
+    speed_prior_mps: float = Field(
+        60.0,
+        gt=0,
+        description="Standard deviation of a vehicle's velocity along either axis, so that lines of sight that are "
+        "parallel leave a fix with a wide, finite covariance.",
+    )
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Geometry of the sites of each echo. Arrays (S, I), or (I,), of m and unit vectors.
+
+    height_m: of the panel above the target's reflecting point, which is target_height_m above the road.
+    right: along the array, (..., 2). front: where the panel faces, (..., 2).
+    """
+
+    x: Array
+    y: Array
+    height_m: Array
+    right: Array
+    front: Array
+    target_height_m: float
+
+    @staticmethod
+    def of(sites: Sequence[Site], target_height_m: float) -> Panels:
+        """Panels of the given sites, arrays (I,)."""
+        azimuth = np.radians([site.azimuth_deg for site in sites])
+        return Panels(
+            np.array([site.x for site in sites], dtype=np.float64),
+            np.array([site.y for site in sites], dtype=np.float64),
+            np.array([site.height_m for site in sites], dtype=np.float64) - target_height_m,
+            np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=-1),
+            np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1),
+            target_height_m,
+        )
+
+    def take(self, index: npt.NDArray[np.int64]) -> Panels:
+        """The panels of each echo, by number of the site."""
+        x, y, height = self.x[index], self.y[index], self.height_m[index]
+        return Panels(x, y, height, self.right[index], self.front[index], self.target_height_m)
+
+    def reordered(self, order: npt.NDArray[np.int64]) -> Panels:
+        """Panels (S, I) of each instant in another order (S, I)."""
+        x, y, height = (np.take_along_axis(a, order, axis=1) for a in (self.x, self.y, self.height_m))
+        right, front = (np.take_along_axis(a, order[..., None], axis=1) for a in (self.right, self.front))
+        return Panels(x, y, height, right, front, self.target_height_m)
+
+    def measured(self, state: Array) -> Array:
+        """Sine, slant range (m) and radial velocity (m/s) of a vehicle, (S, I, 3). state: x, y, vx, vy, (S, 4)."""
+        dx, dy, distance = self.sight(state[:, 0, None], state[:, 1, None])
+        sine = (self.right[..., 0] * dx + self.right[..., 1] * dy) / distance
+        radial = (dx * state[:, 2, None] + dy * state[:, 3, None]) / distance
+        return np.stack([sine, distance, radial], axis=-1)
+
+    def sight(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Horizontal offsets from panel to vehicle and the slant range, m."""
+        dx, dy = x - self.x, y - self.y
+        return dx, dy, np.sqrt(dx**2 + dy**2 + self.height_m**2)
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Fused x, y (m), vx, vy (m/s): state (S, 4), covariance (S, 4, 4), and which are fixes at all, valid (S,)."""
+
+    state: Array
+    covariance: Array
+    valid: BoolArray
+
+
+def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:
+    """Joint maximum likelihood of position and velocity at each instant, by Gauss-Newton.
+
+    measured: sine, range (m), radial velocity (m/s), (S, I, 3). deviation: their standard deviations, same shape.
+    used: which echoes take part, (S, I). panels: of each echo.
+    One echo is enough for a position; the velocity across its line of sight is then the prior's. Instants without any
+    echo give a fix that is not valid, at the origin, with a covariance of (1e4 m)^2.
+    """
+    weight = np.where(used[..., None], deviation, np.inf) ** -2.0
+    state = np.zeros((len(measured), 4))
+    state[:, :2] = _first_position(measured, weight, used, panels)
+    information, gradient = _normal_equations(state, measured, weight, panels, settings)
+    for _ in range(settings.steps):
+        state = state + np.linalg.solve(information, gradient[..., None])[..., 0]
+        information, gradient = _normal_equations(state, measured, weight, panels, settings)
+    return checked(state, np.asarray(np.linalg.inv(information)), np.asarray(used.any(axis=1)))
+
+
+def checked(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
+    """Fixes with symmetric covariances, and those that are not valid set to the origin and (1e4 m)^2."""
+    valid = valid & np.isfinite(state).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+    return Fixes(
+        np.where(valid[:, None], state, 0.0), np.where(valid[:, None, None], covariance, 1e8 * np.eye(4)), valid
+    )
+
+
+def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
+    """Fisher information of (x, y, vx, vy) in the sites' measurements, (S, 4, 4).
+
+    state: (S, 4). deviation: of sine, range and radial velocity, (S, I, 3).
+    """
+    rows = _jacobian(state, panels.measured(state), panels).reshape(len(state), -1, 4)
+    return np.asarray((rows * deviation.reshape(len(state), -1, 1) ** -2.0).transpose(0, 2, 1) @ rows)
+
+
+def single_site(measured: Array, panels: Panels) -> tuple[Array, Array]:
+    """The position that one site's sine and slant range give, height taken into account: x, y, m, shape (S, I).
+
+    Of the two points of the circle the one before the panel is taken: behind it the panel sees nothing.
+    """
+    along = measured[..., 0] * measured[..., 1]
+    ahead = np.sqrt(np.maximum(measured[..., 1] ** 2 - along**2 - panels.height_m**2, 1.0))
+    x = panels.x + along * panels.right[..., 0] + ahead * panels.front[..., 0]
+    y = panels.y + along * panels.right[..., 1] + ahead * panels.front[..., 1]
+    return x, y
+
+
+def _first_position(measured: Array, weight: Array, used: BoolArray, panels: Panels) -> Array:
+    """Each site's own position weighed by its information, u u^T / sr^2 + n n^T / (r st)^2: (S, 2)."""
+    x, y = single_site(measured, panels)
+    dx, dy, distance = panels.sight(x, y)
+    ground = np.hypot(dx, dy)
+    ux, uy = dx / ground, dy / ground
+    along, across = weight[..., 1], weight[..., 0] / distance**2
+    xx = along * ux**2 + across * uy**2
+    xy = (along - across) * ux * uy
+    yy = along * uy**2 + across * ux**2
+    right = np.stack([(xx * x + xy * y).sum(axis=1), (xy * x + yy * y).sum(axis=1)], axis=-1)
+    idle = ~used.any(axis=1)
+    a, b, c = xx.sum(axis=1) + idle, xy.sum(axis=1), yy.sum(axis=1) + idle
+    first = c * right[:, 0] - b * right[:, 1]
+    second = a * right[:, 1] - b * right[:, 0]
+    return np.asarray(np.stack([first, second], axis=-1) / (a * c - b**2)[:, None])
+
+
+def _jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
+    """Derivatives of sine, range and radial velocity over x, y, vx, vy at a state (S, 4): (S, I, 3, 4)."""
+    dx, dy, distance = panels.sight(state[:, 0, None], state[:, 1, None])
+    unit = np.stack([dx / distance, dy / distance], axis=-1)
+    jacobian = np.zeros((*distance.shape, 3, 4))
+    jacobian[..., 0, :2] = (panels.right - predicted[..., 0, None] * unit) / distance[..., None]
+    jacobian[..., 1, :2] = unit
+    jacobian[..., 2, :2] = (state[:, None, 2:] - predicted[..., 2, None] * unit) / distance[..., None]
+    jacobian[..., 2, 2:] = unit
+    return jacobian
+
+
+def _normal_equations(
+    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionSettings
+) -> tuple[Array, Array]:
+    """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
+    predicted = panels.measured(state)
+    rows = _jacobian(state, predicted, panels).reshape(len(state), -1, 4)
+    weighted = (rows * weight.reshape(len(state), -1, 1)).transpose(0, 2, 1)
+    information = weighted @ rows
+    gradient = (weighted @ (measured - predicted).reshape(len(state), -1, 1))[..., 0]
+    prior = settings.speed_prior_mps**-2
+    information[:, 2, 2] += prior
+    information[:, 3, 3] += prior
+    gradient[:, 2:] -= prior * state[:, 2:]
+    # Without an echo there is no information of the place: keep the matrix regular, the caller drops the fix.
+    idle = weight.sum(axis=(1, 2)) == 0
+    information[idle, :2, :2] += np.eye(2)
+    return information, gradient

@@ -1,0 +1,63 @@
+"""The filter of `isacsim.tracking.kalman` for one vehicle as its fixes come: one fix in, state out, on filterpy.
+
+The same model, gate and new start as the batched filter, whose reference it is in the tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from isacsim.radio.waveform import Array
+from isacsim.tracking.kalman import TrackingSettings, process_noise, start, transition
+
+
+class StreamingFilter:
+    """Six-state constant-acceleration Kalman filter over the fixes of one vehicle.
+
+    step_s: time between calls of `step`, s. state: x, y, vx, vy, ax, ay, m, m/s, m/s2, (6,), and covariance, (6, 6),
+    after the latest step. Both are None until the first fix.
+    """
+
+    def __init__(self, step_s: float, settings: TrackingSettings | None = None) -> None:
+        self.settings = settings or TrackingSettings()
+        self.state: Array | None = None
+        self.covariance: Array | None = None
+        self._reacquire_steps = self.settings.reacquire_s / step_s
+        self._refused = 0
+        self._kalman = KalmanFilter(dim_x=6, dim_z=4)
+        self._kalman.F, self._kalman.H = transition(step_s), np.eye(4, 6)
+        self._kalman.Q = process_noise(step_s, self.settings.jerk_density)
+
+    def step(self, fix: Array | None, covariance: Array | None = None) -> Array | None:
+        """Take one time step, with the fix that came in it, x, y, vx, vy, (4,), and its covariance, (4, 4), if any.
+
+        Returns the state after it, (6,), or None as long as there was no fix. A fix whose normalised innovation squared
+        exceeds the settings' gate is not used; after `reacquire_s` of nothing but such fixes the filter starts anew.
+        """
+        if self.state is None:
+            if fix is not None and covariance is not None:
+                self._start(fix, covariance)
+            return self.state
+        self._kalman.predict()
+        if fix is not None and covariance is not None:
+            self._use(fix, covariance)
+        self.state, self.covariance = self._kalman.x.copy(), self._kalman.P.copy()
+        return self.state
+
+    def _use(self, fix: Array, covariance: Array) -> None:
+        surprise = fix - self._kalman.x[:4]
+        spread = self._kalman.P[:4, :4] + covariance
+        if surprise @ np.linalg.solve(spread, surprise) <= self.settings.gate:
+            self._refused = 0
+            self._kalman.update(fix, R=covariance)
+            return
+        self._refused += 1
+        if self._refused > self._reacquire_steps:
+            self._start(fix, covariance)
+
+    def _start(self, fix: Array, covariance: Array) -> None:
+        state, spread = start(fix[None], covariance[None], self.settings)
+        self._kalman.x, self._kalman.P = state[0], spread[0]
+        self._refused = 0
+        self.state, self.covariance = state[0].copy(), spread[0].copy()

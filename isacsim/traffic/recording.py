@@ -1,0 +1,165 @@
+"""A recording: the 100 Hz states of all vehicles of one scenario and seed, as SUMO reported them.
+
+States are raw. Nothing downstream may differentiate them: `isacsim.traffic.motion` conditions them first.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane of the network, junction-internal ones included.
+
+    index: 0 is the rightmost lane of its edge. shape: centre line, (n, 2), m, in the scenario's plane.
+    successors: ids of the lanes that continue this one (through junctions: the internal lane first).
+    """
+
+    id: str
+    edge: str
+    index: int
+    width_m: float
+    length_m: float
+    shape: Array
+    successors: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Track:
+    """The states of one vehicle; row k is at time (first_step + k) * step_s of the recording.
+
+    x, y: front bumper centre in the scenario's plane, m, shape (n,). speed: along the lane, m/s.
+    lane: position of the lane in `Recording.lanes`. lane_pos: of the front bumper along that lane, m.
+    lane_lat: offset of the vehicle from the lane's centre line, left positive, m.
+    kind: SUMO vehicle class ("passenger", "truck", ...).
+    """
+
+    vehicle: str
+    kind: str
+    length_m: float
+    width_m: float
+    first_step: int
+    x: Array
+    y: Array
+    speed: Array
+    lane: npt.NDArray[np.integer[Any]]
+    lane_pos: Array
+    lane_lat: Array
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True)
+class Command:
+    """That a vehicle was under command from start to end, s. Provenance only: labels never depend on it."""
+
+    vehicle: str
+    maneuver: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Incidents:
+    """What SUMO reported that keeps a vehicle out of every sample: ids of vehicles that collided or teleported."""
+
+    collided: tuple[str, ...] = ()
+    teleported: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All vehicles' states of one scenario and seed. Vehicles in `incidents` have no track.
+
+    warnings: how many SUMO had; of the run, not of the motion.
+    """
+
+    scenario: str
+    seed: int
+    step_s: float
+    lanes: tuple[Lane, ...]
+    tracks: dict[str, Track]
+    commands: tuple[Command, ...] = ()
+    incidents: Incidents = field(default_factory=Incidents)
+    warnings: int = 0
+
+    @cached_property
+    def lane_number(self) -> dict[str, int]:
+        """Position of each lane id in `lanes`."""
+        return {lane.id: k for k, lane in enumerate(self.lanes)}
+
+    @cached_property
+    def commands_to(self) -> dict[str, list[Command]]:
+        """The commands to each vehicle that had any, in the order of `commands`."""
+        found: dict[str, list[Command]] = {}
+        for command in self.commands:
+            found.setdefault(command.vehicle, []).append(command)
+        return found
+
+    def times(self, track: Track) -> Array:
+        """Simulation time of each row of a track, s, shape (n,)."""
+        return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)
+
+    def save(self, path: Path) -> None:
+        """Write the recording to a .npz file: the rows of all tracks in a row, and one JSON text for the rest."""
+        tracks = list(self.tracks.values())
+        heads = [
+            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")}
+            | {"n": len(t)}
+            for t in tracks
+        ]
+        text = json.dumps(
+            {
+                "scenario": self.scenario,
+                "seed": self.seed,
+                "step_s": self.step_s,
+                "lanes": [asdict(lane) | {"shape": lane.shape.tolist()} for lane in self.lanes],
+                "tracks": heads,
+                "commands": [asdict(command) for command in self.commands],
+                "incidents": asdict(self.incidents),
+                "warnings": self.warnings,
+            }
+        )
+        columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
+        np.savez_compressed(path, head=np.array(text), **columns)
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        """Read what `save` wrote. Nothing in the file is executed."""
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+            columns = {name: file[name] for name in COLUMNS}
+        lanes = tuple(
+            Lane(**(lane | {"shape": np.array(lane["shape"]), "successors": tuple(lane["successors"])}))
+            for lane in head["lanes"]
+        )
+        tracks, start = {}, 0
+        for track in head["tracks"]:
+            end = start + track.pop("n")
+            tracks[track["vehicle"]] = Track(**track, **{name: columns[name][start:end] for name in COLUMNS})
+            start = end
+        return cls(
+            scenario=head["scenario"],
+            seed=head["seed"],
+            step_s=head["step_s"],
+            lanes=lanes,
+            tracks=tracks,
+            commands=tuple(Command(**command) for command in head["commands"]),
+            incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
+            warnings=head.get("warnings", 0),
+        )
+
+
+COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
+"""The arrays of a track."""

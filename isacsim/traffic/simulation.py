@@ -1,0 +1,146 @@
+"""One libsumo session, from a scenario to a recording."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from isacsim.errors import InputError, RunError
+from isacsim.scenarios.scenario import Scenario
+from isacsim.scenarios.sumo_files import one_line, without_outputs
+from isacsim.seeding import stream
+from isacsim.settings import Settings
+from isacsim.traffic.director import Director, ManeuverSettings
+from isacsim.traffic.recording import Incidents, Recording
+from isacsim.traffic.state_log import StateLog
+
+LOG_FILE = "messages.log"
+STUCK_S = 300.0
+"""How long a vehicle may stand at the head of a queue before SUMO moves it on, s; longer than any red light."""
+MISSED_EXIT_S = 20.0
+"""The same on a fast road, in a lane that does not lead to its exit."""
+WARNING = "Warning:"
+"""How SUMO begins a warning."""
+
+
+class TrafficSettings(Settings):
+    """How SUMO is stepped. Defaults: decide at human pace, integrate finely, move sideways smoothly."""
+
+    step_s: float = Field(0.01, gt=0.0, le=0.1, description="simulation step, s; a whole number of milliseconds")
+    action_step_s: float = Field(0.1, gt=0.0, le=1.0, description="interval of drivers' decisions, s")
+    lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="sublane width, m")
+    run_in_s: float = Field(90.0, ge=0.0, description="simulated before the recording begins, s")
+    duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
+
+
+class TrafficError(RunError):
+    """SUMO failed during a simulation. The message is SUMO's, in one line."""
+
+
+def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> Recording:
+    """Simulate a scenario and record every vehicle's state at every step after the run-in.
+
+    Vehicles that collided or teleported are left out of the tracks and named in `incidents`. Equal arguments give
+    an equal recording. Only one simulation can run in a process at a time.
+    Raises InputError when SUMO refuses the scenario, TrafficError when it fails on the way.
+    """
+    messages: Counter[str] = Counter()
+    begin = round(scenario.begin_s / traffic.step_s)
+    first = begin + round(traffic.run_in_s / traffic.step_s)
+    last = first + round(traffic.duration_s / traffic.step_s)
+    log = StateLog(scenario, traffic.step_s, first)
+    with session(scenario, seed, traffic, messages, log) as sumo:
+        director = Director(
+            maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
+        )
+        try:
+            for step in range(begin, last):
+                director.step(sumo, step * traffic.step_s)
+                sumo.simulationStep()
+                log.step(sumo)
+        except (sumo.TraCIException, sumo.FatalTraCIError) as error:
+            raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
+        finally:
+            director.finish(last * traffic.step_s)
+    return Recording(
+        scenario=scenario.name,
+        seed=seed,
+        step_s=traffic.step_s,
+        lanes=scenario.lanes,
+        tracks=log.tracks(),
+        commands=tuple(director.commands),
+        incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
+        warnings=messages[WARNING],
+    )
+
+
+@contextlib.contextmanager
+def session(
+    scenario: Scenario,
+    seed: int,
+    traffic: TrafficSettings,
+    messages: Counter[str] | None = None,
+    log: StateLog | None = None,
+) -> Iterator[Any]:
+    """A running libsumo simulation of a scenario, closed at the end. Nothing but the input files is taken from it.
+
+    messages: is given, at the end, how many warnings SUMO had (`WARNING`).
+    log: is given the states; it can make tracks of them when the session has ended.
+    """
+    # Imported here: loading it costs a second and it needs SUMO_HOME.
+    import sumo as sumo_package
+
+    os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
+    import libsumo
+
+    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
+        additional = [without_outputs(file, Path(folder)) for file in scenario.additional]
+        options = {
+            **scenario.kept,
+            "net-file": str(scenario.network),
+            "route-files": ",".join(map(str, scenario.demand)),
+            "additional-files": ",".join(map(str, additional)),
+            "begin": f"{scenario.begin_s:g}",
+            "step-length": f"{traffic.step_s:g}",
+            "default.action-step-length": f"{traffic.action_step_s:g}",
+            "lateral-resolution": f"{traffic.lateral_resolution_m:g}",
+            "step-method.ballistic": "true",
+            "seed": str(seed % 2**31),
+            "collision.action": "warn",
+            "collision.check-junctions": "true",
+            # One vehicle that can never move again would hold up all traffic behind it for good.
+            "time-to-teleport": f"{STUCK_S:g}",
+            "time-to-teleport.highways": f"{MISSED_EXIT_S:g}",
+            "no-step-log": "true",
+            # Not on the console, but in the log.
+            "no-warnings": "true",
+            "error-log": str(Path(folder) / LOG_FILE),
+            "duration-log.disable": "true",
+            "xml-validation": "never",
+            **(log.options(Path(folder)) if log else {}),
+        }
+        arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
+        try:
+            libsumo.start(["sumo", *arguments])
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise InputError(f"SUMO refuses scenario {scenario.name}: {one_line(error)}") from None
+        try:
+            if log:
+                log.attach()
+            # SUMO's time is whole milliseconds: it rounds what it cannot hold, and says nothing.
+            step_s = libsumo.simulation.getDeltaT()
+            if abs(step_s - traffic.step_s) > 1e-9:
+                raise InputError(f"SUMO steps at {step_s} s, not at step_s = {traffic.step_s:g}: ask for whole ms")
+            yield libsumo
+        finally:
+            libsumo.close()
+            if messages is not None:
+                with (Path(folder) / LOG_FILE).open(errors="replace") as lines:
+                    messages[WARNING] += sum(line.startswith(WARNING) for line in lines)

@@ -1,0 +1,191 @@
+"""What a simulation shows, kept so that memory does not grow with simulated time.
+
+SUMO itself writes the states of all vehicles, in full double precision, to a temporary Parquet file, which takes a
+little less time than asking for them. When it has ended, the file is read in batches. Rows of vehicles that have left
+go to a second temporary file, those of vehicles on the road wait for the rest; tracks are views into that second file.
+Neither file has a name for longer than SUMO takes to start, so nothing is left of them however the process ends.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.parquet as pq
+
+from isacsim.errors import InputError
+from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.recording import Track
+
+Block = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.integer[Any]]
+
+COLUMNS = {
+    "x": "vehicle_x",
+    "y": "vehicle_y",
+    "speed": "vehicle_speed",
+    "lane_pos": "vehicle_pos",
+    "lane_lat": "vehicle_posLat",
+}
+"""SUMO's column for each column of a track that is a number. A block has them in this order, then the lane's number."""
+ROWS = len(COLUMNS) + 1
+TIME, VEHICLE, LANE = "timestep_time", "vehicle_id", "vehicle_lane"
+BATCH_ROWS = 100_000
+
+
+class StateLog:
+    """The states of every vehicle of one simulation. first: the step from whose outcome on they are kept."""
+
+    def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
+        self._scenario = scenario
+        self._step_s = step_s
+        self._first = first
+        self._facts: dict[str, tuple[str, float, float]] = {}
+        self._path = Path()
+        self._states: IO[bytes] | None = None
+        self.collided: set[str] = set()
+        self.teleported: set[str] = set()
+
+    def options(self, folder: Path) -> dict[str, str]:
+        """What SUMO is to be started with; its file is in a folder until `attach` takes hold of it."""
+        self._path = folder / "states.parquet"
+        return {
+            "fcd-output": str(self._path),
+            "fcd-output.attributes": "x,y,speed,lane,pos,posLat",
+            "fcd-output.skip-empty": "true",
+            "device.fcd.begin": f"{self._first * self._step_s:.3f}",
+            "device.fcd.probability": "1",
+            "person-device.fcd.probability": "0",
+            # With SUMO's default of 2 digits most columns are single precision; with many, all are double.
+            "precision": "16",
+        }
+
+    def attach(self) -> None:
+        """Open SUMO's file, once SUMO has started, and take its name away."""
+        self._states = self._path.open("rb")
+        self._path.unlink()
+
+    def step(self, sumo: Any) -> None:
+        """Note who departed, collided or teleported in this step. sumo: the running libsumo module."""
+        vehicle = sumo.vehicle
+        for name in sumo.simulation.getDepartedIDList():
+            if vehicle.getParameter(name, "has.fcd.device") != "true":
+                raise InputError(f"{self._scenario.name}: vehicle {name} has has.fcd.device = false: take that out")
+            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
+        for collision in sumo.simulation.getCollisions():
+            self.collided |= {collision.collider, collision.victim}
+        self.teleported.update(sumo.simulation.getStartingTeleportIDList())
+
+    def tracks(self) -> dict[str, Track]:
+        """Tracks by vehicle, in order of first appearance, without those that had an incident.
+
+        To be called when SUMO has ended: only then is its file whole.
+        """
+        sorter = RowSorter()
+        for rows in self._batches():
+            sorter.add(*rows)
+        tracks = {}
+        for name, first_step, block in sorter.blocks():
+            if name in self.collided or name in self.teleported:
+                continue
+            kind, length, width = self._facts[name]
+            tracks[name] = Track(
+                vehicle=name,
+                kind=kind,
+                length_m=length,
+                width_m=width,
+                first_step=first_step,
+                lane=np.asarray(block[-1].view(np.int64)),
+                **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
+            )
+        return tracks
+
+    def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Block]]:
+        """What `RowSorter.add` takes, a batch of the file's rows at a time."""
+        assert self._states is not None, "the log was never attached"
+        lane_number = {lane.id: k for k, lane in enumerate(self._scenario.lanes)}
+        if VEHICLE not in pq.read_schema(self._states).names:  # there was no vehicle at all
+            return
+        file = pq.ParquetFile(self._states, read_dictionary=[VEHICLE, LANE])
+        wanted = [TIME, VEHICLE, LANE, *COLUMNS.values()]
+        for batch in file.iter_batches(BATCH_ROWS, columns=wanted, use_threads=False):
+            lanes, vehicles = batch.column(LANE), batch.column(VEHICLE)
+            numbers = np.array([lane_number[lane] for lane in lanes.dictionary.to_pylist()], np.int64)
+            rows = [_values(batch.column(name)) for name in COLUMNS.values()]
+            block = np.stack([*rows, numbers[_values(lanes.indices)].view(np.float64)])
+            block[:2] -= np.reshape(self._scenario.origin, (2, 1))
+            # SUMO names a step's outcome by the time at which the step began.
+            steps = np.rint(_values(batch.column(TIME)) / self._step_s).astype(np.int64) + 1
+            yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block
+
+
+def _values(column: Any) -> npt.NDArray[Any]:
+    """A column's numbers. Not by its `to_numpy`, which takes a quarter of a second to import pandas."""
+    return np.asarray(np.from_dlpack(column))
+
+
+@dataclass
+class _Vehicle:
+    """One vehicle's rows: still waiting for more of them, or at a place in the file: (first value, rows)."""
+
+    first_step: int
+    last_step: int = 0
+    waiting: list[Block] = field(default_factory=list)
+    place: tuple[int, int] = (0, 0)
+
+
+class RowSorter:
+    """Puts together by vehicle, in a temporary file, rows that come step by step."""
+
+    def __init__(self) -> None:
+        self._vehicles: dict[str, _Vehicle] = {}
+        self._present: set[str] = set()
+        self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
+        self._written = 0
+
+    def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Block) -> None:
+        """Take rows: vehicle names[which[k]] at steps[k] has block[:, k]; steps never fall, here and from call to call.
+
+        Vehicles without a row in the last whole step have left.
+        """
+        order = np.argsort(which, kind="stable")
+        found, starts = np.unique(which[order], return_index=True)
+        parts = np.split(order, starts[1:])
+        for k in np.argsort(order[starts]):
+            name, mine = names[found[k]], parts[k]
+            vehicle = self._vehicles.setdefault(name, _Vehicle(first_step=int(steps[mine[0]])))
+            vehicle.last_step = int(steps[mine[-1]])
+            vehicle.waiting.append(block[:, mine])
+            self._present.add(name)
+        self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - 1})
+
+    def blocks(self) -> Iterator[tuple[str, int, Block]]:
+        """Every vehicle's name, first step and block (6, n), in order of first appearance. Ends the sorting."""
+        self._write(set(self._present))
+        self._file.flush()
+        if not self._written:
+            return
+        values = np.memmap(self._file, np.float64, "r", shape=(self._written,))
+        for name, vehicle in self._vehicles.items():
+            start, n = vehicle.place
+            yield name, vehicle.first_step, values[start : start + n * ROWS].reshape(ROWS, n)
+
+    @property
+    def waiting_rows(self) -> int:
+        """How many rows are in memory."""
+        return sum(part.shape[1] for name in self._present for part in self._vehicles[name].waiting)
+
+    def _write(self, gone: set[str]) -> None:
+        for name in gone:
+            vehicle = self._vehicles[name]
+            block = np.concatenate(vehicle.waiting, axis=1)
+            vehicle.waiting.clear()
+            vehicle.place = (self._written, block.shape[1])
+            self._file.write(np.ascontiguousarray(block).tobytes())
+            self._written += block.size
+        self._present -= gone

@@ -1,0 +1,366 @@
+"""A dataset on disk: a folder with `dataset.json`, one Parquet shard an episode, and the roads the samples drove on.
+
+The layout is a contract, described in docs/dataset.md. `labeling.generation.generate` writes it; everything else
+opens it here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import Field, model_validator
+
+from isacsim.errors import InputError, writing
+from isacsim.scenarios.scenario import Site
+from isacsim.settings import Settings, read_json
+from isacsim.traffic.recording import Lane
+from labeling.dataset.shard import (
+    ARRAYS,
+    CLASS_NAMES,
+    SCALARS,
+    SCHEMA_VERSION,
+    STATE,
+    Episode,
+    Sample,
+    Shard,
+    States,
+    file_digest,
+    read_shard,
+    schema,
+    shard_name,
+    states_of,
+    write_shard,
+)
+from labeling.intentions import Intention
+
+__all__ = [
+    "ARRAYS",
+    "CLASS_NAMES",
+    "SCALARS",
+    "STATE",
+    "Dataset",
+    "Episode",
+    "Meta",
+    "RoadLane",
+    "Sample",
+    "ScenarioMeta",
+    "Shard",
+    "read_shard",
+    "shard_name",
+    "write_meta",
+    "write_roads",
+    "write_shard",
+]
+
+META_FILE = "dataset.json"
+SHARDS = "shards"
+ROADS = "roads"
+
+
+class SiteMeta(Settings):
+    """A site as the dataset remembers it; the fields are those of `isacsim.scenarios.scenario.Site`."""
+
+    id: str
+    x: float
+    y: float
+    height_m: float
+    azimuth_deg: float
+
+
+class ScenarioMeta(Settings):
+    """Where a scenario came from, and what is needed to draw or re-sense its records.
+
+    source: as the user named it. sha256: of its input files. origin: SUMO's coordinates of the plane's origin, m.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
+    source: str
+    sha256: str
+    origin: tuple[float, float]
+    sites: tuple[SiteMeta, ...]
+
+
+class Lost(Settings):
+    """An episode that was tried and given up."""
+
+    scenario: str
+    seed: int
+    reason: str
+
+
+class Meta(Settings):
+    """`dataset.json`.
+
+    study: everything that made the dataset, defaults filled in. complete: False while episodes are still to be made.
+    tv_rate_hz, uv_rate_hz, duration_s: of the records. short: known classes that stayed below the study's least number.
+    resensed: where the records were sensed anew from another dataset: its digest, and how
+    (labeling.generation.resense).
+    """
+
+    schema_version: Literal[1] = SCHEMA_VERSION
+    complete: bool
+    fingerprint: str
+    class_names: tuple[str, ...] = CLASS_NAMES
+    state: tuple[str, ...] = STATE
+    tv_rate_hz: float = Field(gt=0)
+    uv_rate_hz: float = Field(gt=0)
+    duration_s: float = Field(gt=0)
+    study: dict[str, Any]
+    versions: dict[str, str]
+    scenarios: tuple[ScenarioMeta, ...]
+    shards: tuple[Shard, ...] = ()
+    lost: tuple[Lost, ...] = ()
+    short: tuple[str, ...] = ()
+    resensed: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _of_its_scenarios(self) -> Self:
+        known = {scenario.name for scenario in self.scenarios}
+        if strange := {shard.episode.scenario for shard in self.shards} - known:
+            raise ValueError(f"shards are of scenarios that it does not list: {', '.join(sorted(strange))}")
+        return self
+
+    @property
+    def maker(self) -> str:
+        """The command that made the dataset, and finishes or mends it."""
+        return "cosim generate" if self.resensed is None else "cosim sense"
+
+    @property
+    def tv_length(self) -> int:
+        """TV samples a record."""
+        return round(self.duration_s * self.tv_rate_hz)
+
+    @property
+    def uv_length(self) -> int:
+        """UV samples a record."""
+        return round(self.duration_s * self.uv_rate_hz)
+
+    @property
+    def samples(self) -> int:
+        return sum(shard.samples for shard in self.shards)
+
+    def by_intention(self) -> dict[str, int]:
+        """Samples of every class, in the order of the labels."""
+        counted = _sum(shard.by_intention for shard in self.shards)
+        return {name: counted[name] for name in self.class_names}
+
+    def by_origin(self) -> dict[str, int]:
+        return dict(sorted(_sum(shard.by_origin for shard in self.shards).items()))
+
+    def left_out(self) -> dict[str, int]:
+        """Candidates that became no sample, by reason."""
+        return dict(sorted(_sum(shard.episode.left_out for shard in self.shards).items()))
+
+
+@dataclass(frozen=True)
+class RoadLane:
+    """One lane's centre line, (n, 2), m, in the scenario's plane, and its width: enough to draw the road."""
+
+    id: str
+    width_m: float
+    shape: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A dataset opened for reading. Rows come in the order of `meta.shards`, then as each shard was written."""
+
+    path: Path
+    meta: Meta
+
+    @classmethod
+    def open(cls, path: str | Path) -> Dataset:
+        """Open a dataset's folder. Raises InputError where it is none, is unfinished, or misses a shard."""
+        folder = Path(path)
+        meta = read_meta(folder)
+        if meta is None:
+            raise InputError(f"{folder}: not a dataset (no {META_FILE} in it); make one with `cosim generate`")
+        if not meta.complete:
+            raise InputError(f"{folder}: dataset is not finished; run the same `{meta.maker}` again to finish it")
+        dataset = cls(folder, meta)
+        for shard in meta.shards:
+            if not dataset.shard_path(shard).is_file():
+                raise InputError(f"{dataset.shard_path(shard)}: shard is missing; run the same `{meta.maker}` again")
+        return dataset
+
+    def __len__(self) -> int:
+        return self.meta.samples
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the shards' names and digests: equal for equal samples, wherever and however they were made."""
+        lines = "".join(f"{shard.file} {shard.sha256}\n" for shard in self.meta.shards)
+        return hashlib.sha256(f"schema {self.meta.schema_version}\n{lines}".encode()).hexdigest()
+
+    def shard_path(self, shard: Shard) -> Path:
+        return self.path / SHARDS / shard.file
+
+    def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+        """The scalar columns, all or those named, one row a sample."""
+        wanted = list(SCALARS if columns is None else columns)
+        if unknown := set(wanted) - set(SCALARS):
+            raise ValueError(f"no scalar columns: {sorted(unknown)}")
+        tables = [table.select(wanted) for table in self._tables(wanted)]
+        empty = schema(self.meta.tv_length, self.meta.uv_length).empty_table().select(wanted)
+        frame: pd.DataFrame = pa.concat_tables([empty, *tables]).to_pandas()
+        return frame
+
+    def arrays(self, *names: str) -> dict[str, States]:
+        """State arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C)."""
+        lengths = {name: self.meta.uv_length if name == "uv" else self.meta.tv_length for name in names}
+        found = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
+        start = 0
+        for shard, part in zip(self.meta.shards, self.arrays_by_shard(*names), strict=True):
+            for name in names:
+                found[name][start : start + shard.samples] = part[name]
+            start += shard.samples
+        return found
+
+    def arrays_by_shard(self, *names: str) -> Iterator[dict[str, States]]:
+        """The same, a shard at a time: what a dataset larger than memory is read by."""
+        if unknown := set(names) - set(ARRAYS):
+            raise ValueError(f"no array columns: {sorted(unknown)}")
+        for table in self._tables(list(names)):
+            yield {name: states_of(table[name]) for name in names}
+
+    def roads(self, scenario: str) -> list[RoadLane]:
+        """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon.
+
+        Raises InputError where their file is damaged or missing.
+        """
+        path = self.path / ROADS / f"{scenario}.parquet"
+        try:
+            rows = pq.ParquetFile(path).read().to_pylist()
+            return [RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T) for row in rows]
+        except (KeyError, OSError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"{path}: holds no roads ({reason}); delete it and run the same `{self.meta.maker}` again"
+            ) from None
+
+    def sites(self, scenario: str) -> list[Site]:
+        """The sites of a scenario."""
+        found = next(each for each in self.meta.scenarios if each.name == scenario)
+        return [Site(**site.model_dump()) for site in found.sites]
+
+    def verify(self) -> None:
+        """Reread every shard against its digest and the contract. Raises InputError naming the first fault."""
+        with ThreadPoolExecutor() as threads:
+            found = threads.map(lambda shard: list(self._faults(shard)), self.meta.shards)
+            faults = [fault for of_shard in found for fault in of_shard]
+        if faults:
+            others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
+            raise InputError(f"{faults[0]}{others}; delete what is damaged and run the same `{self.meta.maker}` again")
+
+    def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
+        for shard in self.meta.shards:
+            path = self.shard_path(shard)
+            try:
+                yield pq.ParquetFile(path, page_checksum_verification=True).read(columns)
+            except (OSError, ValueError) as error:
+                reason = " ".join(str(error).split())
+                raise InputError(
+                    f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same "
+                    f"`{self.meta.maker}` again"
+                ) from None
+
+    def _faults(self, shard: Shard) -> Iterator[str]:
+        path = self.shard_path(shard)
+        if file_digest(path) != shard.sha256:
+            yield f"{path}: bytes differ from the digest in {META_FILE}"
+            return
+        try:
+            found = read_shard(path)
+        except InputError as error:
+            yield str(error)
+            return
+        if found != shard:
+            yield f"{path}: counts differ from those in {META_FILE}"
+        table = pq.ParquetFile(path).read()
+        expected = schema(self.meta.tv_length, self.meta.uv_length)
+        if not table.schema.equals(expected):
+            yield f"{path}: columns differ from the contract of schema version {self.meta.schema_version}"
+            return
+        yield from (f"{path}: {fault}" for fault in _row_faults(table, shard, self.meta.resensed is None))
+
+
+def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
+    """What is wrong with the values of a shard whose columns are right.
+
+    numbered: whether sample ids count through; records sensed anew keep theirs, with a repeat's number behind it.
+    """
+    scalars = table.select(list(SCALARS)).to_pandas()
+    prefix = shard.file.removesuffix(".parquet")
+    ids = scalars["sample_id"]
+    if numbered and list(ids) != [f"{prefix}-{k}" for k in range(len(ids))]:
+        yield "sample ids are not numbered through"
+    if not ids.is_unique or not ids.str.fullmatch(rf"{re.escape(prefix)}-\d+(-r\d+)?").all():
+        yield "sample ids are not those of the shard's episode"
+    if list(scalars["intention"]) != [Intention(label).text for label in scalars["label"]]:
+        yield "label and intention disagree"
+    times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
+    if not np.isfinite(times).all() or (np.diff(times[:, 1:]) < 0).any() or (times[:, 0] > times[:, 1]).any():
+        yield "times are not in the order start, onset, commit, end"
+    for name in ARRAYS:
+        if not np.isfinite(states_of(table[name])).all():
+            yield f"{name} holds values that are not finite"
+
+
+def read_meta(folder: Path) -> Meta | None:
+    """A folder's `dataset.json`, or None where it has none. Raises InputError where it cannot be understood."""
+    return read_json(Meta, folder / META_FILE)
+
+
+def write_meta(folder: Path, meta: Meta) -> None:
+    """Write `dataset.json` by temporary file and rename."""
+    _replace(folder / META_FILE, f"{meta.model_dump_json(indent=1)}\n".encode())
+
+
+def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
+    """Write a scenario's lanes as `roads/<scenario>.parquet`."""
+    kept = list(lanes)
+    line = pa.list_(pa.float32())
+    table = pa.table(
+        {
+            "id": pa.array([lane.id for lane in kept], pa.string()),
+            "width_m": pa.array([lane.width_m for lane in kept], pa.float32()),
+            "x": pa.array([lane.shape[:, 0] for lane in kept], line),
+            "y": pa.array([lane.shape[:, 1] for lane in kept], line),
+        }
+    )
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd")
+    (folder / ROADS).mkdir(exist_ok=True)
+    _replace(folder / ROADS / f"{scenario}.parquet", sink.getvalue().to_pybytes())
+
+
+def _replace(path: Path, content: bytes) -> None:
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with writing(path), partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _sum(counts: Iterable[dict[str, int]]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for each in counts:
+        total.update(each)
+    return total

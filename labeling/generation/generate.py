@@ -1,0 +1,184 @@
+"""Scenarios and seeds to a dataset: which episodes are needed, made on the engine, kept where they already stand."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
+from isacsim.scenarios.scenario import Scenario
+from labeling.dataset.dataset import (
+    SHARDS,
+    Dataset,
+    Lost,
+    Meta,
+    ScenarioMeta,
+    Shard,
+    SiteMeta,
+    write_roads,
+)
+from labeling.generation import log
+from labeling.generation.engine import Engine, LocalEngine
+from labeling.generation.episode import Source, SumoSource, shard_of
+from labeling.generation.episode_plan import Job, Jobs, Plan
+from labeling.generation.folder import Progress, claimed, fingerprint, finish, standing, versions
+from labeling.generation.log import Entry, Note
+from labeling.generation.settings import DatasetStudy
+
+
+def generate(
+    study: DatasetStudy,
+    out: Path,
+    engine: Engine | None = None,
+    progress: Progress | None = None,
+    source: Source | None = None,
+    tell: Callable[[str, Sequence[str]], None] | None = None,
+    note: Note | None = None,
+) -> Dataset:
+    """Make a study's dataset in a folder, or finish it where it was begun, and open it.
+
+    engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
+    progress: counts samples where the study asks for windows, episodes otherwise.
+    source: where motion comes from, SUMO when absent. tell: is given each scenario of
+    whose configuration something is overridden, and those options.
+    Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
+    nothing can be written.
+    """
+    source = source or SumoSource(study.traffic, study.maneuvers)
+    scenarios = read_scenarios(study, source)
+    started = describe(study, scenarios)
+    with claimed(out, started):
+        for name, scenario in scenarios.items():
+            if tell and scenario.overridden:
+                tell(name, scenario.overridden)
+        jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
+        plan = Plan(jobs, study.selection)
+        for scenario in scenarios.values():
+            write_roads(out, scenario.name, scenario.lanes)
+        for shard in standing(out, started).values():
+            if job := jobs.find(shard.episode.scenario, shard.episode.seed):
+                plan.add(job, shard)
+        if not plan.done:
+            task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
+            noted = partial(log.record, out, note)
+            _make_missing(task, plan, engine or LocalEngine(1), progress or (lambda done, total: None), noted)
+        run = plan.run()
+        shards, lost = [s for s in run if isinstance(s, Shard)], [s for s in run if isinstance(s, Lost)]
+        finish(out, started, shards, lost, plan.short())
+    return Dataset.open(out)
+
+
+@dataclass(frozen=True)
+class Made:
+    """An episode's shard, and how many warnings SUMO had on the way."""
+
+    shard: Shard
+    warnings: int
+
+
+def _make_missing(
+    task: Callable[[Job], Made | InputError | OutputError], plan: Plan, engine: Engine, progress: Progress, note: Note
+) -> None:
+    """Make the episodes that the plan still needs."""
+    progress(*plan.progress())
+    with closing(engine.run(task, plan.missing())) as outcomes:
+        for outcome in outcomes:
+            job, result = outcome.item, outcome.result
+            if isinstance(result, InputError | OutputError):
+                raise result
+            if result is not None:
+                plan.add(job, result.shard)
+                note(log.made(result.shard, outcome, result.warnings))
+            else:
+                lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
+                plan.add(job, lost)
+                spent = {"seconds": outcome.seconds, "retries": outcome.retries}
+                note(Entry(**lost.model_dump(), outcome="lost", **spent))
+            progress(*plan.progress())
+            if plan.done:
+                return
+
+
+def _work(
+    study: DatasetStudy, source: Source, fingerprint: str, folder: Path, job: Job
+) -> Made | InputError | OutputError:
+    """Make one episode's shard; runs in a worker. A fault that another try would not mend is returned."""
+    try:
+        scenario = _load(source, job.where)
+        recording = source.record(scenario, job.seed)
+        return Made(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
+    except (InputError, OutputError) as error:
+        return error
+    except OSError as error:
+        if error.errno in NO_ROOM:
+            return output_error(error.filename or folder, error)
+        raise
+
+
+@lru_cache(maxsize=4)
+def _load(source: Source, where: str) -> Scenario:
+    """A worker reads a scenario once, not once an episode."""
+    return source.load(where)
+
+
+def read_scenarios(study: DatasetStudy, source: Source | None = None) -> dict[str, Scenario]:
+    """The study's scenarios, by where they are. InputError where one is at fault or two cannot be told apart."""
+    source = source or SumoSource(study.traffic, study.maneuvers)
+    if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
+        raise InputError(f"{again[0]} is named twice; name every scenario once")
+    found = {_where(name): source.load(_where(name)) for name in study.scenarios}
+    names = Counter(scenario.name for scenario in found.values())
+    if twice := [name for name, times in names.items() if times > 1]:
+        raise InputError(f"two scenarios are called {twice[0]}; rename the folder or configuration of one")
+    return found
+
+
+def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
+    """The `dataset.json` of a dataset of which no episode is made yet. InputError where a name makes no file name."""
+    content = study.model_dump(mode="json")
+    found = versions()
+    described = tuple(
+        _describe_scenario(source, scenario)
+        for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
+    )
+    return Meta(
+        complete=False,
+        fingerprint=fingerprint(content, found, [each.model_dump(mode="json") for each in described]),
+        tv_rate_hz=study.record.tv_rate_hz,
+        uv_rate_hz=study.record.uv_rate_hz,
+        duration_s=study.record.duration_s,
+        study=content,
+        versions=found,
+        scenarios=described,
+    )
+
+
+def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
+    digest = hashlib.sha256()
+    for path in (scenario.network, *scenario.demand, *scenario.additional):
+        digest.update(f"{path.name} {path.stat().st_size}\n".encode())
+        digest.update(path.read_bytes())
+    sites = tuple(
+        SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
+        for site in scenario.sites
+    )
+    try:
+        return ScenarioMeta(
+            name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+        )
+    except ValidationError:
+        raise InputError(
+            f"{source}: the scenario's name {scenario.name!r} makes no file name; use letters, digits, '-', '_' and '.'"
+        ) from None
+
+
+def _where(scenario: str) -> str:
+    """A scenario that is a path, made absolute for workers; a bundled one's name as it is."""
+    return str(Path(scenario).resolve()) if Path(scenario).exists() else scenario

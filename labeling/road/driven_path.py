@@ -1,0 +1,122 @@
+"""Positions along the road that a vehicle drives, for itself and for others on it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from isacsim.traffic.recording import Track
+from labeling.road.lane_graph import LaneGraph
+
+Array = npt.NDArray[np.float64]
+Rows = npt.NDArray[np.int64]
+
+BEYOND_M = 300.0
+"""How far a path is carried on before a track's first edge and after its last one, m."""
+
+
+def segments(track: Track) -> list[tuple[int, int, int]]:
+    """The stretches of a track on one lane: first row, row after the last, lane."""
+    cuts = [0, *(np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1).tolist(), len(track)]
+    return [(a, b, int(track.lane[a])) for a, b in pairwise(cuts) if b > a]
+
+
+class Path:
+    """The edges a vehicle drives, in order, each with its station: the distance from the start of the first one.
+
+    A lane is on the path when its edge is driven, when it joins two driven edges, or when it leads up to the first or
+    on from the last within `BEYOND_M`. Lanes that leave the path or end in it are not: they are other roads.
+    """
+
+    def __init__(self, track: Track, graph: LaneGraph) -> None:
+        self._graph = graph
+        self._bases: list[float] = []
+        self._starts: list[int] = []
+        self._edges: list[str] = []
+        self._lanes: list[int] = []
+        for start, _, lane in segments(track):
+            edge = graph.lanes[lane].edge
+            if not self._edges or edge != self._edges[-1]:
+                self._enter(edge, lane)
+                self._starts.append(track.first_step + start)
+        self._stations = self._all_stations()
+
+    def _enter(self, edge: str, lane: int) -> None:
+        base = 0.0
+        if self._edges:
+            skipped = self._graph.link(self._lanes[-1], lane)
+            base = self._bases[-1] + self._graph.lanes[self._lanes[-1]].length_m + (skipped or 0.0)
+        self._edges.append(edge)
+        self._lanes.append(lane)
+        self._bases.append(base)
+
+    def _all_stations(self) -> dict[int, list[tuple[float, float]]]:
+        """Of each lane on the path, for each time it is driven: the station of its start, m, and metres a metre."""
+        graph, stations = self._graph, defaultdict(list)
+        for edge, lane, base in zip(self._edges, self._lanes, self._bases, strict=True):
+            for k in graph.on_edge[edge]:
+                stations[k].append((base, graph.lanes[lane].length_m / graph.lanes[k].length_m))
+        driven = set(self._edges)
+        for j in range(len(self._edges) - 1):
+            self._add_joints(stations, driven, j)
+        self._extend(stations, driven, ahead=True)
+        self._extend(stations, driven, ahead=False)
+        return dict(stations)
+
+    def _add_joints(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], j: int) -> None:
+        """Junction lanes that are not driven themselves but lie beside the one that is."""
+        graph = self._graph
+        start = self._bases[j] + graph.lanes[self._lanes[j]].length_m
+        onward = set(self._edges[j + 1 : j + 4])
+        for k in graph.on_edge[self._edges[j]]:
+            for s in graph.successors[k]:
+                if graph.lanes[s].edge not in driven:
+                    targets = {graph.lanes[t].edge for t in graph.successors[s]} & onward
+                    if targets:
+                        length = self._bases[self._edges.index(min(targets), j + 1)] - start
+                        scale = length / graph.lanes[s].length_m if length > 0 else 1.0
+                        stations[s].append((start, scale))
+
+    def _extend(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], ahead: bool) -> None:
+        """Lanes onward from the last edge, or leading up to the first."""
+        graph, at = self._graph, -1 if ahead else 0
+        edge, base = self._edges[at], self._bases[at]
+        end = base + graph.lanes[self._lanes[at]].length_m if ahead else base
+        front = dict.fromkeys(graph.on_edge[edge], end)
+        seen = set(front)
+        while front:
+            onward: dict[int, float] = {}
+            for k, station in front.items():
+                for n in graph.successors[k] if ahead else graph.predecessors[k]:
+                    if n in seen or graph.lanes[n].edge in driven:
+                        continue
+                    seen.add(n)
+                    start = station if ahead else station - graph.lanes[n].length_m
+                    stations[n].append((start, 1.0))
+                    if abs(start - end) < BEYOND_M:
+                        onward[n] = start + graph.lanes[n].length_m if ahead else start
+            front = onward
+
+    def own(self, track: Track, rows: Rows) -> Array:
+        """Stations of the vehicle whose path this is, at rows of its track, m, shape (n,)."""
+        visit = np.searchsorted(self._starts, track.first_step + rows, side="right") - 1
+        return np.asarray(np.array(self._bases)[visit] + track.lane_pos[rows])
+
+    def of(self, track: Track, rows: Rows, near: Array) -> Array:
+        """Stations of another vehicle at rows of its track, m, shape (n,); NaN where it is off the path.
+
+        near: stations of the path's own vehicle at the same instants, m, shape (n,): of an edge driven several times,
+        the visit that puts the two nearest to each other counts.
+        """
+        result = np.full(len(rows), np.nan)
+        lanes = track.lane[rows]
+        for lane in np.unique(lanes):
+            mask = lanes == lane
+            for base, scale in self._stations.get(int(lane), ()):
+                station = base + scale * track.lane_pos[rows[mask]]
+                closer = ~(np.abs(result[mask] - near[mask]) <= np.abs(station - near[mask]))
+                result[mask] = np.where(closer, station, result[mask])
+        return result

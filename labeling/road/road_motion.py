@@ -1,0 +1,158 @@
+"""The motion of a vehicle along and across its road, conditioned: what the detectors see.
+
+Lateral motion is measured from the lane's centre line and carried on over markings and edge changes, so that a curve,
+a junction, a renumbering of lanes or another place on the map leaves it as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import upfirdn
+
+from isacsim.traffic.recording import Recording, Track
+from labeling.road.lane_graph import LaneGraph, LaneStep
+
+Array = npt.NDArray[np.float64]
+
+GRID_S = 0.05
+"""Longest interval of the motion's samples, s. Conditioned motion holds nothing above 3 Hz."""
+JUMP_MPS = 5.0
+"""A lateral step faster than this is no motion of a vehicle, m/s."""
+PLANE_JUMP_M = 0.3
+"""Where the position in the plane moves by this much more than the speed says, m, SUMO has shifted the vehicle: lanes
+of one edge share one length, so that a lane change on an edge that is partly bent moves the vehicle along it."""
+REACH = 5.0
+"""Half-width of the kernel in standard deviations."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """The vehicle's centre crosses one marking.
+
+    time: of the first row beyond it, s. marking: its number, counted leftwards from the right edge of the lane the
+    track starts in. left: the way it is crossed. at_m: its lateral position in the vehicle's `RoadMotion.q`, m.
+    """
+
+    time: float
+    marking: int
+    left: bool
+    at_m: float
+
+
+@dataclass(frozen=True)
+class RoadMotion:
+    """Conditioned motion of one vehicle, sampled at most every `GRID_S`, arrays of shape (n,).
+
+    times: s of simulation time. v, a: speed and acceleration along the road, m/s, m/s2.
+    q, vq, aq: lateral position from the centre line of the lane the track starts in, lateral speed and acceleration,
+    m, m/s, m/s2, left positive. crossings: of markings, in order. jumps: times of steps that are no motion, s.
+    until: of the track's last row, s, up to `GRID_S` after the last sample.
+    """
+
+    vehicle: str
+    times: Array
+    v: Array
+    a: Array
+    q: Array
+    vq: Array
+    aq: Array
+    crossings: tuple[Crossing, ...]
+    jumps: tuple[float, ...]
+    until: float
+
+    def lateral_at(self, time: float) -> float:
+        """Lateral position at an instant, m."""
+        return float(np.interp(time, self.times, self.q))
+
+
+def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: float) -> RoadMotion:
+    """The road-relative motion of one track. width_s: standard deviation of the conditioning kernel, s."""
+    times = recording.times(track)
+    lateral, crossings, jumps = _lateral(track, graph, times, recording.step_s)
+    every = max(1, int(GRID_S / recording.step_s + 1e-6))
+    grid_s = every * recording.step_s
+    v = _decimate(track.speed, width_s / recording.step_s, every)
+    q = _decimate(lateral, width_s / recording.step_s, every)
+    vq = slope(q, grid_s)
+    return RoadMotion(
+        vehicle=track.vehicle,
+        times=times[::every],
+        v=v,
+        a=slope(v, grid_s),
+        q=q,
+        vq=vq,
+        aq=slope(vq, grid_s),
+        crossings=tuple(crossings),
+        jumps=tuple(sorted({*jumps, *_plane_jumps(track, times, recording.step_s)})),
+        until=float(times[-1]),
+    )
+
+
+def _decimate(values: Array, sigma: float, every: int) -> Array:
+    """Every `every`-th of the Gaussian-smoothed rows; sigma in rows. Ends are continued by point reflection."""
+    reach = int(np.ceil(REACH * sigma))
+    # Padded so that a row to keep lies under the centre of every `every`-th position of the kernel.
+    before = reach + -2 * reach % every
+    padded = np.pad(values, (before, reach), mode="reflect", reflect_type="odd")
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    first = (before + reach) // every
+    count = -(-len(values) // every)
+    return np.asarray(upfirdn(kernel / kernel.sum(), padded, 1, every)[first : first + count])
+
+
+def slope(values: Array, step_s: float) -> Array:
+    """Time derivative by central differences of fourth order, second order at the ends; shape (n,)."""
+    if len(values) < 5:
+        return np.gradient(values, step_s) if len(values) > 1 else np.zeros_like(values)
+    inner = (8 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12 * step_s)
+    return np.concatenate(
+        [
+            [(values[1] - values[0]) / step_s, (values[2] - values[0]) / (2 * step_s)],
+            inner,
+            [(values[-1] - values[-3]) / (2 * step_s), (values[-1] - values[-2]) / step_s],
+        ]
+    )
+
+
+def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tuple[Array, list[Crossing], list[float]]:
+    """Lateral position over markings and edges, m, the markings crossed and the jumps left in it."""
+    rows = np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1
+    shifts = np.zeros(len(rows))
+    crossings: list[Crossing] = []
+    level, centre = 0, 0.0
+    limit = JUMP_MPS * step_s
+    for n, row in enumerate(rows):
+        a, b = int(track.lane[row - 1]), int(track.lane[row])
+        change = float(track.lane_lat[row] - track.lane_lat[row - 1])
+        step = _likeliest(graph.steps(a, b), change)
+        same_edge = graph.lanes[a].edge == graph.lanes[b].edge
+        # Where an edge ends the centre line itself may be offset: that is the road's, not the vehicle's, motion.
+        continued = step is not None and (same_edge or abs(change + step.shift_m) <= limit)
+        shifts[n] = step.shift_m if step is not None and continued else -change
+        if step is not None:
+            left = step.levels > 0
+            for k in range(abs(step.levels)):
+                at = centre + step.shift_m * (k + 0.5) / abs(step.levels)
+                crossings.append(Crossing(float(times[row]), level if left else level - 1, left, at))
+                level += 1 if left else -1
+        centre += shifts[n]
+    offset = np.zeros(len(track))
+    offset[rows] = shifts
+    lateral = track.lane_lat + np.cumsum(offset)
+    jumps = np.flatnonzero(np.abs(np.diff(lateral)) > max(limit, 0.05)) + 1
+    return np.asarray(lateral), crossings, [float(times[k]) for k in jumps]
+
+
+def _plane_jumps(track: Track, times: Array, step_s: float) -> list[float]:
+    """Times at which the position in the plane moves further than the vehicle, s."""
+    moved = np.hypot(np.diff(track.x), np.diff(track.y))
+    driven = step_s * np.maximum(track.speed[1:], track.speed[:-1])
+    return [float(times[k + 1]) for k in np.flatnonzero(moved - driven > max(PLANE_JUMP_M, JUMP_MPS * step_s))]
+
+
+def _likeliest(steps: tuple[LaneStep, ...], change_m: float) -> LaneStep | None:
+    """Of several ways onto a lane the one with the least lateral jump; the one over fewest markings if equal."""
+    return min(steps, key=lambda step: round(abs(change_m + step.shift_m), 2), default=None)

@@ -1,0 +1,155 @@
+"""Who is around a vehicle: leaders, gaps along the road and relations, from the recording alone."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import lru_cache
+from operator import itemgetter
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from isacsim.traffic.recording import Recording, Track
+from labeling.road.driven_path import Path
+from labeling.road.lane_graph import LaneGraph
+
+Array = npt.NDArray[np.float64]
+Relation = Literal["ahead", "behind", "left", "right"]
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The next vehicle ahead in the lane. gap_m: from the front bumper to the leader's rear bumper, m."""
+
+    vehicle: str
+    gap_m: float
+
+
+class Surroundings:
+    """Positions of vehicles relative to each other in one recording."""
+
+    def __init__(self, recording: Recording, graph: LaneGraph | None = None) -> None:
+        self.recording = recording
+        self.graph = LaneGraph(recording.lanes) if graph is None else graph
+        self._tracks = list(recording.tracks.values())
+        self._first = np.array([track.first_step for track in self._tracks])
+        self._after = self._first + np.array([len(track) for track in self._tracks])
+        self._in_lanes = lru_cache(maxsize=2048)(self._sorted_into_lanes)
+        self._path = lru_cache(maxsize=256)(self._new_path)
+        self._driven = lru_cache(maxsize=256)(self._new_driven)
+
+    def step(self, time: float) -> int:
+        """The recording's step nearest to an instant."""
+        return round(time / self.recording.step_s)
+
+    def present(self, time: float) -> list[Track]:
+        """The vehicles on the road at an instant."""
+        step = self.step(time)
+        return [self._tracks[k] for k in np.flatnonzero((self._first <= step) & (step < self._after))]
+
+    def has(self, vehicle: str, start: float, end: float) -> bool:
+        """Whether a vehicle is on the road from start to end, s."""
+        track = self.recording.tracks.get(vehicle)
+        if track is None:
+            return False
+        return track.first_step <= self.step(start) and self.step(end) < track.first_step + len(track)
+
+    def leader(self, vehicle: str, time: float, within_m: float) -> Leader | None:
+        """The next vehicle ahead in the lane and the lanes that continue it, its rear within `within_m`.
+
+        Where the lane forks, the branch is taken that the vehicle itself drives later, or every branch if it drives
+        none.
+        """
+        track, step = self.recording.tracks[vehicle], self.step(time)
+        row = step - track.first_step
+        in_lanes = self._in_lanes(step)
+        lane, pos = int(track.lane[row]), float(track.lane_pos[row])
+        best: Leader | None = None
+        ahead = [(lane, -pos)]
+        seen = {lane}
+        while ahead:
+            k, start = ahead.pop()
+            vehicles = in_lanes.get(k, [])
+            first = bisect_right(vehicles, -start, key=itemgetter(0))
+            if first < len(vehicles):
+                other = self._tracks[vehicles[first][1]]
+                gap = start + vehicles[first][0] - other.length_m
+                if gap <= within_m and (best is None or gap < best.gap_m):
+                    best = Leader(other.vehicle, gap)
+            else:
+                end = start + self.graph.lanes[k].length_m
+                # A long vehicle's front can be further than its rear: look on by the longest one's length.
+                if end <= within_m + 30.0:
+                    onward = [s for s in self._onward(vehicle, k) if s not in seen]
+                    seen.update(onward)
+                    ahead += [(s, end) for s in onward]
+        return best
+
+    def gaps(self, vehicle: str, other: str, times: Array) -> Array:
+        """How far the other's front bumper is ahead of the vehicle's along the road the vehicle drives, m, shape (n,).
+
+        NaN where either is absent or the other is on another road.
+        """
+        track, second = self.recording.tracks[vehicle], self.recording.tracks[other]
+        steps = np.rint(np.asarray(times) / self.recording.step_s).astype(np.int64)
+        rows, other_rows = steps - track.first_step, steps - second.first_step
+        both = (rows >= 0) & (rows < len(track)) & (other_rows >= 0) & (other_rows < len(second))
+        result = np.full(len(steps), np.nan)
+        path = self._path(vehicle)
+        own = path.own(track, rows[both])
+        result[both] = path.of(second, other_rows[both], own) - own
+        return result
+
+    def relation(self, vehicle: str, other: str, time: float) -> Relation | None:
+        """Where another vehicle is; None if it is not on the vehicle's road.
+
+        Ahead and behind are in the vehicle's lane and the lanes that continue it; else left or right of it.
+        """
+        gap = float(self.gaps(vehicle, other, np.array([time]))[0])
+        if np.isnan(gap):
+            return None
+        lane, other_lane = self._lane(vehicle, time), self._lane(other, time)
+        upstream, downstream = (lane, other_lane) if gap >= 0 else (other_lane, lane)
+        across = self._lanes_across(upstream, downstream)
+        if across == 0:
+            return "ahead" if gap >= 0 else "behind"
+        return "left" if (across > 0) == (gap >= 0) else "right"
+
+    def _lane(self, vehicle: str, time: float) -> int:
+        track = self.recording.tracks[vehicle]
+        return int(track.lane[self.step(time) - track.first_step])
+
+    def _lanes_across(self, upstream: int, downstream: int) -> int:
+        """How many lanes left of the upstream lane's continuation the downstream lane is; 0 where it continues it."""
+        lanes, front = self.graph.lanes, {upstream}
+        for _ in range(20):
+            beside = [k for k in front if lanes[k].edge == lanes[downstream].edge]
+            if beside:
+                return min((lanes[downstream].index - lanes[k].index for k in beside), key=abs)
+            front = {s for k in front for s in self.graph.successors[k]}
+        return 1
+
+    def _new_path(self, vehicle: str) -> Path:
+        return Path(self.recording.tracks[vehicle], self.graph)
+
+    def _new_driven(self, vehicle: str) -> frozenset[str]:
+        track = self.recording.tracks[vehicle]
+        return frozenset(self.graph.lanes[k].edge for k in np.unique(track.lane))
+
+    def _onward(self, vehicle: str, lane: int) -> list[int]:
+        successors = list(self.graph.successors[lane])
+        mine = [s for s in successors if self.graph.lanes[s].edge in self._driven(vehicle)]
+        return mine or successors
+
+    def _sorted_into_lanes(self, step: int) -> dict[int, list[tuple[float, int]]]:
+        in_lanes: dict[int, list[tuple[float, int]]] = defaultdict(list)
+        for k in np.flatnonzero((self._first <= step) & (step < self._after)):
+            track = self._tracks[k]
+            row = step - track.first_step
+            in_lanes[track.lane.item(row)].append((track.lane_pos.item(row), int(k)))
+        for vehicles in in_lanes.values():
+            vehicles.sort()
+        return in_lanes

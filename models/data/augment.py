@@ -1,0 +1,78 @@
+"""Variation of training windows: a turned frame, more noise, the mirror image. All of it is off by default."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import Field
+
+from isacsim.settings import Settings
+from labeling.intentions import Intention
+from models.data.windows import Array, Float32, Ints, Windows
+
+MIRRORED = {
+    Intention.LEFT_LANE_CHANGE: Intention.RIGHT_LANE_CHANGE,
+    Intention.RIGHT_LANE_CHANGE: Intention.LEFT_LANE_CHANGE,
+}
+"""What becomes of an intention in the mirror; the others stay, but for the overtake, which has no mirror image."""
+
+
+class AugmentSettings(Settings):
+    """How training windows are varied. Turning and mirroring need a frame of reference that is not absolute."""
+
+    turn_deg: float = Field(0.0, ge=0, le=45, description="standard deviation of a turn of the frame about its origin")
+    noise_m: float = Field(0.0, ge=0, description="standard deviation of white noise on the TV's positions, m")
+    noise_mps: float = Field(0.0, ge=0, description="standard deviation of white noise on the TV's velocities, m/s")
+    noise_mps2: float = Field(0.0, ge=0, description="standard deviation of white noise on its accelerations, m/s2")
+    mirror_share: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="share of windows that are mirrored, left changes becoming right ones; overtakes are never. "
+        "Traffic that keeps right and overtakes left is not symmetric: it would hardly hold such windows",
+    )
+
+    @property
+    def turns_frame(self) -> bool:
+        """Whether windows are turned or mirrored."""
+        return self.turn_deg > 0 or self.mirror_share > 0
+
+
+def augmented(
+    windows: Windows, label: Ints, settings: AugmentSettings, rng: np.random.Generator
+) -> tuple[Windows, Ints]:
+    """The windows varied anew, and their labels (n,)."""
+    tv, uv = windows.tv, windows.uv
+    if settings.mirror_share:
+        chosen = (rng.random(len(label)) < settings.mirror_share) & (label != Intention.OVERTAKE)
+        tv, uv = (np.where(chosen[:, None, None], mirrored(x), x) for x in (tv, uv))
+        label = np.where(chosen, mirrored_labels(label), label)
+    if settings.turn_deg:
+        angle = np.radians(settings.turn_deg) * rng.normal(size=len(label))
+        tv, uv = turned(tv, angle), turned(uv, angle)
+    sd = np.repeat([settings.noise_m, settings.noise_mps, settings.noise_mps2], 2).astype(np.float32)
+    if sd.any():
+        tv = tv + sd[:, None] * rng.standard_normal(tv.shape, dtype=np.float32)
+    return replace(windows, tv=tv, uv=uv, on_map=None), label
+
+
+def mirrored(states: Float32) -> Float32:
+    """States (n, 6, T) with left and right exchanged, across the x axis."""
+    return states * np.array([1, -1] * 3, dtype=np.float32)[:, None]
+
+
+def mirrored_labels(label: Ints) -> Ints:
+    """The labels (n,) of mirrored windows."""
+    swapped = label.copy()
+    for one, other in MIRRORED.items():
+        swapped[label == one] = other
+    return swapped
+
+
+def turned(states: Float32, angle: Array) -> Float32:
+    """States (n, 6, T) turned to the left about the origin by angles (n,), rad."""
+    c, s = (f(angle).astype(np.float32)[:, None, None] for f in (np.cos, np.sin))
+    pairs = states.reshape(len(states), 3, 2, -1)
+    u, v = pairs[:, :, 0], pairs[:, :, 1]
+    return np.stack([c * u - s * v, s * u + c * v], axis=2).reshape(states.shape)

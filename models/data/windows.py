@@ -1,0 +1,362 @@
+"""Records to windows: where a window ends, cutting both streams, the frame of reference, and the split by seed.
+
+A window is the `window_s` seconds of both streams that end at one instant. Ends lie on the UV's sampling grid, so that
+the last TV sample and the last UV sample of a window are taken at the same time; no later sample reaches a predictor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from pydantic import Field, model_validator
+
+from isacsim.errors import InputError
+from isacsim.seeding import stream
+from isacsim.settings import Settings
+from labeling.intentions import KNOWN, Intention
+from models.data.lane_map import LaneMap
+
+if TYPE_CHECKING:
+    from labeling.dataset.dataset import Dataset
+
+Float32 = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+LaneMaps = Callable[[str], LaneMap]
+"""The lanes of a scenario, by its name."""
+
+COLUMNS = ("sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db")
+"""The scalar columns of a dataset that predictors and their evaluation read."""
+
+START_SHARE = 0.05
+"""Share of a window that gives the TV's velocity at its start."""
+
+MIN_TRAVEL_M = 0.5
+"""A UV that moves less than this within a window has no heading of its own."""
+
+
+class WindowSettings(Settings):
+    """What a predictor sees of a record."""
+
+    window_s: float = Field(2.2, gt=0, description="length of a window, s")
+    relative_to: Literal["onset", "commit"] = Field(
+        "onset", description="the instant that window ends are counted from"
+    )
+    end_after_s: tuple[float, float] = Field(
+        (0.5, 2.2), description="range of window ends after that instant, s; negative is before it; equal: a fixed end"
+    )
+    frame: Literal["relative", "moving", "absolute"] = Field(
+        "relative",
+        description="relative: origin at the TV's first sample of the window, x along the UV's heading; absolute: the "
+        "scenario's plane; moving, an extension: as relative, and moving on with the TV's velocity of then",
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.end_after_s[0] > self.end_after_s[1]:
+            raise ValueError(f"end_after_s {self.end_after_s} is no range: give the earlier end first")
+        return self
+
+
+class SplitSettings(Settings):
+    """Shares of the scenario seeds; no vehicle is on two sides."""
+
+    validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds that choose the best epoch")
+    test: float = Field(0.25, gt=0, lt=1, description="share of the seeds that nothing is chosen on")
+    training_share: float = Field(
+        1.0, gt=0, le=1, description="share of the training seeds that are used; a smaller share is part of a larger"
+    )
+    seed: int = Field(0, description="of the draw among the possible splits")
+
+    @model_validator(mode="after")
+    def _leaves_training(self) -> Self:
+        if self.validation + self.test >= 1:
+            raise ValueError("validation and test shares leave no seed for training: lower one of them")
+        return self
+
+
+@dataclass(frozen=True)
+class Records:
+    """The records of a dataset, in memory.
+
+    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, float32. table: one row a record, with COLUMNS.
+    lane_maps: the roads they drove on, for predictors that ask for them.
+    """
+
+    tv: Float32
+    uv: Float32
+    tv_rate_hz: float
+    uv_rate_hz: float
+    table: pd.DataFrame
+    lane_maps: LaneMaps | None = None
+
+    @classmethod
+    def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self:
+        """All records of a dataset; sensed: the column taken for the TV."""
+        arrays = dataset.arrays(sensed, "uv")
+        table = dataset.frame(COLUMNS)
+        rates = dataset.meta
+
+        @cache
+        def lane_map(scenario: str) -> LaneMap:
+            return LaneMap.of(dataset.roads(scenario))
+
+        table = table.reset_index(drop=True)
+        return cls(arrays[sensed], arrays["uv"], rates.tv_rate_hz, rates.uv_rate_hz, table, lane_map)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def take(self, rows: npt.NDArray[np.bool_] | Ints) -> Records:
+        """The records at those rows (a mask or positions)."""
+        table = self.table.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows].reset_index(drop=True)
+        return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps)
+
+    @property
+    def label(self) -> Ints:
+        """Intention numbers, (N,)."""
+        return self.table["label"].to_numpy(dtype=np.int64)
+
+    @property
+    def groups(self) -> npt.NDArray[np.object_]:
+        """`<scenario>-<seed>` of each record, (N,): what splits and bootstraps draw by."""
+        return (self.table["scenario"].astype(str) + "-" + self.table["seed"].astype(str)).to_numpy(dtype=object)
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Window ends, without the windows: row of the record, and UV sample at which the window ends, each (n,)."""
+
+    row: Ints
+    step: Ints
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def __getitem__(self, part: slice | Ints) -> Ends:
+        return Ends(self.row[part], self.step[part])
+
+    def times(self, records: Records) -> Array:
+        """Simulation time of each end, s, (n,)."""
+        start = records.table["t_start"].to_numpy(dtype=np.float64)[self.row]
+        return np.asarray(start + self.step / records.uv_rate_hz)
+
+
+@dataclass(frozen=True)
+class OnMap:
+    """The same windows in the scenario's plane: tv (n, 6, T) and uv (n, 6, U); the scenario of each, (n,), and its
+    lanes.
+    """
+
+    tv: Array
+    uv: Array
+    tv_rate_hz: float
+    scenario: npt.NDArray[np.object_]
+    lane_maps: LaneMaps
+
+
+@dataclass(frozen=True)
+class Windows:
+    """A batch of windows: tv (n, 6, T) and uv (n, 6, U), float32, in the frame that the settings name.
+
+    on_map: where the roads are known, for predictors that look at lanes.
+    """
+
+    tv: Float32
+    uv: Float32
+    on_map: OnMap | None = None
+
+    def __len__(self) -> int:
+        return len(self.tv)
+
+
+def lengths(records: Records, settings: WindowSettings) -> tuple[int, int]:
+    """Samples of a window in the TV's and in the UV's stream. InputError where a record is shorter than a window."""
+    tv, uv = round(settings.window_s * records.tv_rate_hz), round(settings.window_s * records.uv_rate_hz)
+    if tv > records.tv.shape[2] or uv > records.uv.shape[2]:
+        have = records.uv.shape[2] / records.uv_rate_hz
+        raise InputError(f"windows.window_s {settings.window_s} is longer than the records ({have:g} s): shorten it")
+    return tv, uv
+
+
+def fitting(records: Records, settings: WindowSettings) -> tuple[int, int]:
+    """First and last UV step at which a window that lies wholly inside a record may end."""
+    n_tv, n_uv = lengths(records, settings)
+    ratio = records.tv_rate_hz / records.uv_rate_hz
+    first = max(n_uv - 1, int(np.ceil((n_tv - 1) / ratio - 1e-9)))
+    last = min(records.uv.shape[2] - 1, int(np.floor((records.tv.shape[2] - 1) / ratio + 1e-9)))
+    return first, last
+
+
+def end_bounds(records: Records, settings: WindowSettings) -> tuple[Ints, Ints]:
+    """First and last UV step at which a window of each record may end, both (N,); last < first where none fits.
+
+    The settings' range, cut to the ends at which the window lies wholly inside the record.
+    """
+    first_fit, last_fit = fitting(records, settings)
+    anchor = records.table[f"t_{settings.relative_to}"].to_numpy(dtype=np.float64)
+    since_start = anchor - records.table["t_start"].to_numpy(dtype=np.float64)
+    since_start = np.where(np.isfinite(since_start), since_start, np.inf)
+    early, late = settings.end_after_s
+    low = np.ceil((since_start + early) * records.uv_rate_hz - 1e-6)
+    high = np.floor((since_start + late) * records.uv_rate_hz + 1e-6)
+    if early == late:
+        low = high = np.round((since_start + early) * records.uv_rate_hz)
+    first = np.clip(low, first_fit, last_fit + 1).astype(np.int64)
+    last = np.clip(high, first_fit - 1, last_fit).astype(np.int64)
+    return first, last
+
+
+def draw_ends(records: Records, settings: WindowSettings, *keys: str | int, per_record: int = 1) -> Ends:
+    """Window ends drawn uniformly, `per_record` of each record that can hold such a window.
+
+    keys: name the draw (e.g. purpose, seed, epoch); a record's ends depend on them and on its sample_id alone.
+    """
+    first, last = end_bounds(records, settings)
+    usable = np.flatnonzero(last >= first)
+    if not len(usable):
+        early, late = settings.end_after_s
+        raise InputError(
+            f"windows.end_after_s ({early}, {late}) after {settings.relative_to}: no record of the dataset holds "
+            "such a window; move the range"
+        )
+    names = records.table["sample_id"].to_numpy()
+    steps = [
+        stream("window", *keys, str(names[k])).integers(first[k], last[k], per_record, endpoint=True) for k in usable
+    ]
+    return Ends(np.repeat(usable, per_record), np.concatenate(steps).astype(np.int64))
+
+
+def in_frame(tv: Array, uv: Array, settings: WindowSettings, tv_rate_hz: float, uv_rate_hz: float) -> Windows:
+    """Windows from streams (n, 6, T) and (n, 6, U) in the scenario's plane that end at the same instant."""
+    if settings.frame != "absolute":
+        tv, uv = to_relative(tv, uv)
+    if settings.frame == "moving":
+        duration = (tv.shape[2] - 1) / tv_rate_hz
+        tv, uv = to_moving(tv, uv, duration, duration - (uv.shape[2] - 1) / uv_rate_hz)
+    return Windows(tv.astype(np.float32), uv.astype(np.float32))
+
+
+def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
+    """The windows that end there, in the settings' frame. ValueError where one does not lie inside its record."""
+    n_tv, n_uv = lengths(records, settings)
+    first, last = fitting(records, settings)
+    if len(ends) and not (first <= ends.step.min() and ends.step.max() <= last):
+        raise ValueError(f"windows end at UV samples {ends.step.min()} to {ends.step.max()}; {first} to {last} fit")
+    tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
+    tv = _gather(records.tv, ends.row, tv_end, n_tv)
+    uv = _gather(records.uv, ends.row, ends.step, n_uv)
+    windows = in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
+    if records.lane_maps is None:
+        return windows
+    scenario = records.table["scenario"].to_numpy(dtype=object)[ends.row]
+    return replace(windows, on_map=OnMap(tv, uv, records.tv_rate_hz, scenario, records.lane_maps))
+
+
+def batches(records: Records, ends: Ends, settings: WindowSettings, size: int) -> Iterator[Windows]:
+    """The windows in order, `size` at a time."""
+    for k in range(0, len(ends), size):
+        yield cut(records, ends[k : k + size], settings)
+
+
+def to_relative(tv: Array, uv: Array) -> tuple[Array, Array]:
+    """Both streams with the origin at the TV's first sample and x along the UV's heading; shapes are kept.
+
+    The heading is that of the UV's displacement over the window, the TV's where the UV stands; if both stand the axes
+    stay. Positions are shifted and rotated, velocities and accelerations rotated.
+    """
+    travel = _travel(uv)
+    standing = np.hypot(travel[:, 0], travel[:, 1]) < MIN_TRAVEL_M
+    travel = np.where(standing[:, None], _travel(tv), travel)
+    norm = np.hypot(travel[:, 0], travel[:, 1])
+    still = norm < MIN_TRAVEL_M
+    cos = np.where(still, 1.0, travel[:, 0] / np.where(still, 1.0, norm))
+    sin = np.where(still, 0.0, travel[:, 1] / np.where(still, 1.0, norm))
+    origin = tv[:, :2, 0]
+    return _turned(tv, origin, cos, sin), _turned(uv, origin, cos, sin)
+
+
+def to_moving(tv: Array, uv: Array, end_s: float, uv_start_s: float) -> tuple[Array, Array]:
+    """Both streams seen from a frame that keeps the TV's velocity at the window's start; shapes are kept.
+
+    end_s, uv_start_s: times of both streams' last and of the UV's first sample, s after the TV's first. The velocity is
+    the mean over the first START_SHARE of the window, because one sensed sample is noisy.
+    """
+    early = max(1, round(START_SHARE * tv.shape[2]))
+    velocity = tv[:, 2:4, :early].mean(axis=2)[:, :, None]
+    seen = []
+    for states, first in ((tv, 0.0), (uv, uv_start_s)):
+        drift = velocity * np.linspace(first, end_s, states.shape[2])
+        seen.append(np.concatenate([states[:, :2] - drift, states[:, 2:4] - velocity, states[:, 4:]], axis=1))
+    return seen[0], seen[1]
+
+
+def _travel(states: Array) -> Array:
+    """Displacement over the window, m, (n, 2)."""
+    return states[:, :2, -1] - states[:, :2, 0]
+
+
+def _turned(states: Array, origin: Array, cos: Array, sin: Array) -> Array:
+    """States (n, 6, T) about an origin (n, 2), with x along (cos, sin), each (n,)."""
+    pairs = states.reshape(len(states), 3, 2, -1)
+    shift = np.zeros((len(states), 3, 2, 1))
+    shift[:, 0, :, 0] = origin
+    u, v = np.moveaxis(pairs - shift, 2, 0)
+    c, s = cos[:, None, None], sin[:, None, None]
+    return np.stack([c * u + s * v, c * v - s * u], axis=2).reshape(states.shape)
+
+
+def _gather(states: Float32, row: Ints, last: Ints, n: int) -> Array:
+    """The n samples of each record that end at `last`, (len(row), 6, n) float64."""
+    index = last[:, None] + np.arange(1 - n, 1)
+    taken = states[row[:, None, None], np.arange(states.shape[1])[None, :, None], index[:, None, :]]
+    return np.asarray(taken, dtype=np.float64)
+
+
+def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
+    """The sides `train`, `validation` and `test`, each a sorted list of `<scenario>-<seed>`.
+
+    Training seeds beyond `training_share` are on a side `unused` that is there only with a share below 1: validation
+    and test seeds are the same for every share.
+
+    Of many random splits of the seeds the one is taken that leaves the fewest intentions off a side, known ones first,
+    and among those the one whose sides hold shares of every intention closest to the asked ones. InputError with fewer
+    than 3 seeds.
+    """
+    groups, of_record = np.unique(records.groups.astype(str), return_inverse=True)
+    if len(groups) < 3:
+        raise InputError(
+            f"the dataset has {len(groups)} scenario seed(s): train, validation and test need one each; add seeds"
+        )
+    counts = np.zeros((len(groups), len(Intention)))
+    np.add.at(counts, (of_record, records.label), 1)
+    n_test = max(1, round(settings.test * len(groups)))
+    n_validation = max(1, round(settings.validation * len(groups)))
+    n_test -= max(0, n_test + n_validation + 1 - len(groups))
+    wanted = np.array([len(groups) - n_test - n_validation, n_validation, n_test]) / len(groups)
+    side = np.repeat([0, 1, 2], [len(groups) - n_test - n_validation, n_validation, n_test])
+    rng = stream("split", settings.seed)
+    best = min((rng.permutation(side) for _ in range(500)), key=lambda s: _imbalance(s, counts, wanted))
+    sides: dict[str, list[str]] = {
+        name: groups[best == k].tolist() for k, name in enumerate(("train", "validation", "test"))
+    }
+    if settings.training_share < 1:
+        order = stream("training share", settings.seed).permutation(sides["train"]).tolist()
+        used = max(1, round(settings.training_share * len(order)))
+        sides |= {"train": sorted(order[:used]), "unused": sorted(order[used:])}
+    return sides
+
+
+def _imbalance(side: Ints, counts: Array, wanted: Array) -> tuple[int, int, float]:
+    """Known intentions missing from sides, all intentions missing, how far the sides' shares are from the wanted."""
+    held = np.stack([counts[side == k].sum(axis=0) for k in range(3)])
+    present = counts.sum(axis=0) > 0
+    missing = (held == 0) & present
+    share = held[:, present] / held[:, present].sum(axis=0)
+    return int(missing[:, KNOWN].sum()), int(missing.sum()), float(np.abs(share - wanted[:, None]).sum())

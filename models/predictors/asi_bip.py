@@ -1,0 +1,201 @@
+"""ASI-BIP: asynchronous spatio-temporal interaction behavioural intention prediction (Section III-C of the paper).
+
+Two bidirectional LSTMs run on the streams at their own rates; a Transformer encoder attends over both outputs behind a
+learned classification token, from which the intention is read.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor, nn
+
+from isacsim.settings import Settings
+from models.predictors.network import N_STATES, WindowNetwork, linear_head
+from models.predictors.statistics_branch import StatisticsBranch
+
+Streams = Literal["both", "tv", "uv"]
+
+
+class AsiBipSettings(Settings):
+    """Everything that the paper leaves open about its network."""
+
+    hidden: int = Field(64, ge=1, description="units of one LSTM direction")
+    lstm_layers: int = Field(1, ge=1, description="layers of each LSTM")
+    width: int = Field(128, ge=1, description="d of the tokens")
+    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder")
+    heads: int = Field(8, ge=1, description="attention heads")
+    feedforward: int = Field(256, ge=1, description="hidden units of the encoder's feed-forward blocks")
+    norm_first: bool = Field(True, description="normalise before attention and feed-forward, not after")
+    dropout: float = Field(0.1, ge=0, lt=1, description="after projection, attention, feed-forward and before the head")
+    attention_dropout: float = Field(0.0, ge=0, lt=1, description="of attention weights; above 0 costs fused attention")
+    tokens: Literal["pooled", "literal"] = Field(
+        "pooled",
+        description="pooled: LSTM outputs are averaged over tv_pool and uv_pool; literal: every output a token",
+    )
+    tv_pool: int = Field(20, ge=1, description="TV samples a token, where pooled")
+    uv_pool: int = Field(5, ge=1, description="UV samples a token, where pooled")
+    lstm_bfloat16: bool = Field(
+        False,
+        description="train the LSTMs in bfloat16, faster on processors that have it; predictions are always float32",
+    )
+    tv_patch: int = Field(
+        1, ge=1, description="extension, not in the paper: TV samples that one step of the LSTM takes side by side"
+    )
+    uv_patch: int = Field(1, ge=1, description="extension, as tv_patch: UV samples of one step")
+    statistics: bool = Field(
+        False,
+        description="extension, not in the paper: a third branch, an MLP over the statistics that the boosted trees "
+        "see, is added to the class token",
+    )
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        if self.width % self.heads:
+            raise ValueError(f"width {self.width} is no multiple of heads {self.heads}")
+        for pool, patch in ((self.tv_pool, self.tv_patch), (self.uv_pool, self.uv_patch)):
+            if self.tokens == "pooled" and pool % patch:
+                raise ValueError(f"a token of {pool} samples is no whole number of patches of {patch}")
+        return self
+
+
+class AsiBip(WindowNetwork):
+    """The network. tv_length, uv_length: samples of a window in each stream.
+
+    streams: "both" is the paper's; with one alone the other branch is left out (a floor).
+    """
+
+    def __init__(
+        self, settings: AsiBipSettings, n_classes: int, tv_length: int, uv_length: int, streams: Streams = "both"
+    ) -> None:
+        super().__init__(n_classes)
+        self.head = linear_head(settings.width, n_classes, settings.dropout)
+        self.settings = settings
+        self.tv_branch, self.uv_branch = (
+            Branch(settings, length, patch, pool // patch if settings.tokens == "pooled" else 1)
+            if streams in ("both", name)
+            else None
+            for name, length, patch, pool in (
+                ("tv", tv_length, settings.tv_patch, settings.tv_pool),
+                ("uv", uv_length, settings.uv_patch, settings.uv_pool),
+            )
+        )
+        self.statistics = (
+            StatisticsBranch(2 if streams == "both" else 1, settings.feedforward, settings.width, settings.dropout)
+            if settings.statistics
+            else None
+        )
+        self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
+        self.encoder = ClassTokenEncoder(settings)
+        self.norm = nn.LayerNorm(settings.width)
+
+    def fit_scale(self, tv: Tensor, uv: Tensor) -> None:
+        super().fit_scale(tv, uv)
+        if self.statistics is not None:
+            self.statistics.fit_scale(*self._seen(*self.standardised(tv, uv)))
+
+    def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
+        """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
+        class_token = self.class_token.expand(tv.shape[0], -1, -1)
+        if self.statistics is not None:
+            class_token = class_token + self.statistics(*self._seen(tv, uv))[:, None]
+        tokens = [class_token]
+        if self.tv_branch is not None:
+            tokens.append(self.tv_branch(tv))
+        if self.uv_branch is not None:
+            tokens.append(self.uv_branch(uv))
+        return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))))
+
+    def _seen(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
+        """The streams that the network looks at."""
+        return [x for x, branch in ((tv, self.tv_branch), (uv, self.uv_branch)) if branch is not None]
+
+
+class ClassTokenEncoder(nn.Module):
+    """A Transformer encoder of which the first token alone is asked.
+
+    The last layer makes nothing else: it attends to all tokens, but what it would make of them nobody reads.
+    """
+
+    def __init__(self, settings: AsiBipSettings) -> None:
+        super().__init__()
+        layers = [
+            nn.TransformerEncoderLayer(
+                settings.width, settings.heads, settings.feedforward, settings.dropout, "gelu",
+                batch_first=True, norm_first=settings.norm_first,
+            )
+            for _ in range(settings.encoder_layers)
+        ]  # fmt: skip
+        for layer in layers:
+            layer.self_attn.dropout = settings.attention_dropout
+        self.layers = nn.ModuleList(layers)
+
+    def forward(self, tokens: Tensor) -> Tensor:
+        """The first token encoded, (B, width), of tokens (B, n, width)."""
+        *whole, last = self.layers
+        for layer in whole:
+            tokens = layer(tokens)
+        assert isinstance(last, nn.TransformerEncoderLayer)
+        return first_of(last, tokens)
+
+
+def first_of(layer: nn.TransformerEncoderLayer, tokens: Tensor) -> Tensor:
+    """The layer's first output, (B, width), of tokens (B, n, width); the others are not computed."""
+    first = tokens[:, :1]
+    context = layer.norm1(tokens) if layer.norm_first else tokens
+    first = first + layer.dropout1(layer.self_attn(context[:, :1], context, context, need_weights=False)[0])
+    if not layer.norm_first:
+        first = layer.norm1(first)
+    hidden = layer.dropout(layer.activation(layer.linear1(layer.norm2(first) if layer.norm_first else first)))
+    first = first + layer.dropout2(layer.linear2(hidden))
+    return torch.as_tensor(first if layer.norm_first else layer.norm2(first))[:, 0]
+
+
+class Branch(nn.Module):
+    """One stream: patches, bidirectional LSTM, pooling, projection, learned position and stream embedding.
+
+    length: samples of the stream. patch: of them in one step of the LSTM. pool: steps in one token.
+    """
+
+    def __init__(self, settings: AsiBipSettings, length: int, patch: int, pool: int) -> None:
+        super().__init__()
+        self.lstm = nn.LSTM(patch * N_STATES, settings.hidden, settings.lstm_layers, bidirectional=True)
+        self.patch, self.pool = patch, pool
+        self.coarse = settings.lstm_bfloat16
+        self.project = nn.Linear(2 * settings.hidden, settings.width)
+        self.position = nn.Parameter(0.02 * torch.randn(1, -(-length // (patch * pool)), settings.width))
+        self.stream = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
+        self.dropout = nn.Dropout(settings.dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Tokens (B, ceil(T / (patch pool)), width) of a standardised stream (B, 6, T)."""
+        # Time stays the first axis up to the tokens: transposing all LSTM outputs would cost as much as attention does.
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.coarse and self.training):
+            out = self.lstm(patches(x, self.patch))[0]
+        out = pooled(out.to(x.dtype), self.pool)
+        tokens = self.project(out).transpose(0, 1) + self.position + self.stream
+        return torch.as_tensor(self.dropout(tokens))
+
+
+def patches(x: Tensor, size: int) -> Tensor:
+    """`size` samples side by side a step, (ceil(T / size), B, 6 size) of a stream (B, 6, T).
+
+    Patches end with the window's last sample; what the first one lacks is filled with the window's first sample.
+    """
+    if size > 1:
+        x = nn.functional.pad(x, (-x.shape[2] % size, 0), mode="replicate")
+        x = x.reshape(*x.shape[:2], -1, size).transpose(2, 3).flatten(1, 2)
+    return x.permute(2, 0, 1)
+
+
+def pooled(x: Tensor, size: int) -> Tensor:
+    """Means over `size` steps of the first axis, (ceil(T / size), ...) of (T, ...); the last may be over fewer."""
+    if size == 1:
+        return x
+    whole = len(x) // size
+    means = x[: whole * size].reshape(whole, size, *x.shape[1:]).mean(dim=1)
+    if whole * size == len(x):
+        return means
+    return torch.cat((means, x[whole * size :].mean(dim=0, keepdim=True)))

@@ -1,0 +1,239 @@
+"""CaSTFormer: causal spatio-temporal Transformer for driving intention, from its paper.
+
+Two streams of frames are projected, given a position and encoded by a causal Transformer each; RSF, CPE and FSN
+(`models.predictors.castformer_modules`) follow in the order of the settings, each of which may be left out. On windows
+a frame is `frame_s` of samples, the TV is the paper's `in` stream and the UV its `out` stream.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, Self
+
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor, nn
+
+from isacsim.errors import InputError
+from isacsim.settings import Settings
+from models.predictors.castformer_modules import (
+    Attention,
+    CausalPatternExtraction,
+    Confidence,
+    FeatureSynthesis,
+    ReciprocalShiftFusion,
+    Source,
+    State,
+    joint,
+)
+from models.predictors.losses import focal_loss
+from models.predictors.network import N_STATES, WindowNetwork, linear_head
+
+Order = Literal["rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf"]
+SPEED_UNIT_M_S = 10.0
+"""Speeds enter in this unit, in which they are of order 1."""
+PAPER_OPTIMISER = {"epochs": 160, "batch": 16, "learning_rate": 1e-3}
+"""What the paper trained with, by the names of `OptimiserSettings`."""
+
+
+class CastformerSettings(Settings):
+    """The network's sizes, its three modules, and every point that the paper leaves open."""
+
+    frame_s: float = Field(0.1, gt=0, description="length of a frame of a window, s")
+    width: int = Field(64, ge=1, description="D, features of a frame")
+    heads: int = Field(8, ge=1, description="attention heads")
+    encoder_layers: int = Field(2, ge=1, description="layers of each stream's Transformer encoder")
+    feedforward: int = Field(128, ge=1, description="hidden units of the encoders' feed-forward blocks and of FSN's")
+    dropout: float = Field(0.1, ge=0, lt=1, description="of encoders, attention, RSF and before the logits")
+    causal_encoder: bool = Field(True, description="no frame of an encoder sees a later one")
+    rsf: bool = Field(True, description="reciprocal shift fusion")
+    cpe: bool = Field(True, description="causal pattern extraction")
+    fsn: bool = Field(True, description="feature synthesis; without it the streams are concatenated")
+    order: Order = Field("rsf-cpe-fsn", description="of the modules that are on")
+    attention: Attention = Field(
+        "bda",
+        description="whose past RSF attends to. bda: each stream to the other's; self: to its own; joint: to both; "
+        "one_way: `in` to that of `out`, `out` to its own",
+    )
+    delay_frames: int = Field(1, ge=0, description="by which keys are delayed; 0 lets a frame see its own instant")
+    residual: bool = Field(False, description="RSF adds to a stream instead of replacing it")
+    detach_mean: bool = Field(True, description="no gradient through the mean in the counterfactual")
+    intent_source: Source = Field("in", description="stream that the coarse intention is read from; the paper's: out")
+    alpha: float = Field(0.1, ge=0, description="weight of the intention loss")
+
+    @model_validator(mode="after")
+    def _heads_divide(self) -> Self:
+        if self.width % self.heads:
+            raise ValueError(f"width {self.width} is no multiple of heads {self.heads}")
+        return self
+
+    @property
+    def modules(self) -> list[str]:
+        """The modules that are on, in their order."""
+        return [name for name in self.order.split("-") if getattr(self, name)]
+
+
+class StreamEncoder(nn.Module):
+    """Linear projection of frames, sinusoidal position, Transformer encoder."""
+
+    def __init__(self, in_width: int, settings: CastformerSettings) -> None:
+        super().__init__()
+        self.causal = settings.causal_encoder
+        self.project = nn.Linear(in_width, settings.width)
+        layer = nn.TransformerEncoderLayer(
+            settings.width, settings.heads, settings.feedforward, settings.dropout, batch_first=True, norm_first=True
+        )
+        self.encoder = nn.TransformerEncoder(
+            layer, settings.encoder_layers, nn.LayerNorm(settings.width), enable_nested_tensor=False
+        )
+        self.dropout = nn.Dropout(settings.dropout)
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """(B, T, D) of frames (B, T, in_width)."""
+        x = self.project(frames)
+        x = self.dropout(x + positions(x.shape[1], x.shape[2]).to(x))
+        mask = None
+        if self.causal:
+            mask = torch.ones(x.shape[1], x.shape[1], dtype=torch.bool, device=x.device).triu(1)
+        return torch.as_tensor(self.encoder(x, mask=mask, is_causal=self.causal))
+
+
+def positions(length: int, width: int) -> Tensor:
+    """Sinusoidal position code, (T, D). Source: Vaswani et al. 2017, Section 3.5."""
+    at = torch.arange(length)[:, None]
+    rate = torch.exp(-math.log(10_000.0) * (torch.arange(width) // 2 * 2) / width)
+    return torch.where(torch.arange(width) % 2 == 0, torch.sin(at * rate), torch.cos(at * rate))
+
+
+class CastformerCore(nn.Module):
+    """The network on frames of any width: `in` (B, T, in_width), `out` (B, T, out_width), speed (B, T, 1) or none.
+
+    The original features of Brain4Cars are 65 and 33 wide, the speed being the last of each.
+    """
+
+    def __init__(
+        self, settings: CastformerSettings, n_classes: int, in_width: int, out_width: int, speed: bool
+    ) -> None:
+        super().__init__()
+        width, names = settings.width, settings.modules
+        self.settings = settings
+        self.inner = StreamEncoder(in_width, settings)
+        self.outer = StreamEncoder(out_width, settings)
+        self.stages = nn.ModuleList(
+            _stage(name, settings, n_classes, token="cpe" in names[:k], speed=speed) for k, name in enumerate(names)
+        )
+        self.features_width = width * (3 if settings.fsn or settings.cpe else 2)
+        self.head: nn.Module = (
+            Confidence(width, n_classes, settings.dropout)
+            if settings.fsn
+            else linear_head(self.features_width, n_classes, settings.dropout)
+        )
+
+    def states(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> State:
+        """What the last module says of every frame."""
+        state = State(self.inner(inner), self.outer(outer), speed)
+        for stage in self.stages:
+            state = stage(state)
+        return state
+
+    def features(self, state: State) -> Tensor:
+        """What the logits are read from, at the last frame: the three branches, or the concatenated streams.
+
+        (B, features_width). Without FSN the intention token stands behind the streams.
+        """
+        third = state.context if state.context is not None else state.token
+        parts = (state.inner, state.outer) if third is None else (state.inner, state.outer, third)
+        return torch.cat([x[:, -1] for x in parts], dim=1)
+
+    def answers(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
+        """Logits (B, M) by name: `joint`, and where there are such modules `in`, `out`, `context`, `intent`."""
+        state = self.states(inner, outer, speed)
+        features = self.features(state)
+        if isinstance(self.head, Confidence):
+            logits, weight = self.head.branches(features)
+            said = {"joint": joint(logits, weight)}
+            said |= dict(zip(("in", "out", "context"), logits.unbind(dim=1), strict=True))
+        else:
+            said = {"joint": self.head(features)}
+        if state.intent is not None:
+            said["intent"] = state.intent[:, -1]
+        return said
+
+    def forward(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> Tensor:
+        """Joint logits, (B, M)."""
+        return torch.as_tensor(self.head(self.features(self.states(inner, outer, speed))))
+
+
+def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool, speed: bool) -> nn.Module:
+    """One of the three modules; token: whether an intention token was extracted before it."""
+    attention = settings.width, settings.heads, settings.dropout, settings.delay_frames
+    if name == "rsf":
+        return ReciprocalShiftFusion(*attention, settings.attention, settings.residual)
+    if name == "cpe":
+        return CausalPatternExtraction(*attention, settings.detach_mean, n_classes, settings.intent_source)
+    return FeatureSynthesis(settings.width, settings.feedforward, token, speed)
+
+
+def castformer_loss(said: dict[str, Tensor], label: Tensor, weight: Tensor | None, alpha: float) -> Tensor:
+    """Mean cross-entropy of all branches and the joint logits, plus alpha times that of the coarse intention.
+
+    said: logits by name (`CastformerCore.answers`). weight: of the classes, (M,), if any. Source: Eq. (12).
+    """
+    main = [focal_loss(logits, label, weight, 0.0) for name, logits in said.items() if name != "intent"]
+    loss = torch.stack(main).mean()
+    if "intent" in said:
+        loss = loss + alpha * focal_loss(said["intent"], label, weight, 0.0)
+    return loss
+
+
+class Castformer(WindowNetwork):
+    """CaSTFormer on windows. tv_length, uv_length: samples of a window in each stream, at rates of Hz.
+
+    Where a window is no whole number of frames its earliest samples are left out. The speed is the TV's in the
+    window's frame of reference. InputError where a window is shorter than two frames.
+    """
+
+    def __init__(
+        self,
+        settings: CastformerSettings,
+        n_classes: int,
+        tv_length: int,
+        uv_length: int,
+        tv_rate_hz: float,
+        uv_rate_hz: float,
+    ) -> None:
+        frame = [max(1, round(settings.frame_s * rate)) for rate in (tv_rate_hz, uv_rate_hz)]
+        count = min(tv_length // frame[0], uv_length // frame[1])
+        if count < 2:
+            raise InputError(f"castformer.frame_s {settings.frame_s:g}: a window has fewer than two frames; shorten it")
+        super().__init__(n_classes)
+        self.settings, self.frame, self.count = settings, frame, count
+        self.core = CastformerCore(settings, n_classes, N_STATES * frame[0], N_STATES * frame[1], speed=True)
+
+    def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
+        """Features (B, features_width) of standardised streams (B, 6, T) and (B, 6, U)."""
+        return self.core.features(self.core.states(*self.frames(tv, uv)))
+
+    def classify(self, features: Tensor) -> Tensor:
+        """Joint logits (B, n_classes) of features."""
+        return torch.as_tensor(self.core.head(features))
+
+    def frames(self, tv: Tensor, uv: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Frames (B, count, 6 n) of both standardised streams, and the TV's speed at the end of each, (B, count, 1)."""
+        inner, outer = (in_frames(x, n, self.count) for x, n in ((tv, self.frame[0]), (uv, self.frame[1])))
+        velocity = tv[:, 2:4] * self.tv_sd[2:4] + self.tv_mean[2:4]
+        ends = velocity[:, :, self.frame[0] - 1 + tv.shape[2] - self.count * self.frame[0] :: self.frame[0]]
+        return inner, outer, ends.square().sum(dim=1).add(1e-6).sqrt()[:, :, None] / SPEED_UNIT_M_S
+
+    def answers(self, tv: Tensor, uv: Tensor) -> dict[str, Tensor]:
+        return self.core.answers(*self.frames(*self.standardised(tv, uv)))
+
+    def loss(self, said: dict[str, Tensor], label: Tensor, weight: Tensor | None, gamma: float) -> Tensor:
+        """Eq. (12); gamma, of the focal loss, has no part in it."""
+        return castformer_loss({k: v.float() for k, v in said.items()}, label, weight, self.settings.alpha)
+
+
+def in_frames(x: Tensor, size: int, count: int) -> Tensor:
+    """The last `count` frames of `size` samples of a stream (B, 6, T), (B, count, 6 size)."""
+    x = x[:, :, x.shape[2] - count * size :]
+    return x.reshape(x.shape[0], x.shape[1], count, size).transpose(1, 2).flatten(2)

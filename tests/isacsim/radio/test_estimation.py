@@ -1,0 +1,117 @@
+"""The estimators against the bound, and maximum likelihood against scoring on the same full echo."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from isacsim.radio.bounds import cell_bound
+from isacsim.radio.echo import DEGREES, Moments, fourth_moment, spread
+from isacsim.radio.echo_tensor import observe_tensor, score
+from isacsim.radio.estimation import candan_offset, estimate_deviation, maximum_likelihood, observe
+from isacsim.radio.waveform import Waveform, centred, steering
+
+WAVEFORM = Waveform()
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+def moments_of(noise: np.ndarray, amplitude: float) -> Moments:
+    """Moments of a full noise tensor about a target at zero, by the sums that define them."""
+    weights = []
+    for count in WAVEFORM.shape:
+        scaled = centred(count) / spread(count)
+        weights.append([np.ones(count), -1j * scaled, -(scaled**2 - 1) / np.sqrt(fourth_moment(count) - 1)])
+    partial = np.einsum("ijk,ck->ijc", noise, np.array(weights[2]))
+    partial = np.einsum("ijc,bj->ibc", partial, np.array(weights[1]))
+    every = np.einsum("ibc,ai->abc", partial, np.array(weights[0]))
+    values = [every[degree] for degree in DEGREES]
+    return Moments(np.array([amplitude]), np.array(values)[:, None] / np.sqrt(WAVEFORM.size))
+
+
+@pytest.mark.parametrize(("snr_db", "within"), [(-30, 0.06), (-20, 0.004), (0, 1e-4)])
+def test_moments_and_the_full_echo_give_the_same_estimate(snr_db: float, within: float) -> None:
+    """One noise, two ways: the difference is a fraction `within` of the standard deviation."""
+    rng = np.random.default_rng(1)
+    snr = 10 ** (snr_db / 10)
+    differences = []
+    for _ in range(20):
+        noise = (rng.normal(size=WAVEFORM.shape) + 1j * rng.normal(size=WAVEFORM.shape)) * np.sqrt(0.5)
+        ours, power = maximum_likelihood(moments_of(noise, np.sqrt(snr * WAVEFORM.size)), WAVEFORM)
+        full, full_power = score(torch.as_tensor(noise + np.sqrt(snr))[None], torch.zeros((1, 3), dtype=torch.float64))
+        differences.append(ours[0] - full[0].numpy())
+        assert power[0] == pytest.approx(full_power.item(), rel=0.02)
+    deviation = cell_bound(np.array(snr), WAVEFORM)
+    assert np.all(np.sqrt(np.mean(np.square(differences), axis=0)) < within * deviation)
+
+
+@pytest.mark.parametrize("snr_db", [-25, -20, -10, 0, 10, 20])
+def test_maximum_likelihood_is_on_the_bound_anywhere_between_cells(snr_db: float) -> None:
+    count = 8000
+    rng = np.random.default_rng(2)
+    fraction = np.stack(np.meshgrid(*[[0.0, 0.25, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    cells = np.array([1.0, -40.0, 5.0]) + fraction[rng.integers(len(fraction), size=count)]
+    snr = np.full(count, 10 ** (snr_db / 10))
+    error = observe(cells, snr, "ml", WAVEFORM, rng).cells - cells
+    ratio = np.sqrt(np.mean(error**2, axis=0)) / cell_bound(snr[0], WAVEFORM)
+    assert np.all(ratio < 1.05)
+    assert np.all(ratio > 0.97)
+
+
+@pytest.mark.parametrize("snr_db", [-25, 0, 20])
+def test_maximum_likelihood_on_the_tensor_is_on_the_bound(snr_db: float) -> None:
+    count = 240
+    rng = np.random.default_rng(3)
+    cells = np.array([1.0, -40.0, 5.0]) + rng.choice([0.0, 0.25, 0.5], size=(count, 3))
+    snr = np.full(count, 10 ** (snr_db / 10))
+    error = observe_tensor(cells, snr, "ml", WAVEFORM, 4).cells - cells
+    ratio = np.sqrt(np.mean((error / cell_bound(snr[0], WAVEFORM)) ** 2))
+    # 240 echoes leave a standard error of 2.6 % over three axes.
+    assert ratio < 1.1
+
+
+def test_the_grids_err_by_their_cell() -> None:
+    rng = np.random.default_rng(5)
+    cells = np.stack([rng.uniform(-3, 3, 4000), rng.uniform(-90, -10, 4000), rng.uniform(-9, 9, 4000)], axis=1)
+    for estimator, width in (("grid", 1.0), ("padded_grid", 0.5)):
+        error = observe(cells, np.full(4000, 10.0), estimator, WAVEFORM, rng).cells - cells
+        assert np.sqrt(np.mean(error**2, axis=0)) == pytest.approx(width / np.sqrt(12) * np.ones(3), rel=0.04)
+
+
+def test_candan_is_twice_the_bound_at_every_snr() -> None:
+    rng = np.random.default_rng(6)
+    cells = np.array([1.0, -40.0, 5.0]) + rng.random((4000, 3))
+    for snr in (0.1, 1.0, 100.0):
+        error = observe(cells, np.full(4000, snr), "candan", WAVEFORM, rng).cells - cells
+        assert np.sqrt(np.mean(error**2, axis=0)) / cell_bound(np.array(snr), WAVEFORM) == pytest.approx(2.15, rel=0.07)
+
+
+@settings(max_examples=50, deadline=None)
+@given(offset=st.floats(-0.5, 0.5), count=st.sampled_from([8, 42, 128]))
+def test_candan_of_a_clean_tone_is_exact(offset: float, count: int) -> None:
+    tone = steering(np.array(offset), count)
+    low, peak, high = (np.atleast_1d(np.vdot(steering(np.array(float(k)), count), tone)) for k in (-1, 0, 1))
+    assert candan_offset(low, peak, high, count)[0] == pytest.approx(offset, abs=1e-9)
+
+
+def test_noise_that_outshines_the_target_is_anywhere() -> None:
+    """Far below the threshold the estimates fill the whole search space evenly."""
+    count = 3000
+    cells = np.tile([0.5, -20.0, 1.0], (count, 1))
+    found = observe(cells, np.full(count, 1e-5), "ml", WAVEFORM, np.random.default_rng(7))
+    sine, distance, radial = WAVEFORM.measured(found.cells).T
+    assert np.quantile(distance, [0.25, 0.75]) == pytest.approx([1249, 3747], rel=0.05)
+    assert abs(np.mean(sine)) < 0.05
+    assert abs(np.mean(radial)) < 30
+    assert np.median(found.power) == pytest.approx(13.0, abs=0.3)
+
+
+def test_the_receivers_deviation_is_its_error() -> None:
+    count = 5000
+    rng = np.random.default_rng(8)
+    cells = np.array([1.0, -40.0, 5.0]) + rng.random((count, 3))
+    for estimator in ("ml", "candan", "grid", "padded_grid"):
+        found = observe(cells, np.full(count, 0.03), estimator, WAVEFORM, rng)
+        normalised = (found.cells - cells) / estimate_deviation(found.power, estimator, WAVEFORM)
+        assert np.sqrt(np.mean(normalised**2)) == pytest.approx(1, abs=0.1)

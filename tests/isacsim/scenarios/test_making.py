@@ -1,0 +1,192 @@
+"""Scenarios made from maps and bare networks, and users' scenarios taken as they are."""
+
+import gzip
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isacsim.errors import InputError
+from isacsim.scenarios.demand import DemandSettings, make_demand
+from isacsim.scenarios.making import add_sites, import_map
+from isacsim.scenarios.scenario import load
+from isacsim.scenarios.site_placement import PlacementSettings, place
+from isacsim.scenarios.sumo_files import parse, without_outputs
+from isacsim.sensing import LEAST_SITES, ViewSettings, assign
+from isacsim.tracking.fusion import Panels
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.simulation import TrafficSettings, record
+from tests.support.roads import straight_road, vehicle
+
+SHORT = TrafficSettings(run_in_s=20.0, duration_s=5.0)
+
+
+def osm(folder: Path, name: str = "map.osm.gz") -> Path:
+    """A motorway of 2.5 km, three lanes, with an exit, as OpenStreetMap has it."""
+    nodes = [(k + 1, 52.0, 10.0 + 0.004 * k) for k in range(10)] + [(20, 51.995, 10.024)]
+    text = "".join(f'<node id="{i}" lat="{lat}" lon="{lon}" version="1"/>' for i, lat, lon in nodes)
+    ways = [(100, range(1, 11), "motorway", 3), (101, (5, 20), "motorway_link", 1)]
+    for number, refs, kind, lanes in ways:
+        tags = {"highway": kind, "lanes": str(lanes), "oneway": "yes", "maxspeed": "120"}
+        text += f'<way id="{number}" version="1">' + "".join(f'<nd ref="{r}"/>' for r in refs)
+        text += "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items()) + "</way>"
+    path = folder / name
+    with gzip.open(path, "wt") as file:
+        file.write(f'<?xml version="1.0"?><osm version="0.6">{text}</osm>')
+    return path
+
+
+def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
+    folder = straight_road(tmp_path / "theirs", vehicle("a"))
+    (folder / "detectors.add.xml").write_text(
+        '<additional><e1Detector id="d" lane="e0_1" pos="100" freq="10" file="e1.xml"/>'
+        '<edgeData id="m" file="edges.xml" freq="10"/><parkingArea id="p" lane="e1_0" startPos="5" endPos="20"/>'
+        "</additional>"
+    )
+    (folder / "r.sumocfg").write_text(
+        '<configuration><net-file value="r.net.xml"/><r value="r.rou.xml"/>'
+        '<additional-files value="sites.add.xml, detectors.add.xml"/><tripinfo-output value="trips.xml"/>'
+        '<log value="log.txt"/><step-length value="0.5"/><begin value="100"/><gui-settings-file value="no.xml"/>'
+        '<scale value="1"/></configuration>'
+    )
+    (folder / "r.rou.xml").write_text((folder / "r.rou.xml").read_text().replace('depart="0.0"', 'depart="101"'))
+    before = sorted(path.name for path in folder.iterdir())
+    scenario = load(folder)
+    recording = record(scenario, 1, TrafficSettings(run_in_s=2.0, duration_s=3.0), ManeuverSettings())
+    assert sorted(path.name for path in folder.iterdir()) == before
+    assert scenario.overridden == ("gui-settings-file", "log", "step-length", "tripinfo-output")
+    assert scenario.kept == {"scale": "1"}
+    times = recording.times(recording.tracks["a"])
+    assert 102.0 < times[0] < 102.05
+    np.testing.assert_allclose(np.diff(times), 0.01)
+
+
+def test_additional_files_keep_what_is_no_output(tmp_path: Path) -> None:
+    file = tmp_path / "a.add.xml"
+    file.write_text(
+        '<additional><e1Detector id="d" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
+        '<vType id="t"><param key="has.ssm.device" value="true"/><param key="color" value="red"/></vType></additional>'
+    )
+    (folder := tmp_path / "copies").mkdir()
+    copy = without_outputs(file, folder)
+    assert [node.tag for node in parse(copy)] == ["busStop", "calibrator", "vType"]
+    assert [node.attrib for node in parse(copy).iter("calibrator")] == [{"id": "c", "freq": "1"}]
+    assert [node.get("key") for node in parse(copy).iter("param")] == ["color"]
+    harmless = tmp_path / "b.add.xml"
+    harmless.write_text('<additional><busStop id="b"/></additional>')
+    assert without_outputs(harmless, folder) == harmless
+
+
+def test_a_bare_network_gets_demand_and_sites(tmp_path: Path) -> None:
+    network = straight_road(tmp_path / "bare", vehicle("a")) / "r.net.xml"
+    made = add_sites(str(network), tmp_path / "made", PlacementSettings(), DemandSettings(vehicles=30))
+    assert made.made_demand
+    scenario = load(tmp_path / "made")
+    assert len(scenario.sites) == made.sites
+    recording = record(scenario, 1, SHORT, ManeuverSettings())
+    assert len(recording.tracks) > 5
+    assert {track.kind for track in recording.tracks.values()} <= {"passenger", "truck"}
+
+
+def test_a_scenario_with_sites_or_a_taken_folder_is_refused(tmp_path: Path) -> None:
+    folder = straight_road(tmp_path / "road", vehicle("a"))
+    with pytest.raises(InputError, match="sites already"):
+        add_sites(str(folder), tmp_path / "x", PlacementSettings(), DemandSettings())
+    (folder / "sites.add.xml").write_text("<additional/>")
+    with pytest.raises(InputError, match="not empty"):
+        add_sites(str(folder), folder, PlacementSettings(), DemandSettings())
+
+
+def test_a_map_becomes_a_scenario(tmp_path: Path) -> None:
+    made = import_map(osm(tmp_path), tmp_path / "city", None, PlacementSettings(), DemandSettings(vehicles=40))
+    scenario = load(tmp_path / "city")
+    assert made.sites == len(scenario.sites) > 8
+    assert max(lane.index for lane in scenario.lanes) >= 2
+    assert len(record(scenario, 1, SHORT, ManeuverSettings()).tracks) > 5
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [("m.osm", "<osm>", "netconvert cannot"), ("m.png", "", "no OpenStreetMap file"), ("gone.osm", None, "no map")],
+)
+def test_a_bad_map_is_told_in_one_line(tmp_path: Path, name: str, text: str | None, says: str) -> None:
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=says) as caught:
+        import_map(tmp_path / name, tmp_path / "out", None, PlacementSettings(), DemandSettings())
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+    assert not list(tmp_path.glob(".out*"))
+
+
+def test_demand_is_reproducible_and_its_routes_are_connected(tmp_path: Path) -> None:
+    motorway = load("motorway")
+    text = make_demand(motorway.network, DemandSettings(), 3)
+    assert text == make_demand(motorway.network, DemandSettings(), 3)
+    assert text != make_demand(motorway.network, DemandSettings(), 4)
+    file = tmp_path / "d.rou.xml"
+    file.write_text(text)
+    routes = [node.get("edges", "").split() for node in parse(file).iter("route")]
+    follows = {
+        (lane.edge, last.edge)
+        for lane in motorway.lanes
+        for inside in motorway.lanes
+        if inside.id in lane.successors
+        for last in motorway.lanes
+        if last.id in inside.successors
+    }
+    assert len(routes) >= 3
+    assert all(pair in follows for route in routes for pair in pairwise(route))
+
+
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban"])
+def test_poles_stand_clear_of_the_road_and_apart(name: str) -> None:
+    scenario = load(name)
+    settings = PlacementSettings()
+    edges = {lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")}
+    sites = place(scenario.lanes, edges, settings)
+    poles = np.unique(np.array([(site.x, site.y) for site in sites]), axis=0)
+    assert len(sites) == 2 * len(poles)
+    for lane in scenario.lanes:
+        start, step = lane.shape[:-1], np.diff(lane.shape, axis=0)
+        share = np.einsum("pkd,kd->pk", poles[:, None] - start, step) / np.maximum((step**2).sum(1), 1e-12)
+        nearest = start + np.clip(share, 0.0, 1.0)[..., None] * step
+        distance = np.hypot(*(poles[:, None] - nearest).transpose(2, 0, 1)).min(axis=1)
+        assert distance.min() > lane.width_m / 2.0 + 0.7 * settings.set_back_m
+    between = np.hypot(*(poles[:, None] - poles).transpose(2, 0, 1)) + 1e9 * np.eye(len(poles))
+    assert between.min() > 0.6 * settings.spacing_m
+    assert between.min(axis=1).max() < 2.0 * settings.spacing_m
+
+
+def test_bundled_scenarios_have_a_pole_near_every_covered_lane() -> None:
+    """Every lane but the run-ins', the ramps' and the cross streets' has a pole within 150 m of its middle."""
+    bare = ("runin", "onramp", "offramp", ":")
+    for name in ("motorway", "ramp_weave", "urban"):
+        scenario = load(name)
+        poles = np.array([(site.x, site.y) for site in scenario.sites])
+        for lane in scenario.lanes:
+            if lane.edge.startswith(bare) or any(end[0] in "ns" for end in lane.edge.split("_")):
+                continue
+            middle = lane.shape.mean(axis=0)
+            assert np.hypot(*(poles - middle).T).min() < 150.0, (name, lane.id)
+
+
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban", "straight"])
+def test_sites_made_for_a_bare_network_see_every_road_of_its_traffic_by_two(name: str, tmp_path: Path) -> None:
+    """Along each lane that has sites beside it, two panels or more are in view, and others as one drives on."""
+    network = straight_road(tmp_path / name, vehicle("a")) / "r.net.xml" if name == "straight" else load(name).network
+    add_sites(str(network), tmp_path / "made", PlacementSettings(), DemandSettings(vehicles=30))
+    scenario = load(tmp_path / "made")
+    routes = parse(tmp_path / "made" / "made.rou.xml").iter("route")
+    used = {edge for route in routes for edge in route.get("edges", "").split()}
+    panels = Panels.of(scenario.sites, 0.8)
+    for lane in scenario.lanes:
+        if lane.edge not in used:
+            continue
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane.shape, axis=0).T))])
+        stations = np.arange(0.0, along[-1], 5.0)
+        points = np.stack([np.interp(stations, along, values) for values in lane.shape.T], axis=1)
+        sites = assign(points, 10.0, panels, ViewSettings())
+        assert (sites >= 0).sum(axis=1).min() >= LEAST_SITES, lane.id
+        assert len(np.unique(sites[:, 0])) > 1 or along[-1] < 150.0, lane.id

@@ -1,0 +1,224 @@
+"""The director: what it asks of whom, with which drawn parameters, and what it leaves alone."""
+
+from collections import defaultdict
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import Scenario, load
+from isacsim.seeding import stream
+from isacsim.traffic import director as direction
+from isacsim.traffic.director import Director, ManeuverSettings, ending_lanes
+from isacsim.traffic.maneuvers import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE, Maneuver
+from isacsim.traffic.recording import COLUMNS, Command, Recording
+from isacsim.traffic.simulation import TrafficSettings, record, session
+from tests.support.roads import straight_road, vehicle
+
+RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]
+NONE = ManeuverSettings(**dict.fromkeys(RATES, 0.0))
+STEP = 0.01
+
+
+def director(scenario: Scenario, settings: ManeuverSettings) -> Director:
+    return Director(settings, scenario.sites, scenario.origin, stream("test", 1), STEP)
+
+
+def only(**rates: float) -> ManeuverSettings:
+    return NONE.model_copy(update=rates)
+
+
+def test_without_rates_nobody_is_commanded() -> None:
+    scenario = load("ramp_weave")
+    recording = record(scenario, 1, TrafficSettings(run_in_s=20.0, duration_s=5.0), NONE)
+    assert recording.tracks
+    assert recording.commands == ()
+    assert NONE.quiet
+    assert not any(only(**{name: 1.0}).quiet for name in RATES)
+
+
+@pytest.mark.parametrize(("name", "ends"), [("motorway", ["merge_0"]), ("ramp_weave", ["merge_0"]), ("urban", [])])
+def test_lanes_that_end_are_found(name: str, ends: list[str]) -> None:
+    with session(load(name), 1, TrafficSettings()) as sumo:
+        assert ending_lanes(sumo) == ends
+
+
+def test_neither_pavements_nor_the_networks_own_ends_are_lanes_that_end() -> None:
+    """a_0 ends beside a_1; b_1 is no lane for cars; edge c ends altogether; beside d_0 only buses go on."""
+    linked = ("a_1", "b_0", "d_1")
+    classes = {"b_1": ("pedestrian",), "d_1": ("bus", "tram")}
+    lane = SimpleNamespace(
+        getIDList=lambda: ["a_0", "a_1", "b_0", "b_1", "c_0", "c_1", "d_0", "d_1", ":n_0"],
+        getLinks=lambda name: [("somewhere", True)] if name in linked else [],
+        getEdgeID=lambda name: name[0],
+        getAllowed=lambda name: classes.get(name, ()),
+    )
+    assert ending_lanes(SimpleNamespace(lane=lane)) == ["a_0"]
+
+
+def test_a_lanes_end_is_closed_now_and_then_by_one_vehicle_at_a_time() -> None:
+    scenario = load("ramp_weave")
+    guide = director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(11_000):
+            guide.step(sumo, step * STEP)
+            sumo.simulationStep()
+            assert not sumo.simulation.getCollisions()
+        guide.finish(110.0)
+        present = set(sumo.vehicle.getIDList())
+        still = {command.vehicle for command in guide.commands if command.end == 110.0}
+        for vehicle_id in ({command.vehicle for command in guide.commands} & present) - still:
+            assert sumo.vehicle.getLaneChangeMode(vehicle_id) == DEFAULT_LANE_CHANGE_MODE
+            assert sumo.vehicle.getSpeedMode(vehicle_id) == DEFAULT_SPEED_MODE
+    assert {command.maneuver for command in guide.commands} == {"closed_ramp_end"}
+    times = sorted((command.start, command.end) for command in guide.commands)
+    assert len(times) >= 2
+    assert all(end <= start for (_, end), (start, _) in pairwise(times))
+
+
+def test_beside_a_closed_lane_nobody_is_commanded() -> None:
+    scenario = load("ramp_weave")
+    settings = only(closed_ramp_end_per_lane_hour=3600.0, hard_brake_per_vehicle_hour=3600.0, rest_s=1.0)
+    guide = director(scenario, settings)
+    where: dict[tuple[str, float], str] = {}
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(5000):
+            guide.step(sumo, step * STEP)
+            for vehicle_id in sumo.vehicle.getIDList() if step % 10 == 0 else ():
+                where[vehicle_id, round(step * STEP, 6)] = sumo.vehicle.getRoadID(vehicle_id)
+            sumo.simulationStep()
+        guide.finish(50.0)
+    closures = [command for command in guide.commands if command.maneuver == "closed_ramp_end"]
+    brakes = [command for command in guide.commands if command.maneuver == "hard_brake"]
+    meanwhile = [each for each in brakes if any(c.start < each.start < c.end for c in closures)]
+    assert len(meanwhile) > 10
+    assert all(where[each.vehicle, round(each.start, 6)] != "merge" for each in meanwhile)
+
+
+def same_until(a: Recording, b: Recording, time: float) -> bool:
+    """Whether all states up to an instant are equal, to the last bit."""
+    for name, track in a.tracks.items():
+        rows = max(0, round(time / a.step_s) - track.first_step)
+        if rows and not all(
+            np.array_equal(getattr(track, c)[:rows], getattr(b.tracks[name], c)[:rows]) for c in COLUMNS
+        ):
+            return False
+    return True
+
+
+def test_closures_have_no_say_in_the_other_maneuvers() -> None:
+    """Up to the first closure all is equal, commands and states, to what it is without closures; not afterwards."""
+    busy = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, closed_ramp_end_per_lane_hour=0.0)
+    brief = TrafficSettings(run_in_s=20.0, duration_s=25.0)
+    without = record(load("ramp_weave"), 1, brief, busy)
+    closing = busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0})
+    with_closures = record(load("ramp_weave"), 1, brief, closing)
+
+    def starts(commands: tuple[Command, ...], before: float) -> set[tuple[str, str, float]]:
+        return {(c.vehicle, c.maneuver, c.start) for c in commands if c.start < before}
+
+    first = min(c.start for c in with_closures.commands if c.maneuver == "closed_ramp_end")
+    assert first > 21.0
+    assert starts(without.commands, first) == starts(with_closures.commands, first) != set()
+    assert same_until(without, with_closures, first)
+    assert not same_until(without, with_closures, 45.0)
+
+
+def test_where_no_lane_ends_closures_change_nothing(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("a") + vehicle("b", depart=2.0, lane=0)))
+    brief = TrafficSettings(run_in_s=2.0, duration_s=8.0)
+    busy = ManeuverSettings(hard_brake_per_vehicle_hour=3600.0, closed_ramp_end_per_lane_hour=0.0)
+    plain = record(scenario, 1, brief, busy)
+    asked = record(scenario, 1, brief, busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0}))
+    assert plain.commands == asked.commands != ()
+    assert same_until(plain, asked, 10.0)
+
+
+DRAWN = {
+    "HardBrake": {"peak": (-8.0, -4.8), "rise_jerk": (10.0, 18.0), "hold_s": (0.6, 1.6), "fall_jerk": (6.0, 12.0)},
+    "HardAccel": {"peak": (2.8, 4.5), "rise_jerk": (5.0, 10.0), "hold_s": (1.4, 2.6), "fall_jerk": (4.0, 8.0)},
+    "Swerve": {"offset_m": (-1.7, 1.7), "peak": (4.5, 6.0), "hold_s": (0.0, 0.6)},
+    "Overtake": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
+    "SlowVehicle": {"share": (0.65, 0.8), "for_s": (20.0, 40.0)},
+    "StopInLane": {"for_s": (15.0, 40.0)},
+}
+"""Of each kind, what is drawn and between which bounds: m/s2, m/s3, s, m, shares."""
+
+
+def test_every_driver_is_commanded_in_a_way_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Peak, jerks, duration and clearance are drawn anew each time; overtakes begin at headways of 0.8 to 2.5 s."""
+    composed: dict[str, list[Maneuver]] = defaultdict(list)
+    headways: list[float] = []
+    scenario = load("motorway")
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for kind in DRAWN:
+            made = getattr(direction, kind)
+
+            def remembered(*values: Any, kind: str = kind, made: type[Maneuver] = made) -> Maneuver:
+                composed[kind].append(made(*values))
+                if kind == "Overtake":
+                    _, gap_m = sumo.vehicle.getLeader(values[0], 150.0)
+                    headways.append(gap_m / sumo.vehicle.getSpeed(values[0]))
+                return composed[kind][-1]
+
+            monkeypatch.setattr(direction, kind, remembered)
+        often = {**dict.fromkeys(RATES, 150.0), "swerve_per_vehicle_hour": 1500.0, "overtake_per_vehicle_hour": 3000.0}
+        guide = director(scenario, only(**often | {"stop_in_lane_per_vehicle_hour": 40.0}, rest_s=1.0))
+        for step in range(7000):
+            guide.step(sumo, step * STEP)
+            sumo.simulationStep()
+        guide.finish(70.0)
+    for kind, bounds in DRAWN.items():
+        for name, (low, high) in bounds.items():
+            values = np.array([getattr(each, name) for each in composed[kind]])
+            assert len(values) >= 4, kind
+            assert low <= values.min() < values.max() <= high
+            assert len(np.unique(values)) == len(values) or name == "speed_gain"
+    assert 0.8 < min(headways) < max(headways) < 2.5
+
+
+def test_nobody_is_sent_past_its_exit() -> None:
+    """On the last 1.5 km before the off-ramp, which the rightmost lane leads to, at any speed that matters."""
+    scenario = load("motorway")
+    asked: dict[bool, list[float]] = {True: [], False: []}
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(9000):
+            sumo.simulationStep()
+            if step % 100:
+                continue
+            for name in sumo.vehicle.getIDList():
+                exits = sumo.vehicle.getRoute(name)[-1] == "offramp"
+                if exits and sumo.vehicle.getLaneIndex(name) == 0 and sumo.vehicle.getSpeed(name) > 20.0:
+                    left_m = _ahead(sumo, name) / sumo.vehicle.getSpeed(name)
+                    asked[Director._has_lane(sumo, name, 1)].append(left_m)
+    assert min(asked[True], default=0.0) > direction.RETURN_S - 1.0
+    assert asked[False]
+    assert max(asked[False]) < direction.RETURN_S + 12.0
+
+
+def _ahead(sumo: Any, name: str) -> float:
+    """Distance to the off-ramp along the route, m."""
+    return float(sumo.vehicle.getDrivingDistance(name, "offramp", 0.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban"])
+def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
+    scenario = load(name)
+    speeds: list[float] = []
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        asked = director(scenario, ManeuverSettings())
+        for step in range(360_000):
+            asked.step(sumo, step * STEP)
+            sumo.simulationStep()
+            if step % 6000 == 0 and step:
+                speeds.append(float(np.mean([sumo.vehicle.getSpeed(v) for v in sumo.vehicle.getIDList()])))
+        asked.finish(3600.0)
+    print(
+        name, "mean speed of every ten minutes, m/s:", np.reshape([*speeds, speeds[-1]], (6, 10)).mean(axis=1).round(1)
+    )
+    early = np.mean(speeds[1:10])
+    assert np.mean(speeds[-10:]) > 0.7 * early

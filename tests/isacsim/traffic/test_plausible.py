@@ -1,0 +1,69 @@
+"""Motion after conditioning is what vehicles do: on straights, curves, at markings and at edge changes."""
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.motion import MotionSettings, states
+from isacsim.traffic.recording import Array, Recording, Track
+from isacsim.traffic.simulation import TrafficSettings, record
+
+NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
+MARGIN_S = 0.8
+
+
+@pytest.fixture(scope="module", params=["motorway", "urban"])
+def settled(request: pytest.FixtureRequest) -> Recording:
+    return record(load(request.param), 5, TrafficSettings(run_in_s=80.0, duration_s=20.0), NONE)
+
+
+def at_400_hz(recording: Recording, track: Track) -> Array | None:
+    times = recording.times(track)
+    inner = np.arange(times[0] + MARGIN_S, times[-1] - MARGIN_S, 0.0025)
+    return states(recording, track, inner, MotionSettings()) if len(inner) > 400 else None
+
+
+def test_settled_traffic_has_no_jump_and_little_jerk(settled: Recording) -> None:
+    """Position, velocity and acceleration follow from each other sample to sample; jerk rms under 2 m/s3."""
+    jerks, raw, curved = [], [], 0
+    for track in settled.tracks.values():
+        state = at_400_hz(settled, track)
+        if state is None:
+            continue
+        step = 0.0025
+        predicted = state[0:2, :-1] + step * state[2:4, :-1] + 0.5 * step**2 * state[4:6, :-1]
+        assert np.abs(state[0:2, 1:] - predicted).max() < 1e-6
+        jerk = np.diff(state[4:6], axis=1) / step
+        assert np.abs(state[2:4, 1:] - state[2:4, :-1] - step * state[4:6, :-1]).max() < 0.6 * step**2 * 60.0
+        assert np.abs(jerk).max() < 60.0
+        jerks.append((jerk**2).sum(axis=0))
+        raw.append((np.diff(track.speed, 2) / settled.step_s**2) ** 2)
+        curved += len(np.unique(track.lane)) > 2
+    assert curved > 3
+    conditioned_rms, raw_rms = (float(np.sqrt(np.concatenate(each).mean())) for each in (jerks, raw))
+    print(f"{settled.scenario}: jerk rms {conditioned_rms:.2f} m/s3 conditioned, {raw_rms:.2f} raw, along the lane")
+    assert conditioned_rms < 2.0
+    assert conditioned_rms < raw_rms
+
+
+def test_commanded_maneuvers_stay_within_what_a_car_can_do() -> None:
+    """Up to 9 m/s2 and 25 m/s3 while under command, lateral and longitudinal together."""
+    stimulus = ManeuverSettings(
+        hard_brake_per_vehicle_hour=120.0, swerve_per_vehicle_hour=200.0, hard_accel_per_vehicle_hour=60.0
+    )
+    recording = record(load("motorway"), 6, TrafficSettings(run_in_s=40.0, duration_s=20.0), stimulus)
+    seen = 0
+    for command in recording.commands:
+        track = recording.tracks.get(command.vehicle)
+        if track is None or command.maneuver not in ("hard_brake", "evasive_swerve"):
+            continue
+        times = recording.times(track)
+        if command.start < times[0] + MARGIN_S or command.end > times[-1] - MARGIN_S:
+            continue
+        end = min(command.end, command.start + 3.0) if command.maneuver == "hard_brake" else command.end
+        state = states(recording, track, np.arange(command.start, end, 0.0025), MotionSettings())
+        assert np.hypot(*state[4:6]).max() < 9.0, command
+        assert np.hypot(*np.diff(state[4:6], axis=1)).max() / 0.0025 < 25.0, command
+        seen += 1
+    assert seen > 10

@@ -1,0 +1,65 @@
+"""That recording's memory does not grow with simulated time."""
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import COLUMNS
+from isacsim.traffic.simulation import TrafficSettings, record
+from isacsim.traffic.state_log import ROWS, RowSorter
+
+LIFE = 7
+"""Steps that each of the made-up vehicles is on the road; one comes and one goes every step."""
+
+
+def values(vehicle: int, step: int) -> list[float]:
+    return [1000.0 * vehicle + step + 0.1 * row for row in range(ROWS)]
+
+
+def made_up(steps: int) -> list[tuple[int, int]]:
+    """(vehicle, step) of every row, step by step."""
+    return [(vehicle, step) for step in range(steps) for vehicle in range(max(0, step - LIFE + 1), step + 1)]
+
+
+@pytest.mark.parametrize("batch", [1, 5, 64, 10_000])
+def test_rows_are_put_together_by_vehicle_whatever_the_batch(batch: int) -> None:
+    rows, sorter = made_up(50), RowSorter()
+    for start in range(0, len(rows), batch):
+        part = rows[start : start + batch]
+        present = sorted({vehicle for vehicle, _ in part}, reverse=True)
+        sorter.add(
+            [f"v{vehicle}" for vehicle in present],
+            np.array([present.index(vehicle) for vehicle, _ in part]),
+            np.array([step for _, step in part]),
+            np.array([values(*row) for row in part]).T,
+        )
+    blocks = list(sorter.blocks())
+    assert [(name, first) for name, first, _ in blocks] == [(f"v{k}", k) for k in range(50)]
+    for vehicle, (_, _, block) in enumerate(blocks):
+        steps = range(vehicle, min(vehicle + LIFE, 50))
+        np.testing.assert_array_equal(block, np.array([values(vehicle, step) for step in steps]).T)
+
+
+def test_what_waits_in_memory_is_of_vehicles_on_the_road_alone() -> None:
+    """However long it goes on: rows of the last LIFE steps and one."""
+    sorter, most = RowSorter(), 0
+    for step in range(2000):
+        vehicles = range(max(0, step - LIFE + 1), step + 1)
+        names = [f"v{vehicle}" for vehicle in vehicles]
+        block = np.array([values(vehicle, step) for vehicle in vehicles]).T
+        sorter.add(names, np.arange(len(names)), np.full(len(names), step), block)
+        most = max(most, sorter.waiting_rows)
+    assert LIFE * (LIFE + 1) / 2 <= most <= (LIFE + 1) * (LIFE + 2) / 2 + LIFE
+    assert len(list(sorter.blocks())) == 2000
+
+
+def test_reading_in_small_batches_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    traffic = TrafficSettings(run_in_s=40.0, duration_s=8.0)
+    whole = record(load("motorway"), 3, traffic, ManeuverSettings())
+    monkeypatch.setattr("isacsim.traffic.state_log.BATCH_ROWS", 997)
+    parts = record(load("motorway"), 3, traffic, ManeuverSettings())
+    assert list(whole.tracks) == list(parts.tracks)
+    for name, track in whole.tracks.items():
+        for column in COLUMNS:
+            np.testing.assert_array_equal(getattr(track, column), getattr(parts.tracks[name], column))

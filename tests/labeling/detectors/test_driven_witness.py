@@ -1,0 +1,192 @@
+"""Maneuvers that vehicles were seen to drive, commanded ones and overtakes, against their labels.
+
+Minutes long. What counts as driven is told from raw states by other means than the detectors': plain differences over
+0.2 s, positions in the plane, no conditioning. Prints what it counts.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Command, Recording, Track
+from isacsim.traffic.simulation import TrafficSettings, record
+from labeling.events import Labels, LabelSettings, label
+from labeling.intentions import LANE_CHANGES, Event, Intention
+
+pytestmark = pytest.mark.slow
+
+LEFT, RIGHT = LANE_CHANGES
+LATERAL = {*LANE_CHANGES, Intention.OVERTAKE, Intention.EVASIVE_SWERVE}
+LONGITUDINAL = {Intention.HARD_BRAKE, Intention.HARD_ACCEL}
+
+
+def longest(mask: np.ndarray, step_s: float) -> float:
+    """The longest stretch in which a mask holds, s."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return float((edges[1::2] - edges[::2]).max(initial=0) * step_s)
+
+
+def moved_so(recording: Recording, command: Command) -> Intention | None:
+    """What the raw states show of a commanded maneuver, with some room to the definitions.
+
+    A lane change counts if it is the only one from 1.5 s before the command to its end: what crosses back over a
+    marking that was crossed a moment before undoes a change, and a command has driven it no further.
+    """
+    track = recording.tracks[command.vehicle]
+    times = recording.times(track)
+    span = (times >= command.start) & (times <= command.end)
+    n = round(0.1 / recording.step_s)
+    speed = track.speed[span]
+    if times[0] > command.start - 1.0 or times[-1] < command.end + 1.0 or len(speed) < 4 * n:
+        return None
+    accel = (speed[2 * n :] - speed[: -2 * n]) / (2 * n * recording.step_s)
+    if command.maneuver == "hard_brake" and longest(accel <= -4.2, recording.step_s) >= 0.7:
+        return Intention.HARD_BRAKE
+    if command.maneuver == "hard_accel" and longest(accel >= 2.6, recording.step_s) >= 1.2:
+        return Intention.HARD_ACCEL
+    lane, lateral = track.lane[span], track.lane_lat[span]
+    if command.maneuver == "evasive_swerve" and (lane == lane[0]).all() and np.ptp(lateral) > 0.5:
+        mean = np.convolve(lateral, np.ones(n) / n, "valid")
+        across = (mean[2 * n :] - 2 * mean[n:-n] + mean[: -2 * n]) / (n * recording.step_s) ** 2
+        return Intention.EVASIVE_SWERVE if min(across.max(), -across.min()) >= 3.6 else None
+    if command.maneuver == "lane_change":
+        near = [(time, side) for time, side in flips(recording, track) if command.start - 1.5 < time <= command.end]
+        if len(near) == 1 and command.start < near[0][0] < command.end - 1.5:
+            return LEFT if near[0][1] > 0 else RIGHT
+    return None
+
+
+RATES = ManeuverSettings(
+    hard_brake_per_vehicle_hour=20.0,
+    hard_accel_per_vehicle_hour=40.0,
+    left_change_per_vehicle_hour=15.0,
+    right_change_per_vehicle_hour=15.0,
+    swerve_per_vehicle_hour=20.0,
+)
+
+
+def test_what_was_commanded_and_driven_is_labelled() -> None:
+    """Recall of stimulated maneuvers, and that none is taken for another intention along or across the road."""
+    wanted: dict[Intention, int] = defaultdict(int)
+    found: dict[Intention, int] = defaultdict(int)
+    misses, wrong = [], []
+    for seed in range(101, 105):
+        recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), RATES)
+        labels = label(recording, LabelSettings())
+        for command in recording.commands:
+            intention = moved_so(recording, command) if command.vehicle in recording.tracks else None
+            if intention is None:
+                continue
+            wanted[intention] += 1
+            events = during(labels, command)
+            got = {e.intention for e in events}
+            fits = {intention, Intention.OVERTAKE} if intention is LEFT else {intention}
+            found[intention] += bool(fits & got)
+            said = f"{seed} {command} {sorted(i.text for i in got)}"
+            if not fits & got:
+                misses.append(said)
+            kin = (LATERAL if intention in LATERAL else LONGITUDINAL) - fits
+            if any(e.intention in kin and not really(recording, e) for e in events):
+                wrong.append(said)
+    print("\n" + "\n".join(f"{i.text}: {found[i]} of {n}" for i, n in wanted.items()))
+    print("missed:", *misses or ["none"], "wrong:", *wrong or ["none"], sep="\n")
+    assert {*LONGITUDINAL, *LATERAL} - {Intention.OVERTAKE} == set(wanted)
+    assert all(n >= 100 and found[i] >= 0.99 * n for i, n in wanted.items())
+    assert not wrong
+
+
+def during(labels: Labels, command: Command) -> list[Event]:
+    """What the commanded vehicle was found to commit to meanwhile."""
+    return [e for e in labels.events if e.vehicle == command.vehicle and command.start <= e.commit <= command.end]
+
+
+def really(recording: Recording, event: Event) -> bool:
+    """Whether the raw speed shows a brake or an acceleration from its commit on: drivers do more than is commanded."""
+    track = recording.tracks[event.vehicle]
+    n = round(0.1 / recording.step_s)
+    accel = (track.speed[2 * n :] - track.speed[: -2 * n]) / (2 * n * recording.step_s)
+    times = recording.times(track)[n:-n]
+    after = accel[(times >= event.commit) & (times <= event.commit + 1.5)]
+    if event.intention is Intention.HARD_BRAKE:
+        return longest(after <= -3.6, recording.step_s) >= 0.4
+    return event.intention is Intention.HARD_ACCEL and longest(after >= 2.2, recording.step_s) >= 0.8
+
+
+def flips(recording: Recording, track: Track) -> list[tuple[float, int]]:
+    """Raw changes of the lane index on one edge: time (s), +1 leftwards or -1."""
+    times, lanes = recording.times(track), recording.lanes
+    at = np.flatnonzero(track.lane[1:] != track.lane[:-1])
+    pairs = [(float(times[k + 1]), lanes[track.lane[k]], lanes[track.lane[k + 1]]) for k in at]
+    return [(time, int(np.sign(b.index - a.index))) for time, a, b in pairs if a.edge == b.edge]
+
+
+def next_in_lane(recording: Recording, track: Track, time: float) -> Track | None:
+    """The nearest vehicle further on in the very same lane, from raw positions."""
+    step = round(time / recording.step_s)
+    k = step - track.first_step
+    ahead = []
+    for other in recording.tracks.values():
+        j = step - other.first_step
+        if 0 <= j < len(other) and other.lane[j] == track.lane[k] and other.lane_pos[j] > track.lane_pos[k]:
+            ahead.append((float(other.lane_pos[j]), other))
+    return min(ahead, key=lambda item: item[0])[1] if ahead else None
+
+
+def along(recording: Recording, track: Track, other: Track, time: float) -> float | None:
+    """How far the other is ahead in the direction in which a vehicle moves, in the plane, m."""
+    step = round(time / recording.step_s)
+    k, j = step - track.first_step, step - other.first_step
+    if not (10 <= k < len(track) and 0 <= j < len(other)):
+        return None
+    heading = np.array([track.x[k] - track.x[k - 10], track.y[k] - track.y[k - 10]])
+    apart = np.array([other.x[j] - track.x[k], other.y[j] - track.y[k]])
+    return float(apart @ heading / max(np.linalg.norm(heading), 1e-9))
+
+
+def overtaken(recording: Recording, track: Track) -> list[tuple[float, str]]:
+    """Plain overtakes by raw geometry: one lane out, past the vehicle next in the lane, one lane back within 27 s.
+
+    The other is next in the lane from 4 s to 1 s before the crossing: one that leaves the lane itself meanwhile is not
+    what the vehicle pulled out for, though it may be passed, and another may be next by then.
+    """
+    changes, found = flips(recording, track), []
+    start, end = recording.times(track)[[0, -1]]
+    for (out, first), (back, second) in pairwise(changes):
+        # From within its own lane: one that waits at the marking may be alongside already, and then overtakes nobody.
+        row = round((out - 4.0) / recording.step_s) - track.first_step
+        alone = abs(track.lane_lat[max(row, 0)]) < 0.5 and all(
+            time in (out, back) or min(abs(time - out), abs(time - back)) > 5.0 for time, _ in changes
+        )
+        seen = out - 5.0 > start and back + 2.0 < end
+        if (first, second) != (1, -1) or not (alone and seen and 2.0 < back - out < 27.0):
+            continue
+        ahead = [next_in_lane(recording, track, out - before) for before in (4.0, 3.0, 2.0, 1.0)]
+        other = ahead[0] if all(each is ahead[0] for each in ahead) else None
+        gap = None if other is None else along(recording, track, other, out - 4.0)
+        later = None if other is None else along(recording, track, other, back)
+        if other is not None and gap is not None and gap < 60.0 and later is not None and later < -track.length_m - 2.0:
+            found.append((out, other.vehicle))
+    return found
+
+
+def test_overtakes_seen_in_the_plane_are_labelled() -> None:
+    """Drivers' own and commanded ones, by positions in the plane, without the network's connections."""
+    total, misses = 0, []
+    for seed in range(201, 215):
+        recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), ManeuverSettings())
+        events = label(recording, LabelSettings()).of(Intention.OVERTAKE)
+        told = {(e.vehicle, round(e.commit, 2), e.other) for e in events}
+        for track in recording.tracks.values():
+            for out, other in overtaken(recording, track):
+                total += 1
+                if (track.vehicle, round(out, 2), other) not in told:
+                    misses.append(f"{seed} {track.vehicle} at {out:.2f} past {other}")
+    print(f"\novertake: {total - len(misses)} of {total}", *misses, sep="\n")
+    assert total >= 100
+    assert len(misses) <= 0.01 * total

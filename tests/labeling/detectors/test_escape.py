@@ -1,0 +1,108 @@
+"""Nothing that a dataset or a study says leads out of the folder that is written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from isacsim.errors import InputError, OutputError
+from labeling.dataset.dataset import Dataset, read_shard
+from labeling.generation.generate import generate
+from labeling.generation.resense import ResenseSettings, own_sensing, resense
+from models.studies.study import read_study
+from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+
+INLINE = InlineEngine()
+STUDY = small_study(seeds={"first": 1, "last": 2})
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Dataset:
+    (tmp_path / "road").mkdir()
+    return generate(STUDY, tmp_path / "data", INLINE, source=ScriptedSource(tmp_path / "road"))
+
+
+def rewritten(dataset: Dataset, old: str, new: str) -> None:
+    path = dataset.path / "dataset.json"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", ".hidden", "a/b", "a\\u0000b", "road\\n"])
+def test_a_scenario_cannot_be_named_out_of_the_folder(made: Dataset, name: str) -> None:
+    for old in ('"name": "road"', '"scenario": "road"', '"file": "road-1.parquet"'):
+        before = (made.path / "dataset.json").read_text()
+        key = old.partition(":")[0]
+        rewritten(made, old, f'{key}: "{name}"')
+        with pytest.raises(InputError, match=r"dataset\.json: "):
+            Dataset.open(made.path)
+        (made.path / "dataset.json").write_text(before)
+
+
+def test_a_shard_that_names_another_episode_is_refused(made: Dataset) -> None:
+    """By what stands within it, when the dataset is finished or sensed anew."""
+    path = made.shard_path(made.meta.shards[0])
+    table = pq.read_table(path)
+    for scenario, seed in (("../../evil", 1), ("road", 7)):
+        stored = json.loads(table.schema.metadata[b"cosim.episode"]) | {"scenario": scenario, "seed": seed}
+        pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(stored)}), path)
+        with pytest.raises(InputError, match=r"road-1\.parquet: not a whole shard"):
+            read_shard(path)
+
+
+@pytest.mark.parametrize("part", ["shards", "roads"])
+def test_a_folder_that_is_a_link_is_refused(made: Dataset, tmp_path: Path, part: str) -> None:
+    """What lies where the link leads is neither overwritten nor cleared away."""
+    (made.path / part).rename(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere/thesis.tex").write_text("years of work")
+    (made.path / part).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match=f"{part}: is a link"):
+        generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+    assert (tmp_path / "elsewhere/thesis.tex").read_text() == "years of work"
+
+
+@pytest.mark.parametrize("file", ["dataset.json", "shards/road-1.parquet", "roads/road.parquet"])
+def test_a_file_that_is_a_link_is_replaced_and_not_followed(made: Dataset, tmp_path: Path, file: str) -> None:
+    (tmp_path / "foreign").write_bytes((made.path / file).read_bytes())
+    before = (tmp_path / "foreign").read_bytes()
+    (made.path / file).unlink()
+    (made.path / file).symlink_to(tmp_path / "foreign")
+    made.shard_path(made.meta.shards[1]).unlink()
+    if file.startswith("shards"):
+        (tmp_path / "foreign").write_bytes(before := b"no shard")
+    again = generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+    assert again.digest == made.digest
+    assert (tmp_path / "foreign").read_bytes() == before
+
+
+def test_a_log_that_is_a_link_is_not_followed(made: Dataset, tmp_path: Path) -> None:
+    (tmp_path / "foreign").write_text("mine\n")
+    (made.path / "log.jsonl").unlink()
+    (made.path / "log.jsonl").symlink_to(tmp_path / "foreign")
+    made.shard_path(made.meta.shards[1]).unlink()
+    with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written"):
+        generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+    assert (tmp_path / "foreign").read_text() == "mine\n"
+
+
+def test_links_may_be_read(made: Dataset, tmp_path: Path) -> None:
+    """A dataset whose shards lie elsewhere is read, and sensed anew into a folder of its own."""
+    (made.path / "shards").rename(tmp_path / "elsewhere")
+    (made.path / "shards").symlink_to(tmp_path / "elsewhere")
+    before = sorted((tmp_path / "elsewhere").iterdir())
+    anew = resense(Dataset.open(made.path), ResenseSettings(sensing=own_sensing(made)), tmp_path / "anew", INLINE)
+    assert len(anew) == len(made)
+    assert sorted((tmp_path / "elsewhere").iterdir()) == before
+
+
+@pytest.mark.parametrize("name", ["..toml", "...toml", "study.toml"])
+def test_a_study_s_name_is_no_way_out(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("")
+    assert read_study(tmp_path / name).name == "study"
+    (tmp_path / name).write_text('name = "../out"')
+    with pytest.raises(InputError, match="name: "):
+        read_study(tmp_path / name)

@@ -1,0 +1,49 @@
+"""Commanding and labelling share no knowledge: labels of stimulated traffic come from its states alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings, record
+from labeling.events import LabelSettings, label, origin
+from labeling.intentions import Intention
+
+SETTINGS = LabelSettings()
+
+
+@pytest.fixture(scope="module")
+def stimulated() -> Recording:
+    """Two minutes of the motorway with many overtakes commanded, and most drivers left alone."""
+    none = {name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")}
+    some = {"hard_brake": 10.0, "swerve": 10.0, "hard_accel": 10.0, "overtake": 40.0}
+    rates = none | {f"{name}_per_vehicle_hour": rate for name, rate in some.items()}
+    return record(
+        load("motorway"), 5, TrafficSettings(run_in_s=60.0, duration_s=120.0), ManeuverSettings.model_validate(rates)
+    )
+
+
+def test_labels_are_the_same_from_disk_and_without_the_commands(stimulated: Recording, tmp_path: Path) -> None:
+    stimulated.save(tmp_path / "recording.npz")
+    back = Recording.load(tmp_path / "recording.npz")
+    labels = label(stimulated, SETTINGS)
+    assert len({event.intention for event in labels.events}) >= 6
+    assert {command.maneuver for command in stimulated.commands} >= {"hard_brake", "overtake", "evasive_swerve"}
+    assert label(back, SETTINGS) == labels
+    assert label(replace(back, commands=()), SETTINGS) == labels
+    told, told_back = ([origin(r, event) for event in labels.events] for r in (stimulated, back))
+    assert told == told_back
+
+
+def test_overtakes_are_drivers_own_and_commanded_and_origin_tells(stimulated: Recording) -> None:
+    """A stimulated one has a command of its own vehicle about it; of those, most were commanded as overtakes."""
+    overtakes = label(stimulated, SETTINGS).of(Intention.OVERTAKE)
+    told = [origin(stimulated, event) for event in overtakes]
+    assert told.count("natural") >= 2
+    assert told.count("stimulated") >= 2
+    commanded = {command.vehicle for command in stimulated.commands if command.maneuver == "overtake"}
+    by_command = [event.vehicle in commanded for event, said in zip(overtakes, told, strict=True) if said != "natural"]
+    assert sum(by_command) >= 0.5 * len(by_command)

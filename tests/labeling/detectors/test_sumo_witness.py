@@ -1,0 +1,201 @@
+"""Lane changes against SUMO's own account of them, and one recording at two sampling rates.
+
+Minutes long: ten minutes of every bundled scenario. Prints what it counts.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import bundled, load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.recording import Recording, Track
+from isacsim.traffic.simulation import TrafficSettings, record
+from labeling.events import Labels, LabelSettings, label
+from labeling.intentions import Event, Intention
+from tests.support.drives import thinned
+
+pytestmark = pytest.mark.slow
+
+LEFT = Intention.LEFT_LANE_CHANGE
+STAY_S = 1.0
+Fate = Literal["completed", "poke", "return", "cut_off"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A recording, its labels and the file of SUMO's lane changes."""
+
+    recording: Recording
+    labels: Labels
+    output: Path
+
+
+@dataclass(frozen=True)
+class Change:
+    """A lane change by SUMO's account. time: of the first recorded state in the new lane, s.
+
+    fate: `completed`, the centre stays across its marking for a second; `poke`, it comes back over it before; `return`,
+    that coming back; `cut_off`, the vehicle leaves, or the recording ends, before the second is over.
+    across_s: how long it stayed.
+    """
+
+    vehicle: str
+    time: float
+    left: bool
+    fate: Fate
+    across_s: float
+
+
+@pytest.fixture(scope="module", params=sorted(bundled()))
+def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """Ten minutes of a bundled scenario."""
+    import libsumo
+
+    output = tmp_path_factory.mktemp("witness") / "changes.xml"
+    start: Callable[[list[str]], Any] = libsumo.start
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(libsumo, "start", lambda args: start([*args, "--lanechange-output", str(output)]))
+        recording = record(load(request.param), 11, TrafficSettings(duration_s=600.0), ManeuverSettings())
+    return Scene(recording, label(recording, LabelSettings()), output)
+
+
+def accounts(output: Path, recording: Recording) -> list[Change]:
+    """SUMO's changes of recorded vehicles in the recorded time, from its output alone but for when tracks end."""
+    told: dict[str, list[tuple[float, bool]]] = defaultdict(list)
+    for entry in ET.parse(output).getroot().iter("change"):
+        vehicle = entry.get("id", "")
+        # SUMO names the instant before the step that brings the vehicle over.
+        time = float(entry.get("time", "nan")) + recording.step_s
+        track = recording.tracks.get(vehicle)
+        if track is not None and recording.times(track)[0] + 1e-6 < time < recording.times(track)[-1] + 1e-6:
+            told[vehicle].append((time, int(entry.get("dir", "0")) > 0))
+    found = []
+    for vehicle, changes in told.items():
+        end = float(recording.times(recording.tracks[vehicle])[-1])
+        of_marking: dict[int, list[tuple[float, bool]]] = defaultdict(list)
+        level = 0
+        for time, left in sorted(changes):
+            of_marking[level if left else level - 1].append((time, left))
+            level += 1 if left else -1
+        for own in of_marking.values():
+            found += [Change(vehicle, *each) for each in fates(own, end)]
+    return sorted(found, key=lambda change: (change.vehicle, change.time))
+
+
+def fates(changes: list[tuple[float, bool]], end: float) -> list[tuple[float, bool, Fate, float]]:
+    """What became of each crossing (time, leftwards) of one marking by one vehicle, whose track ends at `end`, s."""
+    found: list[tuple[float, bool, Fate, float]] = []
+    settled_left = not changes[0][1]
+    for k, (time, left) in enumerate(changes):
+        last = k + 1 == len(changes)
+        across = (end if last else changes[k + 1][0]) - time
+        fate: Fate = "poke"
+        if left == settled_left:
+            fate = "return"
+        elif across >= STAY_S - 1e-6:
+            fate, settled_left = "completed", left
+        elif last:
+            fate = "cut_off"
+        found.append((time, left, fate, across))
+    return found
+
+
+def test_lane_changes_against_sumo_s_own_account(scene: Scene) -> None:
+    """Every change of SUMO's is a labelled event or has its reason not to be one, and no event is without a change."""
+    recording, labels = scene.recording, scene.labels
+    told = accounts(scene.output, recording)
+    matched: set[tuple[str, float]] = set()
+    missed, labelled = [], []
+    for change in told:
+        hit = [
+            (e.vehicle, e.commit)
+            for e in labels.changes[change.vehicle]
+            if abs(e.commit - change.time) < 0.06 and (e.intention is LEFT) is change.left
+        ]
+        matched.update(hit)
+        if change.fate == "completed" and not hit:
+            missed.append(change)
+        if change.fate != "completed" and hit:
+            labelled.append(change)
+    events = {(e.vehicle, e.commit) for own in labels.changes.values() for e in own}
+    by_fate = {fate: [c for c in told if c.fate == fate] for fate in ("completed", "poke", "return", "cut_off")}
+    dithering = by_fate["poke"] + by_fate["return"]
+    most = max((c.across_s for c in by_fate["poke"]), default=0.0)
+    print(
+        f"\n{recording.scenario}: {len(by_fate['completed'])} completed, {len(missed)} missed,"
+        f" {len(events - matched)} invented; {len(dithering)} dithering by"
+        f" {len({c.vehicle for c in dithering})} vehicles: {len(by_fate['poke'])} back within {most:.2f} s and"
+        f" {len(by_fate['return'])} comings back, {len(labelled)} of them labelled; {len(by_fate['cut_off'])} cut off;"
+        f" the labels' counts: {labels.counts}",
+        *missed, *labelled, sep="\n",
+    )  # fmt: skip
+    assert len(by_fate["completed"]) > 200
+    assert len(missed) <= 0.005 * len(by_fate["completed"])
+    assert events == matched
+    assert not labelled
+    assert labels.counts["dithering"] == len(dithering)
+    assert labels.counts["cut_off"] == len(by_fate["cut_off"])
+
+
+def band_left(track: Track, recording: Recording, event: Event) -> float | None:
+    """When the raw lateral position leaves the 5 cm around where it rested for a second before the change, s."""
+    times = recording.times(track)
+    crossing = int(np.searchsorted(times, event.commit - 1e-6))
+    same = np.flatnonzero(track.lane[:crossing] != track.lane[crossing - 1])
+    first = int(same[-1]) + 1 if len(same) else 0
+    lateral = track.lane_lat[first:crossing]
+    for end in range(len(lateral) - 1, 100, -1):
+        if np.ptp(lateral[end - 100 : end]) < 0.01:
+            away = np.flatnonzero(np.abs(lateral[end:] - lateral[end - 100]) > 0.05)
+            return float(times[first + end + away[0]]) if len(away) else None
+    return None
+
+
+def test_onset_against_the_raw_lateral_position(scene: Scene) -> None:
+    recording, errors = scene.recording, []
+    for own in scene.labels.changes.values():
+        for event in own:
+            left_at = band_left(recording.tracks[event.vehicle], recording, event)
+            if left_at is not None:
+                errors.append(event.onset - left_at)
+    print(
+        f"\n{recording.scenario}: onset error over {len(errors)}: quartiles"
+        f" {np.percentile(errors, [25, 50, 75]).round(3)} s, median size {np.median(np.abs(errors)):.3f} s"
+    )
+    assert len(errors) > 150
+    assert np.median(np.abs(errors)) <= 0.15
+
+
+def unmatched(events: tuple[Event, ...], others: tuple[Event, ...]) -> list[Event]:
+    """The events without one of the same vehicle and intention among the others whose three times are within 0.1 s."""
+    of: dict[tuple[str, Intention], list[Event]] = defaultdict(list)
+    for other in others:
+        of[other.vehicle, other.intention].append(other)
+    return [e for e in events if not any(np.abs(times(e) - times(o)).max() <= 0.1 for o in of[e.vehicle, e.intention])]
+
+
+def times(event: Event) -> np.ndarray:
+    return np.array([event.onset, event.commit, event.end])
+
+
+def test_thinned_to_20_hz_the_events_are_the_same(scene: Scene) -> None:
+    fine, coarse = scene.labels.events, label(thinned(scene.recording, 5), LabelSettings()).events
+    lost, added = unmatched(fine, coarse), unmatched(coarse, fine)
+    maneuvers = [[e for e in each if e.intention is not Intention.FOLLOWING] for each in (fine, lost, added)]
+    print(
+        f"\n{scene.recording.scenario} at 100 and 20 Hz: {len(lost)} of {len(fine)} events unmatched,"
+        f" {len(added)} of {len(coarse)} new; without following {len(maneuvers[1])} of {len(maneuvers[0])},"
+        f" {len(maneuvers[2])} new"
+    )
+    assert len(fine) > 1000
+    for some, all_ in ((lost, fine), (added, coarse), (maneuvers[1], maneuvers[0]), (maneuvers[2], maneuvers[0])):
+        assert len(some) <= 0.02 * len(all_)

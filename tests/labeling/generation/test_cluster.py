@@ -1,0 +1,111 @@
+"""A running scheduler in place of own workers: the same bytes, and one line where it is not fit."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from isacsim.errors import InputError, RunError
+from labeling.generation import engine
+from labeling.generation.engine import ClusterEngine
+from labeling.generation.generate import generate
+from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+
+ROOT = Path(engine.__file__).parents[2]
+
+
+@contextmanager
+def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Collects processes, and ends them, and what they started, at the end."""
+    running: list[subprocess.Popen[bytes]] = []
+    try:
+        yield running
+    finally:
+        for each in running:
+            if each.poll() is None:
+                os.killpg(each.pid, signal.SIGKILL)
+            each.wait()
+
+
+def start(running: list[subprocess.Popen[bytes]], *words: str) -> None:
+    path = os.pathsep.join(map(str, (ROOT, Path(__file__).parent)))
+    running.append(
+        subprocess.Popen(
+            [sys.executable, "-m", "dask", *words],
+            env={**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "2"},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    )
+
+
+def start_scheduler(running: list[subprocess.Popen[bytes]], folder: Path) -> str:
+    """Start a scheduler on a free port of this machine; returns its address."""
+    file = folder / "scheduler.json"
+    start(running, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    deadline = time.monotonic() + 60
+    while not file.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return str(json.loads(file.read_text())["address"])
+
+
+def test_no_scheduler_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "ANSWER_S", 0.5)
+    for address in ("tcp://127.0.0.1:9", "nowhere", "carrier://pigeon"):
+        with (
+            pytest.raises(InputError, match="no dask scheduler answers"),
+            closing(ClusterEngine(address).run(str, [1])) as run,
+        ):
+            next(run)
+
+
+@pytest.mark.slow
+def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "road").mkdir()
+    (tmp_path / "died").mkdir()
+    source, study = ScriptedSource(tmp_path / "road"), small_study(seeds={"first": 1, "last": 4})
+    alone = generate(study, tmp_path / "alone", InlineEngine(), source=source)
+    frail = ScriptedSource(source.folder, broken=(5,), frail=tmp_path / "died")
+    with processes() as running:
+        address = start_scheduler(running, tmp_path)
+        monkeypatch.setattr(engine, "ANSWER_S", 2.0)
+        with pytest.raises(InputError, match="has no workers"):
+            generate(study, tmp_path / "none", ClusterEngine(address), source=source)
+        monkeypatch.setattr(engine, "ANSWER_S", 60.0)
+        for _ in range(2):
+            start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
+        made = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
+        assert {each.name for each in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
+        assert made.digest == alone.digest
+        for shard in made.meta.shards:
+            assert made.shard_path(shard).read_bytes() == alone.shard_path(shard).read_bytes()
+        slow = ScriptedSource(source.folder, pause_s=1.0)
+        seen = []
+
+        def progress(done: int, total: int) -> None:
+            seen.append(done)
+            if done == 1:
+                os.killpg(running[0].pid, signal.SIGKILL)
+
+        with pytest.raises(RunError, match="scheduler went away"):
+            generate(study, tmp_path / "cut", ClusterEngine(address), progress, slow)
+    assert generate(study, tmp_path / "cut", InlineEngine(), source=source).digest == alone.digest
+
+
+@pytest.mark.slow
+def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
+    with processes() as running:
+        address = start_scheduler(running, tmp_path)
+        start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "2", "--no-dashboard")
+        with pytest.raises(InputError, match="has 2 threads"), closing(ClusterEngine(address).run(str, [1])) as run:
+            next(run)

@@ -1,0 +1,57 @@
+"""What a dataset will take: against one that was made, and in proportion."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import cosim
+from labeling.generation.cost_estimate import estimate, sensed_anew
+from labeling.generation.settings import DatasetStudy, checked
+from tests.support.scripted import small_study
+
+QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}
+
+
+def test_the_quick_study_as_it_was_measured() -> None:
+    """Its dataset was made of 13 episodes and holds 1654 samples in 95.6 MB."""
+    found = estimate(checked(DatasetStudy, {"seeds": {"first": 1, "last": 60}, "selection": QUICK}, "test"))
+    assert found.episodes == 13
+    assert found.samples == pytest.approx(1654, rel=0.1)
+    assert found.bytes == pytest.approx(95.6e6, rel=0.1)
+
+
+def test_it_grows_with_the_work() -> None:
+    """Seeds, scenarios and simulated time count; what the seeds cannot give is not promised."""
+    one = estimate(small_study(seeds={"first": 1, "last": 4}))
+    assert estimate(small_study(seeds={"first": 1, "last": 8})).cpu_s == pytest.approx(2 * one.cpu_s, rel=0.01)
+    two = estimate(small_study(scenarios=["a", "b"], seeds={"first": 1, "last": 4}))
+    assert (two.episodes, two.bytes) == (8, pytest.approx(2 * one.bytes, rel=0.01))
+    short = estimate(small_study(seeds={"first": 1, "last": 4}, traffic={"duration_s": 120.0}))
+    assert short.samples == pytest.approx(one.samples / 2, abs=1)
+    bound = estimate(small_study(seeds={"first": 1, "last": 4}, selection={"windows": 10**6}))
+    assert bound.samples == one.samples
+
+
+def test_sensing_anew_is_cheaper_than_making() -> None:
+    made = estimate(small_study())
+    for sensor in ("isac", "radar", "truth"):
+        anew = sensed_anew(small_study(), made, sensor)
+        assert (anew.episodes, anew.samples, anew.bytes) == (0, made.samples, made.bytes)
+        assert anew.cpu_s < made.cpu_s / 5
+
+
+def test_a_dry_run_writes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cosim.main(["run", "--dry-run", "--json", "--jobs", "4"]) == 0
+    said = capfd.readouterr()
+    found = json.loads(said.out)
+    assert (found["cells"], found["trainings"], found["episodes"], found["jobs"]) == (1, 2, 13, 4)
+    assert found["seconds"] == pytest.approx(found["cpu_s"] / 4 + found["training_s"], abs=0.1)
+    assert "1 cell, 2 trainings, 1 dataset: " in said.err
+    assert "1638 samples" in said.err
+    assert list(tmp_path.iterdir()) == []

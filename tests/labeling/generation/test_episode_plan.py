@@ -1,0 +1,113 @@
+"""The stop rule, against a restatement of it by brute force."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labeling.dataset.dataset import Episode, Lost, Shard
+from labeling.generation.episode_plan import Job, Jobs, Plan
+from labeling.generation.settings import SeedRange, SelectionSettings
+from labeling.intentions import KNOWN
+
+NAMES = [intention.text for intention in KNOWN]
+
+
+def shard(job: Job, counts: list[int]) -> Shard | Lost:
+    """A shard with these counts of the six known intentions, or a lost episode where the first is negative."""
+    if counts[0] < 0:
+        return Lost(scenario=job.scenario, seed=job.seed, reason="broke")
+    by_intention = {name: count for name, count in zip(NAMES, counts, strict=True) if count}
+    return Shard(
+        file=f"{job.scenario}-{job.seed}.parquet", sha256="0" * 64, bytes=1, samples=sum(counts),
+        by_intention=by_intention, by_origin={}, episode=Episode(scenario=job.scenario, seed=job.seed),
+    )  # fmt: skip
+
+
+def shortest_run(episodes: list[list[int]], windows: int, least: int, patience: int) -> int:
+    """Try every length of run, shortest first."""
+    for length in range(len(episodes) + 1):
+        total: Counter[str] = Counter()
+        for counts in episodes[:length]:
+            total.update({name: max(count, 0) for name, count in zip(NAMES, counts, strict=True)})
+        enough = total.total() >= windows and all(total[name] >= least for name in NAMES)
+        idle = length >= patience and all(sum(counts) <= 0 for counts in episodes[length - patience : length])
+        if enough or idle:
+            return length
+    return len(episodes)
+
+
+COUNTS = st.one_of(st.lists(st.integers(0, 4), min_size=6, max_size=6), st.just([0] * 6), st.just([-1] + [0] * 5))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    episodes=st.lists(COUNTS, min_size=1, max_size=12), windows=st.integers(1, 60), least=st.integers(0, 8),
+    patience=st.integers(1, 4), order=st.randoms(use_true_random=False),
+)  # fmt: skip
+def test_the_run_is_the_shortest_whatever_the_order(
+    episodes: list[list[int]], windows: int, least: int, patience: int, order: random.Random
+) -> None:
+    jobs = [Job("road", "road", seed) for seed in range(len(episodes))]
+    plan = Plan(jobs, SelectionSettings(windows=windows, min_per_class=least, patience=patience))
+    numbers = list(range(len(jobs)))
+    order.shuffle(numbers)
+    for number in numbers:
+        if not plan.done:
+            plan.add(jobs[number], shard(jobs[number], episodes[number]))
+    assert plan.done
+    assert len(plan.run()) == shortest_run(episodes, windows, least, patience)
+
+
+def test_jobs_are_every_scenario_seed_by_seed() -> None:
+    jobs = Jobs((("nets/a", "a"), ("nets/b", "b")), SeedRange(first=3, last=5))
+    listed = [Job(f"nets/{name}", name, seed) for seed in (3, 4, 5) for name in "ab"]
+    assert list(jobs) == listed
+    assert jobs[1:4] == listed[1:4]
+    assert jobs[-1] == listed[-1]
+    assert jobs.find("b", 5) == listed[-1]
+    assert jobs.find("b", 6) is jobs.find("nets/b", 5) is None
+
+
+def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
+    jobs = Jobs((("road", "road"),), SeedRange(first=0, last=2**31 - 1))
+    plan = Plan(jobs, SelectionSettings(windows=12))
+    for job in plan.missing():
+        plan.add(job, shard(job, [1] * 6))
+    assert plan.progress() == (12, 12)
+    assert len(plan.run()) == 2
+
+
+def test_without_windows_every_episode_is_used() -> None:
+    jobs = [Job("road", "road", seed) for seed in range(30)]
+    plan = Plan(jobs, SelectionSettings(patience=2))
+    assert list(plan.missing()) == jobs
+    for job in jobs:
+        assert not plan.done
+        plan.add(job, shard(job, [0] * 6))
+    assert plan.done
+    assert len(plan.run()) == 30
+    assert plan.progress() == (30, 30)
+
+
+def test_missing_episodes_are_taken_in_order_and_only_while_needed() -> None:
+    jobs = [Job("road", "road", seed) for seed in range(10)]
+    plan = Plan(jobs, SelectionSettings(windows=5))
+    plan.add(jobs[1], shard(jobs[1], [1] * 6))
+    taken = []
+    for job in plan.missing():
+        taken.append(job.seed)
+        plan.add(job, shard(job, [0] * 6))
+    assert taken == [0]
+    assert len(plan.run()) == 2
+
+
+def test_progress_waits_for_the_rarest_class() -> None:
+    jobs = [Job("road", "road", seed) for seed in range(4)]
+    plan = Plan(jobs, SelectionSettings(windows=10, min_per_class=4))
+    plan.add(jobs[0], shard(jobs[0], [9, 9, 9, 9, 9, 1]))
+    assert plan.progress() == (2, 10)
+    assert plan.short() == (NAMES[5],)

@@ -1,0 +1,106 @@
+"""The log of a dataset: a line an episode, outside every digest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import cosim
+from isacsim.errors import OutputError
+from labeling.dataset.dataset import Dataset
+from labeling.generation import log
+from labeling.generation.engine import LocalEngine
+from labeling.generation.generate import generate
+from labeling.generation.log import Entry
+from labeling.generation.resense import ResenseSettings, own_sensing, resense
+from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+
+INLINE = InlineEngine()
+
+
+def lines(folder: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+
+
+def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
+    """One is made at once, one in the second try, one never: each says so, and what SUMO had to say."""
+    (tmp_path / "died").mkdir()
+    (tmp_path / "died" / "1").touch()
+    source = ScriptedSource(tmp_path, broken=(3,), frail=tmp_path / "died", warnings=7)
+    noted: list[Entry] = []
+    study = small_study(seeds={"first": 1, "last": 3})
+    made = generate(study, tmp_path / "data", LocalEngine(1), source=source, note=noted.append)
+    found = {each["seed"]: each for each in lines(made.path)}
+    assert [each.model_dump(mode="json") for each in noted] == lines(made.path)
+    assert (found[1]["outcome"], found[1]["retries"], found[1]["reason"]) == ("made", 0, None)
+    assert (found[1]["samples"], found[1]["collided"], found[1]["warnings"]) == (2, 1, 7)
+    assert found[1]["events"] == made.meta.shards[0].episode.events
+    assert found[1]["beyond_car"] == made.meta.shards[0].episode.counts["beyond_car"]
+    assert float(str(found[1]["seconds"])) > 0
+    assert (found[2]["outcome"], found[2]["retries"]) == ("made", 1)
+    assert (found[3]["outcome"], found[3]["retries"], found[3]["reason"]) == (
+        "lost", 2, "RuntimeError: the simulation broke",
+    )  # fmt: skip
+    assert str(noted[-1]).startswith("road-3: lost, RuntimeError: the simulation broke")
+
+
+def test_the_log_is_no_part_of_the_dataset(tmp_path: Path) -> None:
+    """Without it, or with half a line of a killed command in it, the dataset stays what it is and goes on."""
+    source, study = ScriptedSource(tmp_path), small_study(seeds={"first": 1, "last": 2})
+    made = generate(study, tmp_path / "data", INLINE, source=source)
+    (made.path / "log.jsonl").write_text('{"scenario": "ro')
+    made.verify()
+    assert generate(study, made.path, INLINE, source=source).digest == made.digest
+    made.shard_path(made.meta.shards[1]).unlink()
+    assert generate(study, made.path, INLINE, source=source).digest == made.digest
+    first, second = (made.path / "log.jsonl").read_text().splitlines()
+    assert first == '{"scenario": "ro'
+    assert json.loads(second)["seed"] == 2
+    (made.path / "log.jsonl").unlink()
+    assert Dataset.open(made.path).digest == made.digest
+
+
+def test_sensing_anew_is_logged_too(tmp_path: Path) -> None:
+    made = generate(
+        small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", INLINE, source=ScriptedSource(tmp_path)
+    )
+    again = resense(made, ResenseSettings(sensing=own_sensing(made)), tmp_path / "again", INLINE)
+    assert [(each["seed"], each["samples"]) for each in lines(again.path)] == [(1, 2), (2, 2)]
+
+
+def test_a_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / log.LOG_FILE).mkdir()
+    with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written \(Is a directory\)"):
+        log.append(tmp_path, Entry(scenario="road", seed=1, outcome="lost"))
+
+
+@pytest.mark.parametrize("option", ["", "--quiet", "--verbose"])
+def test_how_much_a_command_says(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A line an episode with --verbose, nothing but warnings with --quiet; the result on standard output always."""
+    source = ScriptedSource(tmp_path, broken=(2,), warnings=3)
+    monkeypatch.setattr("labeling.generation.generate.SumoSource", lambda *_: source)
+    monkeypatch.setattr("labeling.generation.engine.LocalEngine.run", lambda _, task, items: INLINE.run(task, items))
+    out = tmp_path / "data"
+    words = ["generate", "road", "-o", str(out), "--seeds", "1:2", "--jobs", "1", "--json", *option.split()]
+    assert cosim.main(words) == 0
+    said = capfd.readouterr()
+    assert json.loads(said.out.splitlines()[-1])["samples"] == 2
+    assert said.out.count("\n") == 1
+    episodes = [line for line in said.err.splitlines() if line.startswith("road-")]
+    warned = [line for line in said.err.splitlines() if line.startswith("warning: ")]
+    assert any("episode road-2 was left out: RuntimeError: the simulation broke" in line for line in warned)
+    if option == "--verbose":
+        assert len(episodes) == 2
+        assert episodes[0].startswith("road-1: 2 samples")
+        assert episodes[0].endswith("1 collided, 3 warnings")
+        assert episodes[1].startswith("road-2: lost, RuntimeError: the simulation broke")
+    else:
+        assert episodes == []
+    assert ("position_error_m" in said.err) is (option != "--quiet")
+    if option == "--quiet":
+        assert said.err.splitlines() == warned
+    assert len(lines(out)) == 2

@@ -1,0 +1,158 @@
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy import stats
+
+from isacsim.traffic import motion
+from isacsim.traffic.recording import Recording, Track
+from labeling.events import Labels, LabelSettings, label
+from labeling.intentions import Event, Intention
+from labeling.samples.candidates import Candidates, RecordSettings, ambiguous, candidates, record_start
+from labeling.samples.uv_choice import PairSettings
+from tests.support.drives import WIDTH_M, Drive, Road, ramps, record, sweep, total
+
+ROAD = Road()
+RECORD, PAIRS = RecordSettings(), PairSettings(tv_kinds=("passenger",))
+BRAKE = ramps((0, 30), (20, 30), (22, 18), (100, 18))
+
+
+def offered(recording: Recording, pairs: PairSettings = PAIRS, record_settings: RecordSettings = RECORD) -> Candidates:
+    return candidates(recording, label(recording, LabelSettings()), pairs, record_settings)
+
+
+def lead(**changes: object) -> Drive:
+    return Drive(**{"vehicle": "uv", "start_m": 60.0, "kind": "truck", **changes})  # type: ignore[arg-type]
+
+
+def test_a_brake_becomes_a_sample_with_its_times() -> None:
+    recording = record(ROAD, Drive("tv", speed=BRAKE), lead(speed=BRAKE))
+    found = offered(recording)
+    (sample,) = [s for s in found.samples if s.intention is Intention.HARD_BRAKE]
+    (event,) = [e for e in label(recording, LabelSettings()).of(Intention.HARD_BRAKE) if e.vehicle == "tv"]
+    assert (sample.tv, sample.uv, sample.origin, sample.relation) == ("tv", "uv", "natural", "ahead")
+    assert (sample.t_onset, sample.t_commit, sample.t_end) == (event.onset, event.commit, event.end)
+    assert abs(sample.t_start - (event.onset - 2.6)) <= 0.2
+    assert found.left_out["tv_kind"] >= 1
+
+
+def test_following_ends_with_its_record() -> None:
+    found = offered(record(ROAD, Drive("tv"), lead()))
+    assert found.samples
+    assert all(s.t_end == pytest.approx(s.t_start + 5.0) and s.t_commit == s.t_onset for s in found.samples)
+
+
+def test_left_out_and_why() -> None:
+    tv = Drive("tv", speed=BRAKE)
+    assert offered(record(ROAD, tv)).left_out == {"no_uv": 1}
+    assert offered(record(ROAD, tv, lead(duration_s=22.0))).left_out["uv_outside_track"] == 1
+    assert offered(record(ROAD, Drive("tv", speed=BRAKE, begin_s=17.5), lead())).left_out["tv_outside_track"] == 1
+    both = Drive("tv", speed=BRAKE, lateral=sweep(20.5, 4.0, WIDTH_M))
+    assert offered(record(ROAD, both, lead(speed=BRAKE))).left_out["ambiguous"] == 2
+    jumpy = Drive("tv", speed=BRAKE, lateral=lambda t: np.where(t > 21, 0.5, 0.0))
+    assert offered(record(ROAD, jumpy, lead(speed=BRAKE))).left_out["jump"] == 1
+
+
+def test_the_record_and_the_kernel_s_reach_lie_within_the_track() -> None:
+    exact = RecordSettings(jitter_s=0.0)
+    onset = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings()).events[0].onset
+    enough = onset + 2.4 + 0.8
+    for end, fits in ((enough + 0.02, True), (enough - 0.02, False)):
+        recording = record(ROAD, Drive("tv", speed=BRAKE), lead(duration_s=round(end, 2)))
+        found = offered(recording, record_settings=exact)
+        assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
+
+
+def test_the_kernel_s_reach_before_the_record_lies_within_the_track() -> None:
+    exact = RecordSettings(jitter_s=0.0)
+    onset = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings()).events[0].onset
+    for late, fits in ((-0.02, True), (0.02, False)):
+        tv = Drive("tv", 500.0, BRAKE, begin_s=round(onset - 2.6 - 0.8 + late, 2))
+        found = offered(record(ROAD, tv, lead()), record_settings=exact)
+        assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
+        assert found.left_out.get("tv_outside_track", 0) == (not fits)
+
+
+def pull_out(returns_at: float | None, duration_s: float = 60.0) -> Recording:
+    lateral = sweep(10.0, 4.0, WIDTH_M)
+    if returns_at is not None:
+        lateral = total(lateral, sweep(returns_at, 4.0, -WIDTH_M))
+    return record(
+        ROAD, Drive("tv", 0.0, 32.0, lateral, duration_s), lead(start_m=120.0, speed=24.0, duration_s=duration_s)
+    )
+
+
+def test_overtake_and_left_change_by_what_became_of_the_pair() -> None:
+    assert Intention.OVERTAKE in {s.intention for s in offered(pull_out(20.0)).samples}
+    never = offered(pull_out(None))
+    assert never.left_out["passed_did_not_return"] == 1
+    assert not {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} & {s.intention for s in never.samples}
+    assert offered(pull_out(None, 30.0)).left_out["unresolved"] == 1
+
+
+def test_for_a_uv_that_is_not_passed_an_overtake_is_a_left_change() -> None:
+    recording = pull_out(20.0)
+    far = record(ROAD, Drive("far", 60.0, 33.0, 2 * WIDTH_M, kind="bus"))
+    both = Recording("made", 7, 0.01, recording.lanes, {**recording.tracks, **far.tracks})
+    for kinds, expected in ((None, Intention.OVERTAKE), (("bus",), Intention.LEFT_LANE_CHANGE)):
+        pairs = PairSettings(tv_kinds=("passenger",), uv_kinds=kinds, fall_back=True)
+        found = {s.intention for s in offered(both, pairs).samples}
+        assert found & {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} == {expected}
+
+
+@pytest.mark.parametrize(
+    ("onset", "end", "expected"),
+    [(8.0, 9.4, False), (8.0, 9.6, True), (12.3, 13.0, True), (12.5, 13.0, False), (5.0, 20.0, True)],
+)
+def test_ambiguity_is_another_event_under_way_from_half_a_second_before_to_the_end(
+    onset: float, end: float, expected: bool
+) -> None:
+    event = Event("tv", Intention.HARD_BRAKE, 10.0, 10.3, 12.0, -6.0)
+    other = Event("tv", Intention.RIGHT_LANE_CHANGE, onset, onset, end, 1.0)
+    assert ambiguous(event, [event, other], RECORD) is expected
+
+
+def test_an_overtake_is_under_way_only_while_it_pulls_out() -> None:
+    event = Event("tv", Intention.HARD_BRAKE, 10.0, 10.3, 12.0, -6.0)
+    overtake = Event("tv", Intention.OVERTAKE, 2.0, 4.0, 20.0, 1.0, motion_end=6.0)
+    assert not ambiguous(event, [event, overtake], RECORD)
+
+
+def test_where_the_onset_lies_in_the_record_tells_nothing_of_the_class() -> None:
+    recording = record(ROAD, Drive("tv", duration_s=1.0))
+    rng = np.random.default_rng(3)
+    placed = {}
+    for intention in Intention:
+        onsets = rng.uniform(10, 3000, 400)
+        events = [Event("tv", intention, float(t), float(t) + 0.5, float(t) + 3, 1.0) for t in onsets]
+        placed[intention] = np.array([e.onset - record_start(recording, e, RECORD) for e in events])
+    assert stats.kruskal(*placed.values()).pvalue > 0.01
+    for at in placed.values():
+        assert stats.kstest(at, stats.uniform(2.4, 0.4).cdf).pvalue > 0.001
+    same = [record_start(recording, Event("tv", i, 77.0, 78.0, 79.0, 1.0), RECORD) for i in Intention]
+    assert len(set(same)) == 1
+
+
+def test_nothing_that_a_vehicle_signals_is_recorded_or_becomes_a_feature() -> None:
+    """What is stored of a vehicle's states is its motion, and what a record holds comes from its positions alone."""
+    facts = {"vehicle", "kind", "length_m", "width_m", "first_step"}
+    states = {"x", "y", "speed", "lane", "lane_pos", "lane_lat"}
+    assert {each.name for each in fields(Track)} == facts | states
+    recording = record(ROAD, Drive("tv", speed=BRAKE, lateral=sweep(20.5, 4.0, WIDTH_M)))
+    track, times = recording.tracks["tv"], np.arange(10.0, 15.0, 0.0025)
+    zeros = {name: np.zeros_like(getattr(track, name)) for name in states - {"x", "y"}}
+    bare = replace(track, kind="", length_m=0.0, width_m=0.0, **zeros)
+    features = motion.states(recording, track, times, motion.MotionSettings())
+    assert np.array_equal(features, motion.states(recording, bare, times, motion.MotionSettings()))
+
+
+def test_an_onset_that_can_leave_the_record_is_refused() -> None:
+    with pytest.raises(ValidationError, match="jitter_s"):
+        RecordSettings(before_onset_s=4.9, jitter_s=0.2)
+
+
+def test_labels_carry_their_settings() -> None:
+    labels = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings())
+    assert isinstance(labels, Labels)
+    assert labels.settings.preset == "isac-1"

@@ -1,0 +1,59 @@
+"""Places in lanes, found from positions and velocities."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models.data.lane_map import LaneMap
+
+
+@dataclass(frozen=True)
+class Line:
+    shape: np.ndarray
+    width_m: float
+
+
+def arc(radius: float, degrees: float, every: float = 3.0) -> np.ndarray:
+    """A bend to the left that starts at the origin and heads along x."""
+    angle = np.radians(np.arange(0, degrees + every, every))
+    return np.stack([radius * np.sin(angle), radius * (1 - np.cos(angle))], axis=1)
+
+
+def test_of_two_lanes_side_by_side_the_nearer_one_is_the_vehicle_s() -> None:
+    lanes = LaneMap.of([Line(np.array([[0, y], [500, y]]), 3.0 + y) for y in (0.0, 3.5)])
+    found = lanes.place(np.array([[123.4, 1.5], [123.4, 2.0]]), np.array([[20.0, 0.5], [20.0, 0.5]]))
+    np.testing.assert_allclose(found.offset_m, [1.5, -1.5], atol=1e-9)
+    np.testing.assert_allclose(found.width_m, [3.0, 6.5])
+    np.testing.assert_allclose(found.heading, [[1, 0], [1, 0]], atol=1e-9)
+
+
+def test_a_lane_of_the_other_direction_or_across_is_none_of_its() -> None:
+    own, oncoming = np.array([[0.0, 0], [100, 0]]), np.array([[100.0, 3.2], [0, 3.2]])
+    crossing = np.array([[50.0, -40], [50, 40]])
+    lanes = LaneMap.of([Line(line, 3.2) for line in (own, oncoming, crossing)])
+    found = lanes.place(np.array([[50.0, 2.5], [50.0, 2.5]]), np.array([[9.0, 0.0], [-9.0, 0.0]]))
+    np.testing.assert_allclose(found.offset_m, [2.5, 0.7], atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(60, 400), st.floats(5, 85), st.floats(-1.6, 1.6), st.floats(-3, 3))
+def test_in_a_bend_the_offset_is_the_difference_of_radii(
+    radius: float, degrees: float, offset: float, turned: float
+) -> None:
+    rotation = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    lanes = LaneMap.of([Line(arc(radius, 90) @ rotation.T + (700, -300), 3.2)])
+    at = np.radians(degrees)
+    place = np.array([0, radius]) + (radius - offset) * np.array([np.sin(at), -np.cos(at)])
+    heading = np.array([np.cos(at), np.sin(at)])
+    found = lanes.place((rotation @ place)[None] + (700, -300), 15 * (rotation @ heading)[None])
+    # The polyline with a vertex every 3 degrees lies inside the arc by up to radius (1 - cos 1.5 degrees).
+    assert found.offset_m[0] == pytest.approx(offset, abs=radius * 3.5e-4 + 0.02)
+    np.testing.assert_allclose(found.heading[0], rotation @ heading, atol=0.005)
+
+
+def test_lanes_without_length_are_passed_over() -> None:
+    lanes = LaneMap.of([Line(np.zeros((2, 2)), 3.0), Line(np.array([[0.0, 1], [9, 1], [9, 1]]), 4.0)])
+    assert lanes.place(np.zeros((1, 2)), np.array([[1.0, 0]])).width_m[0] == 4.0

@@ -1,0 +1,75 @@
+"""The reject option learnt from preludes: what it is learnt from, what it tells apart, and how it is left out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from labeling.intentions import Intention
+from models.data.windows import Records, WindowSettings, draw_ends, end_bounds
+from models.evaluation.predictions import answers, unseen
+from models.predictors.reject_option import PreludeSettings, holds_preludes, prelude_windows
+from models.run import PRELUDES_FILE, Run
+from models.scores import open_set
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
+
+TREES = SMALL_RUN.model_copy(update={"model": "trees"})
+
+
+def test_preludes_end_before_onset_whatever_training_windows_are_counted_from(records: Records) -> None:
+    windows = WindowSettings(window_s=1.2, relative_to="commit", end_after_s=(-1, 0))
+    moved = prelude_windows(windows, PreludeSettings())
+    ends = draw_ends(records, moved, "test", per_record=3)
+    before = records.table["t_onset"].to_numpy()[ends.row] - ends.times(records)
+    assert before.min() >= 0.1 - 1e-6
+    assert before.max() <= 0.6 + 1e-6
+    assert moved.window_s == 1.2
+
+
+def test_following_takes_no_part(records: Records, trees_run: Run, tmp_path: Path) -> None:
+    following = records.label == Intention.FOLLOWING
+    tv = records.tv.copy()
+    tv[following] = np.random.default_rng(0).normal(0, 100, tv[following].shape)
+    other = Records(tv, records.uv, records.tv_rate_hz, records.uv_rate_hz, records.table)
+    run = train_records(other, MADE_OF, tmp_path / "run", TREES)
+    left = unseen(records.take(~following), [trees_run])
+    outputs = answers(trees_run, left, draw_ends(left, TREES.windows, "test")).outputs
+    here, there = (open_set.of_run(each)["prelude"](outputs) for each in (trees_run, run))
+    np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize("kind", ["trees_run", "network_run"])
+def test_it_tells_maneuvers_from_mere_driving(kind: str, records: Records, request: pytest.FixtureRequest) -> None:
+    run: Run = request.getfixturevalue(kind)
+    left = unseen(records, [run])
+    late = WindowSettings.model_validate({**run.card.settings.windows.model_dump(), "end_after_s": (1.0, 2.2)})
+    given = answers(run, left, draw_ends(left, late, "test", per_record=4))
+    value = open_set.of_run(run)["prelude"](given.outputs)
+    area = open_set.auroc(value[given.known], value[given.unknown])
+    assert area is not None
+    assert area > 0.85
+
+
+def test_it_can_be_left_out(records: Records, tmp_path: Path) -> None:
+    settings = TREES.model_copy(update={"preludes": PreludeSettings(use=False)})
+    run = train_records(records, MADE_OF, tmp_path / "run", settings)
+    assert not (run.path / PRELUDES_FILE).exists()
+    assert set(open_set.of_run(run)) == set(open_set.SCORES) - {"prelude"} == set(run.card.validation_auroc)
+
+
+def test_records_that_begin_too_late_have_none(tmp_path: Path) -> None:
+    records = make_records(4, 1)
+    windows = WindowSettings(window_s=2.6)
+    assert not holds_preludes(records, windows, PreludeSettings())
+    first, last = end_bounds(records, prelude_windows(WindowSettings(window_s=2.0), PreludeSettings()))
+    assert (last >= first).all()
+    run = train_records(records, MADE_OF, tmp_path / "run", TREES.model_copy(update={"windows": windows}))
+    assert "prelude" not in open_set.of_run(run)
+
+
+@pytest.mark.parametrize("ends", [(-0.1, -0.6), (-0.5, 0.2)])
+def test_ends_that_are_no_range_before_onset_are_refused(ends: tuple[float, float]) -> None:
+    with pytest.raises(ValidationError, match="end_after_onset_s"):
+        PreludeSettings(end_after_onset_s=ends)

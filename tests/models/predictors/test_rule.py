@@ -1,0 +1,186 @@
+"""The rule of the road: what it sees of a drive along a bend, what it says of it, and its run."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isacsim.errors import InputError
+from labeling.intentions import Intention
+from models.data.lane_map import LaneMap
+from models.data.windows import OnMap, Records, Windows, WindowSettings, cut, draw_ends
+from models.evaluation.evaluation import EvaluateSettings, evaluate_records
+from models.inference import Infer
+from models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
+from models.run import Run, load_run
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN, TV_RATE_HZ, UV_RATE_HZ, make_records
+
+RADIUS_M, WIDTH_M, WINDOW_S = 300.0, 3.6, 2.2
+RULE = RuleSettings()
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    shape: np.ndarray
+    width_m: float = WIDTH_M
+
+
+def on_bend(along: np.ndarray, offset: np.ndarray, rate_hz: float) -> np.ndarray:
+    """States (6, n) of a vehicle that has driven `along` metres of a left bend, `offset` left of its lane's centre."""
+    angle = along / RADIUS_M
+    out = np.stack([np.sin(angle), -np.cos(angle)])
+    position = np.array([[0.0], [RADIUS_M]]) + (RADIUS_M - offset) * out
+    velocity = np.gradient(position, 1 / rate_hz, axis=1, edge_order=2)
+    return np.concatenate([position, velocity, np.gradient(velocity, 1 / rate_hz, axis=1, edge_order=2)])
+
+
+def seen(
+    speed: float = 25.0, acceleration: float = 0.0, aside: float = 0.0, start: float = 0.0, gap: float = -50.0,
+    uv_speed: float = 25.0, uv_offset: float = 0.0, noise: float = 0.0,
+) -> Windows:  # fmt: skip
+    """One window on two lanes of a bend. gap: the UV is so far ahead at its end."""
+    t, t_uv = (np.arange(round(WINDOW_S * rate)) / rate for rate in (TV_RATE_HZ, UV_RATE_HZ))
+    at = 60 + speed * t + acceleration / 2 * t**2
+    tv = on_bend(at, start + aside * t, TV_RATE_HZ)
+    tv[2:4] += noise * np.random.default_rng(0).normal(size=tv[2:4].shape)
+    uv = on_bend(at[-1] + gap + uv_speed * (t_uv - t_uv[-1]), np.full(len(t_uv), uv_offset), UV_RATE_HZ)
+    angle = np.linspace(0, np.pi / 2, 181)
+    lines = [(RADIUS_M - side) * np.stack([np.sin(angle), -np.cos(angle)], axis=1) for side in (0, WIDTH_M)]
+    lanes = LaneMap.of([Line(line + np.array([0, RADIUS_M])) for line in lines])
+    on_map = OnMap(tv[None], uv[None], TV_RATE_HZ, np.array(["bend"], dtype=object), lambda _: lanes)
+    return Windows(tv[None].astype(np.float32), uv[None].astype(np.float32), on_map)
+
+
+def test_a_drift_in_a_bend_is_seen_as_lateral_speed_and_no_acceleration() -> None:
+    found = drive(seen(aside=0.5, start=-0.3), RULE.smooth_s)
+    t_end = WINDOW_S - 1 / TV_RATE_HZ
+    assert found.aside[0] == pytest.approx(0.5, abs=0.01)
+    assert found.left[0] == pytest.approx(WIDTH_M / 2 + 0.3 - 0.5 * t_end, abs=0.03)
+    assert found.right[0] == pytest.approx(WIDTH_M / 2 - 0.3 + 0.5 * t_end, abs=0.03)
+    assert found.swerve[0] < 0.15
+    assert abs(found.brake[0]) < 0.1
+    assert abs(found.accel[0]) < 0.1
+
+
+@pytest.mark.parametrize("acceleration", [-5.0, 3.0])
+def test_braking_and_accelerating_are_seen_along_the_lane(acceleration: float) -> None:
+    found = drive(seen(acceleration=acceleration), RULE.smooth_s)
+    assert found.accel[0] == pytest.approx(acceleration, abs=0.05)
+    assert found.brake[0] == pytest.approx(-acceleration, abs=0.05)
+
+
+def test_a_crossed_marking_is_that_of_the_lane_the_window_began_in() -> None:
+    found = drive(seen(aside=1.2), RULE.smooth_s)
+    assert found.left[0] == pytest.approx(WIDTH_M / 2 - 1.2 * WINDOW_S, abs=0.05)
+    assert strengths(found, RULE)[0, Intention.LEFT_LANE_CHANGE] == 1
+
+
+def test_the_strength_of_a_change_is_the_threshold_over_the_time_to_line_crossing() -> None:
+    for sign, intention in ((1, Intention.LEFT_LANE_CHANGE), (-1, Intention.RIGHT_LANE_CHANGE)):
+        found = strengths(drive(seen(aside=sign * 0.4), RULE.smooth_s), RULE)[0]
+        time = (WIDTH_M / 2 - 0.4 * WINDOW_S) / 0.4
+        assert found[intention] == pytest.approx(RULE.line_crossing_s / time, rel=0.05)
+        assert found.argmax() == intention
+
+
+@pytest.mark.parametrize(
+    ("given", "level"),
+    [
+        ({"gap": 40.0, "uv_speed": 20.0}, 8.0),
+        ({"gap": 40.0, "uv_speed": 26.0}, np.inf),
+        ({"gap": -40.0, "uv_speed": 20.0}, np.inf),
+        ({"gap": 40.0, "uv_speed": 20.0, "uv_offset": WIDTH_M}, np.inf),
+    ],
+)
+def test_the_tv_is_level_with_a_slower_uv_ahead_in_its_lane(given: dict[str, float], level: float) -> None:
+    assert drive(seen(**given), RULE.smooth_s).level[0] == pytest.approx(level, rel=0.03)
+
+
+def test_a_left_change_behind_a_slower_uv_is_an_overtake() -> None:
+    for uv_speed, said in ((20.0, Intention.OVERTAKE), (26.0, Intention.LEFT_LANE_CHANGE)):
+        window = seen(aside=0.7, gap=40.0, uv_speed=uv_speed)
+        assert logits(drive(window, RULE.smooth_s), RULE)[0].argmax() == said
+
+
+def test_noise_of_single_samples_is_no_maneuver() -> None:
+    window = seen(noise=0.1)
+    assert np.abs(np.diff(window.on_map.tv[0, 2])).max() * TV_RATE_HZ > 50  # type: ignore[union-attr]
+    assert strengths(drive(window, RULE.smooth_s), RULE).max() < 0.7
+
+
+def test_fitting_scales_thresholds_that_are_far_off() -> None:
+    rng = np.random.default_rng(0)
+    label = np.repeat(np.arange(6), 30)
+    quiet = {name: rng.uniform(0, 0.5, 180) for name in ("accel", "brake", "swerve")}
+    strong = {"brake": Intention.HARD_BRAKE, "accel": Intention.HARD_ACCEL, "swerve": Intention.EVASIVE_SWERVE}
+    for name, intention in strong.items():
+        quiet[name][label == intention] = rng.uniform(3, 6, 30)
+    aside = np.select([np.isin(label, (1, 3)), label == 2], [0.6, -0.6], 0.0)
+    level = np.where(label == 3, rng.uniform(2, 20, 180), rng.uniform(60, 90, 180))
+    drives = Drive(left=np.full(180, 1.2), right=np.full(180, 1.2), aside=aside, level=level, **quiet)
+    poor = RuleSettings(brake_mps2=20, swerve_mps2=0.4, level_s=5.0)
+    found = fitted(drives, label, poor)
+    before, after = ((logits(drives, s).argmax(axis=1) == label).mean() for s in (poor, found))
+    assert before < 0.7
+    assert after > 0.97
+    assert {name for name in RuleSettings.model_fields if getattr(found, name) != getattr(poor, name)} <= set(FITTED)
+
+
+def test_windows_without_roads_are_refused() -> None:
+    with pytest.raises(InputError, match="without roads"):
+        drive(dataclasses.replace(seen(), on_map=None), RULE.smooth_s)
+
+
+@pytest.fixture(scope="module")
+def on_roads() -> Records:
+    """Made-up records, each alone on a straight lane along its first motion."""
+    records = make_records(seeds=6, per_class=2)
+    names = records.table["sample_id"].tolist()
+    lanes = {}
+    for name, states in zip(names, records.tv.astype(float), strict=True):
+        way = states[2:4, :40].mean(axis=1)
+        way /= np.hypot(*way)
+        lanes[name] = LaneMap.of([Line(states[:2, 0] + np.outer([-50, 250], way))])
+    table = records.table.assign(scenario=names)
+    return dataclasses.replace(records, table=table, lane_maps=lanes.__getitem__)
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["plain", "fitted"])
+def rule_run(on_roads: Records, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Run:
+    settings = SMALL_RUN.model_copy(update={"model": "rule", "rule": RuleSettings(fit=request.param)})
+    return train_records(on_roads, MADE_OF, tmp_path_factory.mktemp("runs") / "rule", settings)
+
+
+def test_a_run_of_the_rule_is_trained_loaded_and_evaluated(on_roads: Records, rule_run: Run, tmp_path: Path) -> None:
+    ends = draw_ends(on_roads, WindowSettings(window_s=1.2, end_after_s=(1.0, 2.0)), "test")
+    windows = cut(on_roads, ends, rule_run.card.settings.windows)
+    again = load_run(rule_run.path)
+    np.testing.assert_array_equal(again.predictor(windows).logits, rule_run.predictor(windows).logits)
+    stored = RuleSettings.model_validate(json.loads((rule_run.path / "rule.json").read_text()))
+    if not rule_run.card.settings.rule.fit:
+        assert stored == RULE
+    found = evaluate_records(rule_run, on_roads, MADE_OF, tmp_path / "report", EvaluateSettings())
+    assert found["name"] == "rule of the road"
+    assert found["macro_f1"] > 0.6
+
+
+def test_thresholds_that_are_damaged_are_told(rule_run: Run, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(rule_run.path, run)
+    (run / "rule.json").write_text('{"smooth_s": -1}')
+    with pytest.raises(InputError, match="damaged"):
+        load_run(run)
+
+
+def test_inference_takes_the_lanes_beside_the_window(rule_run: Run) -> None:
+    infer = Infer.load(rule_run.path)
+    whole = seen(acceleration=-5.0)
+    tv, uv = whole.on_map.tv[0, :, -480:], whole.on_map.uv[0, :, -120:]  # type: ignore[union-attr]
+    said = infer(tv, uv, whole.on_map.lane_maps("bend"))  # type: ignore[union-attr]
+    assert said.intentions == ["hard_brake"]
+    with pytest.raises(InputError, match="without roads"):
+        infer(tv, uv)

@@ -1,0 +1,54 @@
+"""Known intentions held out in turn: the table holds what the runs trained without them say of them."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+from sklearn.metrics import roc_auc_score
+
+from isacsim.errors import InputError
+from labeling.intentions import KNOWN, Intention
+from models.data.windows import Records, draw_ends
+from models.evaluation.evaluation import EvaluateSettings
+from models.evaluation.predictions import answers, unseen
+from models.run import load_run
+from models.studies.held_out import hold_out_each, table
+from tests.support.made_up import MADE_OF, SMALL_RUN
+
+TREES = SMALL_RUN.model_copy(update={"model": "trees"})
+
+
+def test_each_known_intention_is_unknown_in_turn(records: Records, tmp_path: Path) -> None:
+    some = records.take(np.isin(records.label, [0, 2, 3, 4, 6]))
+    found = hold_out_each(some, MADE_OF, tmp_path / "out", TREES, EvaluateSettings(ends_per_record=1))
+    assert list(found["held_out"]) == ["hard_brake", "right_lane_change", "overtake", "hard_accel"]
+    assert json.loads((tmp_path / "out" / "held_out.json").read_text()) == found
+    for name, row in found["held_out"].items():
+        run = load_run(tmp_path / "out" / name)
+        assert run.card.counts[name] == 0
+        left = unseen(some, [run])
+        given = answers(run, left, draw_ends(left, TREES.windows, "evaluate", 0, per_record=1))
+        out = given.label == Intention[name.upper()]
+        known = np.isin(given.label, KNOWN) & ~out
+        assert (row["n"], row["n_known"]) == (out.sum(), known.sum())
+        value = given.outputs.probabilities.max(axis=1)
+        truth = np.repeat([1, 0], [known.sum(), out.sum()])
+        expected = roc_auc_score(truth, np.concatenate([value[known], value[out]]))
+        assert row["unknown_scores"]["msp"]["auroc"] == pytest.approx(expected)
+    mean = np.mean([row["unknown_scores"]["msp"]["auroc"] for row in found["held_out"].values()])
+    assert found["mean"]["msp"]["auroc"] == pytest.approx(mean)
+    console = Console(file=io.StringIO(), width=200)
+    console.print(table(found))
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    assert f"{found['held_out']['overtake']['unknown_scores']['energy']['auroc']:.3f} /" in printed
+    assert printed.count("*") == 4
+
+
+def test_a_foreign_folder_is_left_alone(records: Records, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"held_out\.json"):
+        hold_out_each(records, MADE_OF, tmp_path, TREES)
+    assert [each.name for each in tmp_path.iterdir()] == ["mine.txt"]

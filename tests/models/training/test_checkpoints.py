@@ -1,0 +1,105 @@
+"""Checkpoints: whole or not there, on a full disk too, and data, never code."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from isacsim.errors import InputError, OutputError
+from models.data.windows import Records
+from models.run import Run
+from models.training import training
+from models.training.checkpoints import read_tensors, write_tensors
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN
+
+
+class Evil:
+    """A pickle that would leave a file behind."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return Path.touch, (self.mark,)
+
+
+def partial_of(path: Path) -> Path:
+    """The temporary file that becomes a file of a run."""
+    return path.with_name(f".{os.getpid()}-{path.name}")
+
+
+class FullDisk(training.History):
+    """From the second epoch on no byte more fits into the files named."""
+
+    files: tuple[Path, ...] = ()
+
+    def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
+        for file in self.files if trainer.current_epoch == 1 else ():
+            if not partial_of(file).is_symlink():
+                partial_of(file).symlink_to("/dev/full")
+
+
+@pytest.mark.parametrize("name", ["checkpoints/last.ckpt", "weights.pt", "history.csv"])
+def test_a_training_goes_on_after_a_full_disk(
+    name: str, records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "History", FullDisk)
+        patched.setattr(FullDisk, "files", (run / name,))
+        with pytest.raises(OutputError, match=rf"{Path(name).name}: cannot be written \(No space left on device\)"):
+            train_records(records, MADE_OF, run, SMALL_RUN)
+    assert [path for path in run.rglob(".*") if not path.is_symlink()] == []
+    torch.load(run / "checkpoints/last.ckpt", weights_only=True)
+    for path in run.rglob(".*"):
+        path.unlink()
+    resumed = train_records(records, MADE_OF, run, SMALL_RUN)
+    assert (run / "history.csv").read_bytes() == (network_run.path / "history.csv").read_bytes()
+    here, there = (read_tensors(each.path / "weights.pt") for each in (network_run, resumed))
+    assert all(torch.equal(here[key], there[key]) for key in here)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    content = {"a": torch.arange(5.0), "n": 3, "name": "x"}
+    write_tensors(tmp_path / "a.pt", content)
+    found = read_tensors(tmp_path / "a.pt")
+    assert torch.equal(found.pop("a"), content.pop("a"))
+    assert found == content
+    assert [path.name for path in tmp_path.iterdir()] == ["a.pt"]
+
+
+@pytest.mark.parametrize("how", ["torch", "pickle", "numpy", "cut"])
+def test_a_damaged_or_foreign_checkpoint_is_refused_and_executes_nothing(
+    how: str, records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stop(training.History):
+        def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
+            if trainer.current_epoch == 1:
+                raise KeyboardInterrupt
+
+    run, mark = tmp_path / "run", tmp_path / "mark"
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "History", Stop)
+        with pytest.raises(KeyboardInterrupt):
+            train_records(records, MADE_OF, run, SMALL_RUN)
+    last = run / "checkpoints/last.ckpt"
+    if how == "torch":
+        torch.save({"state_dict": Evil(mark)}, last)
+    elif how == "pickle":
+        last.write_bytes(pickle.dumps(Evil(mark), protocol=2))
+    elif how == "numpy":
+        with last.open("wb") as file:
+            np.save(file, np.array([Evil(mark)], object))
+    else:
+        last.write_bytes(last.read_bytes()[:1000])
+    with pytest.raises(InputError, match=r"last\.ckpt: is damaged .*delete it"):
+        train_records(records, MADE_OF, run, SMALL_RUN)
+    assert not mark.exists()
+    last.unlink()
+    assert train_records(records, MADE_OF, run, SMALL_RUN).card.complete

@@ -1,0 +1,51 @@
+"""Outlier exposure: the preludes in an epoch, their loss, and what a network trained with them says of them."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from labeling.intentions import KNOWN
+from models.data.windows import Records, draw_ends
+from models.evaluation.predictions import answers
+from models.predictors.losses import LossSettings, exposure_loss
+from models.predictors.reject_option import prelude_windows
+from models.run import Run
+from models.training.lightning_module import OUTLIER, WindowData
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN
+
+EXPOSED = SMALL_RUN.model_copy(update={"loss": LossSettings(exposure_weight=1.0)})
+
+
+def test_the_loss_is_cross_entropy_against_equal_probabilities() -> None:
+    logits = torch.randn(20, 6, generator=torch.Generator().manual_seed(0))
+    expected = torch.nn.functional.cross_entropy(logits, torch.full((20, 6), 1 / 6))
+    torch.testing.assert_close(exposure_loss(logits), expected)
+
+
+def test_an_epoch_holds_as_many_preludes_and_the_same_known_windows(records: Records) -> None:
+    known = records.take(np.isin(records.label, KNOWN))
+    plain, exposed = (WindowData(known, known, settings) for settings in (SMALL_RUN, EXPOSED))
+    ends, label = exposed.epoch_windows(3)
+    outlier = label == OUTLIER
+    assert outlier.sum() == (~outlier).sum() == len(known)
+    before = known.table["t_onset"].to_numpy()[ends.row] - ends.times(known)
+    assert before[outlier].min() >= 0.1 - 1e-6
+    assert before[~outlier].max() < 0
+    np.testing.assert_array_equal(label[~outlier], known.label[ends.row[~outlier]])
+    there, its_label = plain.epoch_windows(3)
+    here = set(zip(ends.row[~outlier], ends.step[~outlier], strict=True))
+    assert here == set(zip(there.row, there.step, strict=True))
+    np.testing.assert_array_equal(its_label, known.label[there.row])
+
+
+def test_a_network_is_less_sure_of_preludes_with_it(records: Records, network_run: Run, tmp_path: Path) -> None:
+    run = train_records(records, MADE_OF, tmp_path / "run", EXPOSED)
+    left = records.take(np.isin(records.groups, run.card.split["test"]) & np.isin(records.label, KNOWN))
+    seen = prelude_windows(SMALL_RUN.windows, SMALL_RUN.preludes)
+    sure = []
+    for each in (network_run, run):
+        ends = draw_ends(left, seen, "test")
+        sure.append(answers(each, left, ends).outputs.probabilities.max(axis=1).mean())
+    assert sure[1] < sure[0] - 0.05

@@ -1,0 +1,256 @@
+"""Training: a run's folder, resuming, what it refuses, and that its files execute nothing."""
+
+import json
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import skops.io
+import torch
+from pydantic import ValidationError
+
+from isacsim.errors import InputError
+from labeling.intentions import Intention
+from models.data.windows import Records, cut, draw_ends
+from models.evaluation import evaluation
+from models.run import Run, TrainSettings, holds_other, load_run
+from models.training import training
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN
+
+
+def windows_of(records: Records, run: Run):  # type: ignore[no-untyped-def]
+    ends = draw_ends(records, run.card.settings.windows, "test")[:16]
+    return cut(records, ends, run.card.settings.windows)
+
+
+@pytest.mark.parametrize("kind", ["network_run", "trees_run"])
+def test_a_loaded_run_answers_like_the_trained_one(kind: str, records: Records, request: pytest.FixtureRequest) -> None:
+    run: Run = request.getfixturevalue(kind)
+    windows = windows_of(records, run)
+    out = load_run(run.path).predictor(windows)
+    np.testing.assert_array_equal(out.logits, run.predictor(windows).logits)
+    assert out.logits.shape == (16, 6)
+    np.testing.assert_allclose(out.probabilities.sum(axis=1), 1)
+
+
+def test_the_network_learns(network_run: Run) -> None:
+    history = pd.read_csv(network_run.path / "history.csv")
+    assert list(history["epoch"]) == [0, 1, 2]
+    assert history["train_loss"].iloc[-1] < 0.8 * history["train_loss"].iloc[0]
+    best = int(history["validation_macro_f1"].to_numpy().argmax())
+    assert network_run.card.best_epoch == best
+    assert network_run.card.validation_macro_f1 == pytest.approx(history["validation_macro_f1"][best], abs=1e-6)
+
+
+def test_the_card_says_what_made_it(network_run: Run, records: Records) -> None:
+    card = json.loads((network_run.path / "run.json").read_text())
+    assert card["complete"] is True
+    assert card["dataset"] == MADE_OF
+    assert set(card["classes"]) == set(card["counts"])
+    assert "following" not in card["classes"]
+    assert sum(card["counts"].values()) == ((records.label < 6) & np.isin(records.groups, card["split"]["train"])).sum()
+
+
+class Stop(training.History):
+    """Stands for a kill in the second epoch."""
+
+    def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
+        if trainer.current_epoch == 1:
+            raise KeyboardInterrupt
+
+
+def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
+    records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "History", Stop)
+        with pytest.raises(KeyboardInterrupt):
+            train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+    with pytest.raises(InputError, match="not finished"):
+        load_run(tmp_path / "run")
+    resumed = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+    for name in ("history.csv", "run.json"):
+        assert (resumed.path / name).read_bytes() == (network_run.path / name).read_bytes()
+    here, there = (torch.load(r.path / "weights.pt", weights_only=True) for r in (network_run, resumed))
+    assert all(torch.equal(here[name], there[name]) for name in here)
+
+
+def test_all_of_a_training_keeps_to_its_threads(
+    records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+
+    def spied(*given: object) -> dict[str, object]:
+        seen.append(torch.get_num_threads())
+        return choose(*given)  # type: ignore[arg-type]
+
+    choose = training._choose_on_validation
+    monkeypatch.setattr(training, "_choose_on_validation", spied)
+    one = SMALL_RUN.optimiser.model_copy(update={"epochs": 1, "threads": 1})
+    before = torch.get_num_threads()
+    torch.set_num_threads(3)
+    try:
+        settings = SMALL_RUN.model_copy(update={"model": "ensemble", "optimiser": one})
+        train_records(records, MADE_OF, tmp_path / "run", settings)
+        assert (seen, torch.get_num_threads()) == ([1], 3)
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_a_finished_training_is_not_repeated(
+    records: Records, network_run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "_fit", None)
+    again = train_records(records, MADE_OF, network_run.path, SMALL_RUN)
+    assert again.card == network_run.card
+
+
+def test_foreign_folders_and_other_runs_are_left_alone(records: Records, network_run: Run, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="no run"):
+        train_records(records, MADE_OF, tmp_path, SMALL_RUN)
+    with pytest.raises(InputError, match="other settings"):
+        train_records(records, MADE_OF, network_run.path, SMALL_RUN.model_copy(update={"seed": 7}))
+    with pytest.raises(InputError, match="another dataset"):
+        train_records(records, {**MADE_OF, "digest": "other"}, network_run.path, SMALL_RUN)
+
+
+def test_what_a_killed_command_left_of_its_first_file_is_no_foreign_content(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert not holds_other(folder, "run.json")
+    folder.mkdir()
+    (folder / ".4711-run.json").write_text("{")
+    assert not holds_other(folder, "run.json")
+    (folder / "notes.txt").touch()
+    assert holds_other(folder, "run.json")
+    (folder / "run.json").mkdir()
+    assert holds_other(folder, "run.json")
+    (folder / "run.json").rmdir()
+    (folder / "run.json").write_text("{}")
+    assert not holds_other(folder, "run.json")
+    assert holds_other(folder / "notes.txt", "run.json")
+
+
+def test_two_trainings_in_one_folder_do_not_meet(
+    records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "run"
+    settings = SMALL_RUN.model_copy(update={"model": "trees"})
+
+    def second(*_: object) -> None:
+        with pytest.raises(InputError, match="run: another command is writing it"):
+            train_records(records, MADE_OF, run, settings)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(training, "_train_trees", second)
+        with pytest.raises(KeyboardInterrupt):
+            train_records(records, MADE_OF, run, settings)
+    assert train_records(records, MADE_OF, run, settings).card.complete
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not a run"):
+        load_run(tmp_path / "nothing")
+    (tmp_path / "run.json").write_text('{"schema_version": 1}')
+    with pytest.raises(InputError, match=r"run\.json"):
+        load_run(tmp_path)
+
+
+class Evil:
+    """A pickle that would leave a file behind."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return Path.touch, (self.mark,)
+
+
+@pytest.mark.parametrize(
+    ("kind", "file"),
+    [
+        ("network_run", "weights.pt"),
+        ("trees_run", "trees.skops"),
+        ("network_run", "reference.npz"),
+        ("network_run", "preludes.skops"),
+    ],
+)
+def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(request.getfixturevalue(kind).path, run)
+    evil = Evil(tmp_path / "mark")
+    objects = np.array([evil], object)
+    for write in (
+        lambda: torch.save(evil, run / file),
+        lambda: write_pickle(run / file, tmp_path),
+        lambda: np.savez(run / "reference.npz", features=objects, label=objects),
+    ):
+        write()
+        with pytest.raises(InputError, match="damaged"):
+            load_run(run)
+        assert not (tmp_path / "mark").exists()
+
+
+def write_pickle(path: Path, folder: Path) -> None:
+    path.write_bytes(pickle.dumps(Evil(folder / "mark"), protocol=2))
+
+
+def test_a_file_of_something_else_is_told(trees_run: Run, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trees_run.path, run)
+    skops.io.dump([1, 2], run / "trees.skops")
+    with pytest.raises(InputError, match=r"damaged \(trees\.skops holds no trees\)"):
+        load_run(run)
+
+
+def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(network_run.path, run)
+    (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
+    with pytest.raises(InputError, match="damaged"):
+        load_run(run)
+
+
+@pytest.mark.parametrize("content", ["", "epoch\n1\n", "epoch,train_loss\na,b\n", "\x00"])
+def test_a_damaged_history_is_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "history.csv").write_text(content)
+    with pytest.raises(InputError, match=r"history\.csv: is damaged"):
+        evaluation._history(tmp_path / "history.csv")
+
+
+def test_a_dataset_without_known_intentions_is_refused(records: Records, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="known intentions"):
+        train_records(records.take(records.label == 6), MADE_OF, tmp_path / "run", TrainSettings())
+
+
+def test_a_held_out_intention_is_not_trained_and_not_chosen_on(records: Records, tmp_path: Path) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": "trees", "held_out": "overtake"})
+    run = train_records(records, MADE_OF, tmp_path / "run", settings)
+    assert run.card.counts["overtake"] == 0
+    assert Intention.OVERTAKE not in run.reference[1]
+    garbled = records.tv.copy()
+    garbled[records.label == Intention.OVERTAKE] = 0
+    other = Records(garbled, records.uv, records.tv_rate_hz, records.uv_rate_hz, records.table)
+    again = train_records(other, MADE_OF, tmp_path / "again", settings)
+    assert again.card == run.card
+    windows = windows_of(records, run)
+    np.testing.assert_array_equal(again.predictor(windows).logits, run.predictor(windows).logits)
+    assert (run.predictor(windows).logits.argmax(axis=1) != Intention.OVERTAKE).all()
+
+
+def test_mirrored_windows_would_show_a_held_out_lane_change() -> None:
+    mirrored = {"augment": {"mirror_share": 0.5}}
+    with pytest.raises(ValidationError, match="mirror_share"):
+        TrainSettings.model_validate({"held_out": "left_lane_change", **mirrored})
+    TrainSettings.model_validate({"held_out": "evasive_swerve", **mirrored})
+
+
+def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
+    rates = pd.read_csv(network_run.path / "history.csv")["learning_rate"].to_numpy()
+    assert rates[0] > rates[1] > rates[2]
+    assert rates[2] == pytest.approx(0, abs=1e-9)

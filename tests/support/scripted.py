@@ -1,0 +1,115 @@
+"""Traffic from formulas instead of SUMO: a straight road on which followers brake hard or change lane.
+
+Importable by worker processes, which have to unpickle `ScriptedSource`.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from isacsim.errors import InputError
+from isacsim.scenarios.scenario import Scenario, Site
+from isacsim.seeding import stream
+from isacsim.traffic.recording import Incidents, Lane, Recording, Track
+from labeling.generation.engine import Item, Outcome, Result, describe
+from labeling.generation.settings import DatasetStudy, checked
+
+STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
+LANES = tuple(
+    Lane(f"e_{k}", "e", k, LANE_M, 2000.0, np.array([[0.0, LANE_M * (k + 0.5)], [2000.0, LANE_M * (k + 0.5)]]), ())
+    for k in range(2)
+)
+SITES = tuple(
+    Site(f"s{k}", 200.0 + 150 * (k // 2), 150.0 if k % 2 else -150.0, 20.0, 180.0 * (k % 2)) for k in range(16)
+)
+
+
+@dataclass(frozen=True)
+class ScriptedSource:
+    """Two followers an episode, one that brakes hard and one that changes lane to the left.
+
+    empty: seeds without traffic. broken: seeds whose simulation raises. wrong: seeds whose scenario is at fault.
+    deadly: seeds that end the worker process. frail: a folder; each seed ends its worker once, which is noted there.
+    pause_s: time that each episode takes besides. warnings: that each simulation has.
+    """
+
+    folder: Path
+    empty: tuple[int, ...] = ()
+    broken: tuple[int, ...] = ()
+    wrong: tuple[int, ...] = ()
+    deadly: tuple[int, ...] = ()
+    frail: Path | None = None
+    pause_s: float = 0.0
+    warnings: int = 0
+
+    def load(self, where: str) -> Scenario:
+        network = self.folder / "road.net.xml"
+        network.write_text("<net/>")
+        return Scenario(Path(where).name, network, (), (), (0.0, 0.0), LANES, SITES)
+
+    def record(self, scenario: Scenario, seed: int) -> Recording:
+        time.sleep(self.pause_s)
+        if seed in self.wrong:
+            raise InputError(f"{scenario.network}: no road for seed {seed}; draw one")
+        if seed in self.broken:
+            raise RuntimeError("the simulation\nbroke")
+        if seed in self.deadly or self._first_time(seed):
+            os._exit(1)
+        tracks = [] if seed in self.empty else [track for n in range(2) for track in _pair(seed, n)]
+        return Recording(
+            scenario.name,
+            seed,
+            STEP_S,
+            LANES,
+            {track.vehicle: track for track in tracks},
+            incidents=Incidents(("c",), ()),
+            warnings=self.warnings,
+        )
+
+    def _first_time(self, seed: int) -> bool:
+        if self.frail is None or (self.frail / str(seed)).exists():
+            return False
+        (self.frail / str(seed)).touch()
+        return True
+
+
+def _pair(seed: int, number: int) -> list[Track]:
+    """A leader at constant speed and the follower behind it."""
+    t = np.arange(0, DURATION_S, STEP_S)
+    rng = stream("scripted", seed, number)
+    speed, onset = rng.uniform(18, 22), rng.uniform(12, 15)
+    since = t - onset
+    braking = 6.0 * ((since > 0) & (since < 1.2)) if number == 0 else np.zeros_like(t)
+    own = speed - np.cumsum(braking) * STEP_S
+    aside = LANE_M * np.clip(since / 4, 0, 1) if number == 1 else np.zeros_like(t)
+    start = 250.0 + 200 * number
+    leader = _track(f"lead{number}", start + 40 + speed * t, np.full_like(t, speed), np.zeros_like(t))
+    return [leader, _track(f"follow{number}", start + np.cumsum(own) * STEP_S, own, aside)]
+
+
+def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) -> Track:
+    lane = (aside > LANE_M / 2).astype(np.int32)
+    return Track(vehicle, "passenger", 4.5, 1.8, 0, x, LANE_M / 2 + aside, speed, lane, x.copy(), aside - LANE_M * lane)
+
+
+class InlineEngine:
+    """Runs tasks in this process, without a second try."""
+
+    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+        for item in items:
+            try:
+                yield Outcome(item, result=task(item))
+            except RuntimeError as error:
+                yield Outcome(item, error=describe(error))
+
+
+def small_study(**content: object) -> DatasetStudy:
+    """A study whose records are cheap to sense and store."""
+    record = {"tv_rate_hz": 40.0, "uv_rate_hz": 20.0}
+    return checked(DatasetStudy, {"scenarios": ["road"], "record": record, **content}, "test")
