@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from isacsim.arrays import Array
 from isacsim.radio.bounds import cell_bound
 from isacsim.radio.echo_tensor import observe_tensor
 from isacsim.radio.estimation import Estimates, observe
-from isacsim.radio.waveform import Array, Waveform, steering
+from isacsim.radio.waveform import Waveform, steering
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, sense
 

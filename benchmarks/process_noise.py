@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from isacsim.radio.waveform import Array
+from isacsim.arrays import Array
 from isacsim.sensing import LEAST_SITES, before, fix, prelude_snapshots
 from isacsim.tracking.kalman import track
 from labeling.dataset.dataset import Dataset

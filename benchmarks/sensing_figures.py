@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from isacsim.arrays import Array
 from isacsim.radio.bounds import cell_bound, fix_bound, measured_bound
 from isacsim.radio.estimation import Estimator, observe
-from isacsim.radio.waveform import Array, Waveform
+from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.tracking.fusion import FusionSettings, Panels, fuse
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5

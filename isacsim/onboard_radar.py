@@ -15,21 +15,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from isacsim.arrays import Array, BoolArray
 from isacsim.errors import InputError
 from isacsim.radio.blockage import Blockers, hides
 from isacsim.radio.channel import rain_db_per_km
-from isacsim.radio.waveform import Array
 from isacsim.seeding import stream
 from isacsim.sensing import SensedRecord, before, filled, prelude_snapshots
 from isacsim.settings import Settings
 from isacsim.tracking.fusion import Fixes, Panels, checked
 from isacsim.tracking.kalman import TrackingSettings, track
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 
 class RadarSettings(Settings):

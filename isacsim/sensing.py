@@ -12,23 +12,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
 from isacsim.radio.blockage import Blockers
 from isacsim.radio.channel import ChannelSettings, snr_db
 from isacsim.radio.estimation import Estimator, estimate_deviation, observe
-from isacsim.radio.waveform import Array, Waveform
+from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, fuse
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 from isacsim.tracking.kalman import TrackingSettings, track
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 LEAST_SITES = 2
 CONFIRMED = 0.25

@@ -33,11 +33,12 @@ from pydantic import Field, model_validator
 from sklearn.ensemble import HistGradientBoostingClassifier
 from torch import nn
 
+from isacsim.arrays import Array, Float32Array
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN, LANE_CHANGES, Intention
 from models.data.augment import AugmentSettings
-from models.data.windows import Array, Float32, SplitSettings, Windows, WindowSettings
+from models.data.windows import SplitSettings, Windows, WindowSettings
 from models.predictors.asi_bip import AsiBip, AsiBipSettings, Streams
 from models.predictors.castformer import Castformer, CastformerSettings
 from models.predictors.floors import Aligned, AlignedSettings, TreesSettings, statistics
@@ -265,7 +266,7 @@ class Run:
     path: Path
     card: RunCard
     predictor: Predictor
-    reference: tuple[Float32, npt.NDArray[np.int64]]
+    reference: tuple[Float32Array, npt.NDArray[np.int64]]
     preludes: Any | None = None
 
     @property

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import sumo
 
+from isacsim.arrays import Array
 from isacsim.scenarios.demand import drivers
 from isacsim.scenarios.scenario import read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.traffic.recording import Array
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)

@@ -10,15 +10,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from isacsim.radio.waveform import Array
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.seeding import stream
 from isacsim.tracking.fusion import Panels
 from isacsim.traffic.recording import Recording, Track
-
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0

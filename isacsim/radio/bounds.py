@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.radio.waveform import LIGHT_SPEED_MPS, Array, Waveform
+from isacsim.arrays import Array
+from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
 from isacsim.tracking.fusion import Panels, information_of
 
 

@@ -10,17 +10,15 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from isacsim.radio.blockage import Blockers, blockage_db
-from isacsim.radio.waveform import Array, Waveform
+from isacsim.radio.waveform import Waveform
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.tracking.fusion import Panels
-
-IntArray = npt.NDArray[np.int64]
 
 _THERMAL_DBM_PER_HZ = -173.98
 

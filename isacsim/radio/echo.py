@@ -24,11 +24,10 @@ from itertools import combinations_with_replacement
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from isacsim.radio.waveform import Array, Waveform, centred
+from isacsim.arrays import Array, ComplexArray
+from isacsim.radio.waveform import Waveform, centred
 
-ComplexArray = npt.NDArray[np.complex128]
 Search = Literal["whole", "half", "pairs"]
 
 BLOCK = 6

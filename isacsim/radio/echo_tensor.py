@@ -10,8 +10,9 @@ from itertools import product
 import numpy as np
 import torch
 
+from isacsim.arrays import Array
 from isacsim.radio.estimation import SCORING_STEPS, Estimates, Estimator
-from isacsim.radio.waveform import Array, Waveform, centred
+from isacsim.radio.waveform import Waveform, centred
 
 BATCH = 16
 """Echoes at once on a CPU: larger batches are slower, since the allocator returns and refetches their pages."""

@@ -13,19 +13,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from isacsim.arrays import Array, ComplexArray
 from isacsim.radio.bounds import cell_bound
-from isacsim.radio.echo import (
-    Bins,
-    ComplexArray,
-    Moments,
-    Search,
-    draw_bins,
-    draw_moments,
-    draw_search,
-    fourth_moment,
-    spread,
-)
-from isacsim.radio.waveform import Array, Waveform
+from isacsim.radio.echo import Bins, Moments, Search, draw_bins, draw_moments, draw_search, fourth_moment, spread
+from isacsim.radio.waveform import Waveform
 
 Estimator = Literal["ml", "candan", "grid", "padded_grid"]
 

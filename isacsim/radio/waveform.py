@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from isacsim.arrays import Array
 from isacsim.settings import Settings
-
-Array = npt.NDArray[np.float64]
 
 LIGHT_SPEED_MPS = 299_792_458.0
 

@@ -8,9 +8,10 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial import cKDTree
 
+from isacsim.arrays import Array
 from isacsim.scenarios.scenario import SITE_TYPE, Site
 from isacsim.settings import Settings
-from isacsim.traffic.recording import Array, Lane
+from isacsim.traffic.recording import Lane
 
 STATION_STEP_M = 5.0
 

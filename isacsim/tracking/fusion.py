@@ -19,11 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from isacsim.radio.waveform import Array
+from isacsim.arrays import Array, BoolArray
 from isacsim.scenarios.scenario import Site
 from isacsim.settings import Settings
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class FusionSettings(Settings):

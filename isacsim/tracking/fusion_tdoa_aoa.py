@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.radio.waveform import Array
-from isacsim.tracking.fusion import BoolArray, Fixes, FusionSettings, Panels, checked, single_site
+from isacsim.arrays import Array, BoolArray
+from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, checked, single_site
 
 
 def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:

@@ -8,13 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
-from isacsim.radio.waveform import Array
+from isacsim.arrays import Array, BoolArray
 from isacsim.settings import Settings
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class TrackingSettings(Settings):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from isacsim.radio.waveform import Array
+from isacsim.arrays import Array
 from isacsim.tracking.kalman import TrackingSettings, process_noise, start, transition
 
 

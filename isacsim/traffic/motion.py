@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import Field
 from scipy.ndimage import gaussian_filter1d
 
+from isacsim.arrays import Array
 from isacsim.settings import Settings
-from isacsim.traffic.recording import Array, Recording, Track
+from isacsim.traffic.recording import Recording, Track
 
 REACH = 8.0
 """Half-width of the kernel in standard deviations: what is cut off weighs 1e-15."""

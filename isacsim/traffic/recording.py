@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from isacsim.arrays import Array
 
 
 @dataclass(frozen=True)

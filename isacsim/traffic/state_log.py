@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 
+from isacsim.arrays import Array
 from isacsim.errors import InputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Track
 
-Block = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.integer[Any]]
 
 COLUMNS = {
@@ -105,7 +105,7 @@ class StateLog:
             )
         return tracks
 
-    def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Block]]:
+    def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
         """What `RowSorter.add` takes, a batch of the file's rows at a time."""
         assert self._states is not None, "the log was never attached"
         lane_number = {lane.id: k for k, lane in enumerate(self._scenario.lanes)}
@@ -135,7 +135,7 @@ class _Vehicle:
 
     first_step: int
     last_step: int = 0
-    waiting: list[Block] = field(default_factory=list)
+    waiting: list[Array] = field(default_factory=list)
     place: tuple[int, int] = (0, 0)
 
 
@@ -148,7 +148,7 @@ class RowSorter:
         self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
         self._written = 0
 
-    def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Block) -> None:
+    def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Array) -> None:
         """Take rows: vehicle names[which[k]] at steps[k] has block[:, k]; steps never fall, here and from call to call.
 
         Vehicles without a row in the last whole step have left.
@@ -164,7 +164,7 @@ class RowSorter:
             self._present.add(name)
         self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - 1})
 
-    def blocks(self) -> Iterator[tuple[str, int, Block]]:
+    def blocks(self) -> Iterator[tuple[str, int, Array]]:
         """Every vehicle's name, first step and block (6, n), in order of first appearance. Ends the sorting."""
         self._write(set(self._present))
         self._file.flush()

@@ -23,6 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field, model_validator
 
+from isacsim.arrays import Float32Array
 from isacsim.errors import InputError, writing
 from isacsim.scenarios.scenario import Site
 from isacsim.settings import Settings, read_json
@@ -36,7 +37,6 @@ from labeling.dataset.shard import (
     Episode,
     Sample,
     Shard,
-    States,
     file_digest,
     read_shard,
     schema,
@@ -218,7 +218,7 @@ class Dataset:
         frame: pd.DataFrame = pa.concat_tables([empty, *tables]).to_pandas()
         return frame
 
-    def arrays(self, *names: str) -> dict[str, States]:
+    def arrays(self, *names: str) -> dict[str, Float32Array]:
         """State arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C)."""
         lengths = {name: self.meta.uv_length if name == "uv" else self.meta.tv_length for name in names}
         found = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
@@ -229,7 +229,7 @@ class Dataset:
             start += shard.samples
         return found
 
-    def arrays_by_shard(self, *names: str) -> Iterator[dict[str, States]]:
+    def arrays_by_shard(self, *names: str) -> Iterator[dict[str, Float32Array]]:
         """The same, a shard at a time: what a dataset larger than memory is read by."""
         if unknown := set(names) - set(ARRAYS):
             raise ValueError(f"no array columns: {sorted(unknown)}")

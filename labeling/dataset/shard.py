@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Literal, Self
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field, field_validator, model_validator
 
+from isacsim.arrays import Float32Array
 from isacsim.errors import InputError, writing
 from isacsim.settings import Settings
 from labeling.intentions import Intention
@@ -32,8 +32,6 @@ ARRAYS = ("tv", "tv_truth", "uv")
 CLASS_NAMES = tuple(intention.text for intention in Intention)
 ROW_GROUP = 256
 _EPISODE_KEY = b"cosim.episode"
-
-States = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -60,9 +58,9 @@ class Sample:
     sensor: str
     snr_db: float
     n_sites: int
-    tv: States
-    tv_truth: States
-    uv: States
+    tv: Float32Array
+    tv_truth: Float32Array
+    uv: Float32Array
 
 
 class Episode(Settings):
@@ -245,7 +243,7 @@ def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
     return {value: counted[value] for value in [*ranked, *sorted(set(counted) - set(ranked))]}
 
 
-def states_of(column: pa.ChunkedArray) -> States:
+def states_of(column: pa.ChunkedArray) -> Float32Array:
     """A nested fixed-size list column as an array, (n, 6, length), float32."""
     length = column.type.value_type.list_size
     chunks = [chunk.flatten().flatten().to_numpy(zero_copy_only=False) for chunk in column.chunks]
@@ -263,7 +261,7 @@ def _column(field: pa.Field, samples: Sequence[Sample]) -> pa.Array:
     return pa.array([getattr(sample, field.name) for sample in samples], field.type)
 
 
-def _states_column(field: pa.Field, states: Sequence[States]) -> pa.Array:
+def _states_column(field: pa.Field, states: Sequence[Float32Array]) -> pa.Array:
     length = field.type.value_type.list_size
     for state in states:
         if state.shape != (6, length) or state.dtype != np.float32:

@@ -8,9 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from isacsim.arrays import Array
 
 
 def _passing(times: Array, values: Array, level: float, k: int) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isacsim import sensing
+from isacsim.arrays import Array
 from isacsim.radio.blockage import blockers_of
 from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
@@ -27,7 +28,6 @@ from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import Candidate, candidates
 
-Array = npt.NDArray[np.float64]
 TOO_MANY = "beyond_cap"
 UNSEEN = "too_few_sites"
 

@@ -6,13 +6,10 @@ from collections import defaultdict
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from isacsim.arrays import Array, IntArray
 from isacsim.traffic.recording import Track
 from labeling.road.lane_graph import LaneGraph
-
-Array = npt.NDArray[np.float64]
-Rows = npt.NDArray[np.int64]
 
 BEYOND_M = 300.0
 """How far a path is carried on before a track's first edge and after its last one, m."""
@@ -100,12 +97,12 @@ class Path:
                         onward[n] = start + graph.lanes[n].length_m if ahead else start
             front = onward
 
-    def own(self, track: Track, rows: Rows) -> Array:
+    def own(self, track: Track, rows: IntArray) -> Array:
         """Stations of the vehicle whose path this is, at rows of its track, m, shape (n,)."""
         visit = np.searchsorted(self._starts, track.first_step + rows, side="right") - 1
         return np.asarray(np.array(self._bases)[visit] + track.lane_pos[rows])
 
-    def of(self, track: Track, rows: Rows, near: Array) -> Array:
+    def of(self, track: Track, rows: IntArray, near: Array) -> Array:
         """Stations of another vehicle at rows of its track, m, shape (n,); NaN where it is off the path.
 
         near: stations of the path's own vehicle at the same instants, m, shape (n,): of an edge driven several times,

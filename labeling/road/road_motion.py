@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import upfirdn
 
+from isacsim.arrays import Array
 from isacsim.traffic.recording import Recording, Track
 from labeling.road.lane_graph import LaneGraph, LaneStep
-
-Array = npt.NDArray[np.float64]
 
 GRID_S = 0.05
 """Longest interval of the motion's samples, s. Conditioned motion holds nothing above 3 Hz."""

@@ -10,13 +10,12 @@ from operator import itemgetter
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from isacsim.arrays import Array
 from isacsim.traffic.recording import Recording, Track
 from labeling.road.driven_path import Path
 from labeling.road.lane_graph import LaneGraph
 
-Array = npt.NDArray[np.float64]
 Relation = Literal["ahead", "behind", "left", "right"]
 
 

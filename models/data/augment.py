@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
+from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.settings import Settings
 from labeling.intentions import Intention
-from models.data.windows import Array, Float32, Ints, Windows
+from models.data.windows import Windows
 
 MIRRORED = {
     Intention.LEFT_LANE_CHANGE: Intention.RIGHT_LANE_CHANGE,
@@ -40,8 +41,8 @@ class AugmentSettings(Settings):
 
 
 def augmented(
-    windows: Windows, label: Ints, settings: AugmentSettings, rng: np.random.Generator
-) -> tuple[Windows, Ints]:
+    windows: Windows, label: IntArray, settings: AugmentSettings, rng: np.random.Generator
+) -> tuple[Windows, IntArray]:
     """The windows varied anew, and their labels (n,)."""
     tv, uv = windows.tv, windows.uv
     if settings.mirror_share:
@@ -57,12 +58,12 @@ def augmented(
     return replace(windows, tv=tv, uv=uv, on_map=None), label
 
 
-def mirrored(states: Float32) -> Float32:
+def mirrored(states: Float32Array) -> Float32Array:
     """States (n, 6, T) with left and right exchanged, across the x axis."""
     return states * np.array([1, -1] * 3, dtype=np.float32)[:, None]
 
 
-def mirrored_labels(label: Ints) -> Ints:
+def mirrored_labels(label: IntArray) -> IntArray:
     """The labels (n,) of mirrored windows."""
     swapped = label.copy()
     for one, other in MIRRORED.items():
@@ -70,7 +71,7 @@ def mirrored_labels(label: Ints) -> Ints:
     return swapped
 
 
-def turned(states: Float32, angle: Array) -> Float32:
+def turned(states: Float32Array, angle: Array) -> Float32Array:
     """States (n, 6, T) turned to the left about the origin by angles (n,), rad."""
     c, s = (f(angle).astype(np.float32)[:, None, None] for f in (np.cos, np.sin))
     pairs = states.reshape(len(states), 3, 2, -1)

@@ -20,11 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from isacsim.arrays import Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 
-Float32 = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
 KEYS = ("in", "out", "label")
 
 
@@ -33,8 +32,8 @@ class Clip:
     """One clip: inner (T, W), outer (T, V), and the number of its class."""
 
     name: str
-    inner: Float32
-    outer: Float32
+    inner: Float32Array
+    outer: Float32Array
     label: int
 
 
@@ -42,12 +41,12 @@ class Clip:
 class ClipBatch:
     """Clips at one length: inner (N, L, W), outer (N, L, V), label (N,)."""
 
-    inner: Float32
-    outer: Float32
-    label: Ints
+    inner: Float32Array
+    outer: Float32Array
+    label: IntArray
 
     @property
-    def speed(self) -> Float32:
+    def speed(self) -> Float32Array:
         """The last feature of the outside stream, (N, L, 1)."""
         return self.outer[:, :, -1:]
 
@@ -97,13 +96,13 @@ def batch(clips: list[Clip], length: int, *keys: str | int) -> ClipBatch:
     )
 
 
-def frames(count: int, length: int, rng: np.random.Generator | None = None) -> Ints:
+def frames(count: int, length: int, rng: np.random.Generator | None = None) -> IntArray:
     """Which of `count` frames are taken, (length,), rising: the middle of each even part, or a random one with rng."""
     place = np.full(length, 0.5) if rng is None else rng.random(length)
     return np.floor((np.arange(length) + place) * (count / length)).astype(np.int64)
 
 
-def _stream(file: Path, name: str, values: npt.NDArray[Any]) -> Float32:
+def _stream(file: Path, name: str, values: npt.NDArray[Any]) -> Float32Array:
     if values.ndim != 2 or not values.size or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise InputError(f"{file}: {name} is no table of finite numbers, frames by features; mend the extraction")
     return values.astype(np.float32)

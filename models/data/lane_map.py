@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-Array = npt.NDArray[np.float64]
+from isacsim.arrays import Array
 
 SPACING_M = 2.0
 """Of the points that stand for a centre line; on a curve of 100 m radius it departs from them by 5 mm."""

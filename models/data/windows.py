@@ -16,6 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 from pydantic import Field, model_validator
 
+from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
@@ -25,9 +26,6 @@ from models.data.lane_map import LaneMap
 if TYPE_CHECKING:
     from labeling.dataset.dataset import Dataset
 
-Float32 = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 LaneMaps = Callable[[str], LaneMap]
 """The lanes of a scenario, by its name."""
 
@@ -89,8 +87,8 @@ class Records:
     lane_maps: the roads they drove on, for predictors that ask for them.
     """
 
-    tv: Float32
-    uv: Float32
+    tv: Float32Array
+    uv: Float32Array
     tv_rate_hz: float
     uv_rate_hz: float
     table: pd.DataFrame
@@ -113,13 +111,13 @@ class Records:
     def __len__(self) -> int:
         return len(self.table)
 
-    def take(self, rows: npt.NDArray[np.bool_] | Ints) -> Records:
+    def take(self, rows: npt.NDArray[np.bool_] | IntArray) -> Records:
         """The records at those rows (a mask or positions)."""
         table = self.table.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows].reset_index(drop=True)
         return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps)
 
     @property
-    def label(self) -> Ints:
+    def label(self) -> IntArray:
         """Intention numbers, (N,)."""
         return self.table["label"].to_numpy(dtype=np.int64)
 
@@ -133,13 +131,13 @@ class Records:
 class Ends:
     """Window ends, without the windows: row of the record, and UV sample at which the window ends, each (n,)."""
 
-    row: Ints
-    step: Ints
+    row: IntArray
+    step: IntArray
 
     def __len__(self) -> int:
         return len(self.row)
 
-    def __getitem__(self, part: slice | Ints) -> Ends:
+    def __getitem__(self, part: slice | IntArray) -> Ends:
         return Ends(self.row[part], self.step[part])
 
     def times(self, records: Records) -> Array:
@@ -168,8 +166,8 @@ class Windows:
     on_map: where the roads are known, for predictors that look at lanes.
     """
 
-    tv: Float32
-    uv: Float32
+    tv: Float32Array
+    uv: Float32Array
     on_map: OnMap | None = None
 
     def __len__(self) -> int:
@@ -194,7 +192,7 @@ def fitting(records: Records, settings: WindowSettings) -> tuple[int, int]:
     return first, last
 
 
-def end_bounds(records: Records, settings: WindowSettings) -> tuple[Ints, Ints]:
+def end_bounds(records: Records, settings: WindowSettings) -> tuple[IntArray, IntArray]:
     """First and last UV step at which a window of each record may end, both (N,); last < first where none fits.
 
     The settings' range, cut to the ends at which the window lies wholly inside the record.
@@ -312,7 +310,7 @@ def _turned(states: Array, origin: Array, cos: Array, sin: Array) -> Array:
     return np.stack([c * u + s * v, c * v - s * u], axis=2).reshape(states.shape)
 
 
-def _gather(states: Float32, row: Ints, last: Ints, n: int) -> Array:
+def _gather(states: Float32Array, row: IntArray, last: IntArray, n: int) -> Array:
     """The n samples of each record that end at `last`, (len(row), 6, n) float64."""
     index = last[:, None] + np.arange(1 - n, 1)
     taken = states[row[:, None, None], np.arange(states.shape[1])[None, :, None], index[:, None, :]]
@@ -353,7 +351,7 @@ def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
     return sides
 
 
-def _imbalance(side: Ints, counts: Array, wanted: Array) -> tuple[int, int, float]:
+def _imbalance(side: IntArray, counts: Array, wanted: Array) -> tuple[int, int, float]:
     """Known intentions missing from sides, all intentions missing, how far the sides' shares are from the wanted."""
     held = np.stack([counts[side == k].sum(axis=0) for k in range(3)])
     present = counts.sum(axis=0) > 0

@@ -14,10 +14,11 @@ from pydantic import Field
 from scipy.special import softmax
 from sklearn.metrics import roc_curve
 
+from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from isacsim.settings import Settings
 from labeling.intentions import Intention
-from models.data.windows import Array, Ends, Ints, Records, WindowSettings, draw_ends, end_bounds
+from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from models.evaluation import metrics, repeats, unknown
 from models.evaluation.predictions import Answers, answers, unseen
 from models.evaluation.repeats import Measured
@@ -196,7 +197,7 @@ def swept(run: Run, records: Records, settings: EvaluateSettings, score: open_se
     return {"by_window_end": rows}
 
 
-def calibration(logits: Array, label: Ints, temperature: float) -> dict[str, float]:
+def calibration(logits: Array, label: IntArray, temperature: float) -> dict[str, float]:
     """Expected calibration error of the known windows, with and without the temperature chosen in training."""
     plain, cooled = (calibration_error(softmax(logits / t, axis=1), label) for t in (1.0, temperature))
     return {"error": plain, "temperature": temperature, "error_with_temperature": cooled}

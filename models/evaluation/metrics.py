@@ -13,10 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.metrics import roc_auc_score
 
+from isacsim.arrays import Array, IntArray
 from isacsim.seeding import stream
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 LEAD_BIN_S = 0.2
 SNR_BIN_DB = 2.0
@@ -24,7 +22,7 @@ LEAST_IN_BIN = 5
 """A class with fewer true windows in a bin stays out of its macro-F1: one window would weigh as much as a class."""
 
 
-def confusion(label: Ints, predicted: Ints, n_classes: int) -> Ints:
+def confusion(label: IntArray, predicted: IntArray, n_classes: int) -> IntArray:
     """Counts (n_classes, n_classes), rows true, columns predicted."""
     flat = np.bincount(label * n_classes + predicted, minlength=n_classes**2)
     return flat.reshape(n_classes, n_classes).astype(np.int64)
@@ -44,7 +42,7 @@ def macro_f1(counts: npt.NDArray[Any], least: int = 1) -> Array:
     return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
 
 
-def summary(label: Ints, predicted: Ints, classes: tuple[str, ...]) -> dict[str, Any]:
+def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> dict[str, Any]:
     """`n`, `accuracy`, `macro_f1`, `per_class_f1` and `confusion` of answers (n,)."""
     counts = confusion(label, predicted, len(classes))
     return {
@@ -76,7 +74,7 @@ def maneuver_scores(counts: npt.NDArray[Any], background: int | None = None) -> 
     return {"precision": precision, "recall": recall, "f1": f1}
 
 
-def pair_confusion(logits: Array, label: Ints, classes: tuple[str, ...], pair: tuple[int, int]) -> dict[str, Any]:
+def pair_confusion(logits: Array, label: IntArray, classes: tuple[str, ...], pair: tuple[int, int]) -> dict[str, Any]:
     """How well two intentions are told from each other, where there are no others.
 
     Windows (n,) whose true intention is one of the pair, each answered by the likelier of the two. `confusion` (2, 2)
@@ -110,8 +108,8 @@ def by_bin(
     value: Array,
     width: float,
     unit: str,
-    label: Ints,
-    predicted: Ints,
+    label: IntArray,
+    predicted: IntArray,
     n_classes: int,
     more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
 ) -> list[dict[str, Any]]:
@@ -127,8 +125,8 @@ def by_bin(
 
 def by_lead_time(
     lead_s: Array,
-    label: Ints,
-    predicted: Ints,
+    label: IntArray,
+    predicted: IntArray,
     n_classes: int,
     more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
 ) -> list[dict[str, Any]]:
@@ -136,14 +134,19 @@ def by_lead_time(
     return by_bin(lead_s, LEAD_BIN_S, "s", label, predicted, n_classes, more)
 
 
-def by_snr(snr_db: Array, label: Ints, predicted: Ints, n_classes: int) -> list[dict[str, Any]]:
+def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, n_classes: int) -> list[dict[str, Any]]:
     """Scores against the records' mean per-element SNR, in steps of SNR_BIN_DB; records without one are left out."""
     has = np.isfinite(snr_db)
     return by_bin(snr_db[has], SNR_BIN_DB, "db", label[has], predicted[has], n_classes)
 
 
 def paired_difference(
-    label: Ints, first: Ints, second: Ints, groups: npt.NDArray[Any], classes: tuple[str, ...], draws: int = 2000
+    label: IntArray,
+    first: IntArray,
+    second: IntArray,
+    groups: npt.NDArray[Any],
+    classes: tuple[str, ...],
+    draws: int = 2000,
 ) -> dict[str, Any]:
     """Macro-F1 and per-class F1 of the first predictor minus the second's on the same windows, with 95 % intervals.
 
@@ -177,7 +180,7 @@ def spread(values: Sequence[float | None]) -> dict[str, Any]:
     }
 
 
-def _grouped(label: Ints, predicted: Ints, of_window: Ints, n_groups: int, n_classes: int) -> Array:
+def _grouped(label: IntArray, predicted: IntArray, of_window: IntArray, n_groups: int, n_classes: int) -> Array:
     """Confusion matrices (k, groups, G, G) of answers (k, n)."""
     counts = np.zeros((len(predicted), n_groups, n_classes, n_classes))
     for k, said in enumerate(predicted):

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from labeling.intentions import KNOWN, Intention
-from models.data.windows import Array, Ends, Ints, Records, batches
+from models.data.windows import Ends, Records, batches
 from models.run import Outputs, Run
 
 BATCH = 64
@@ -25,7 +26,7 @@ class Answers:
     """
 
     outputs: Outputs
-    label: Ints
+    label: IntArray
     group: npt.NDArray[np.object_]
     lead_s: Array
     snr_db: Array
@@ -47,7 +48,7 @@ class Answers:
         return np.asarray(self.label == (-1 if self.left_out is None else int(self.left_out)))
 
     @property
-    def predicted(self) -> Ints:
+    def predicted(self) -> IntArray:
         """The likeliest intention, (n,)."""
         return np.asarray(self.outputs.logits.argmax(axis=1), dtype=np.int64)
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from isacsim.arrays import Array
 from models.evaluation.predictions import Answers
 from models.run import Run
 from models.scores import open_set
-from models.scores.open_set import Array
 
 
 def entries(known: Array, unknown: Array) -> dict[str, float | None]:

@@ -14,8 +14,9 @@ from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
 from torch import Tensor, nn
 
+from isacsim.arrays import Array, Float32Array
 from isacsim.settings import Settings
-from models.data.windows import Array, Float32, Windows
+from models.data.windows import Windows
 from models.predictors.network import N_STATES, WindowNetwork, linear_head
 
 STATISTICS = (
@@ -71,12 +72,12 @@ class Aligned(WindowNetwork):
         return torch.as_tensor(self.lstm(torch.cat(both, dim=1).permute(2, 0, 1))[0].mean(dim=0))
 
 
-def statistics(windows: Windows) -> Float32:
+def statistics(windows: Windows) -> Float32Array:
     """STATISTICS of every component of the TV's, then of the UV's stream, (n, 120)."""
     return np.concatenate([_of_stream(windows.tv), _of_stream(windows.uv)], axis=1).astype(np.float32)
 
 
-def _of_stream(states: Float32) -> Array:
+def _of_stream(states: Float32Array) -> Array:
     """(n, 60) of (n, 6, T), component by component."""
     x = states.astype(np.float64)
     t = np.arange(x.shape[2]) - (x.shape[2] - 1) / 2
@@ -87,7 +88,7 @@ def _of_stream(states: Float32) -> Array:
 
 
 def fit_trees(
-    features: Float32, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int
+    features: Float32Array, label: npt.NDArray[np.int64], settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Trees on statistics (n, 120), classes weighted by inverse frequency."""
     trees = HistGradientBoostingClassifier(

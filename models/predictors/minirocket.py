@@ -17,9 +17,10 @@ import numpy.typing as npt
 from pydantic import Field
 from sklearn.linear_model import RidgeClassifierCV
 
+from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.settings import Settings
-from models.data.windows import Array, Float32, Ints, Windows
+from models.data.windows import Windows
 from models.predictors.network import N_STATES
 
 KERNELS = 84
@@ -55,7 +56,7 @@ class Rocket:
     scale: Array
     weight: Array
     offset: Array
-    classes: Ints
+    classes: IntArray
 
     def decide(self, windows: Windows) -> Array:
         """The ridge's values, (n, G): 1 is what it was taught for a class, -1 for the others."""
@@ -63,7 +64,7 @@ class Rocket:
         return ((features - self.centre) / self.scale) @ self.weight + self.offset
 
 
-def fit_rocket(windows: Windows, label: Ints, settings: MinirocketSettings, seed: int) -> Rocket:
+def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, seed: int) -> Rocket:
     """Train on windows with labels (n,), classes weighted by inverse frequency. InputError where aeon is missing."""
     kind = rocket_kind()
     streams = (windows.tv, windows.uv)
@@ -81,7 +82,7 @@ def fit_rocket(windows: Windows, label: Ints, settings: MinirocketSettings, seed
     return Rocket((rockets[0], rockets[1]), mean, sd, centre, scale, weight, offset, ridge.classes_)
 
 
-def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32, Float32]:
+def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32Array, Float32Array]:
     """Both streams by the channels' means and standard deviations, (2, 6)."""
     tv, uv = (
         ((x - m[:, None]) / s[:, None]).astype(np.float32)
@@ -90,7 +91,7 @@ def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32, Flo
     return tv, uv
 
 
-def transformed(rockets: tuple[Any, ...], streams: tuple[Float32, Float32]) -> Float32:
+def transformed(rockets: tuple[Any, ...], streams: tuple[Float32Array, Float32Array]) -> Float32Array:
     """Features (n, F) of standardised streams (n, 6, T) and (n, 6, U)."""
     return np.concatenate([each.transform(x) for each, x in zip(rockets, streams, strict=True)], axis=1)
 

@@ -13,8 +13,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from sklearn.ensemble import HistGradientBoostingClassifier
 
+from isacsim.arrays import Float32Array
 from isacsim.settings import Settings
-from models.data.windows import Float32, Records, WindowSettings, end_bounds
+from models.data.windows import Records, WindowSettings, end_bounds
 
 
 class PreludeSettings(Settings):
@@ -51,7 +52,7 @@ def holds_preludes(records: Records, windows: WindowSettings, settings: PreludeS
 
 
 def fit_preludes(
-    maneuvers: Float32, preludes: Float32, settings: PreludeSettings, seed: int
+    maneuvers: Float32Array, preludes: Float32Array, settings: PreludeSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Trees that tell features of training windows (n, F), class 1, from those of preludes (m, F), class 0."""
     trees = HistGradientBoostingClassifier(

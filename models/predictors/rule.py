@@ -16,11 +16,12 @@ from pydantic import Field
 from scipy.signal import savgol_filter
 from sklearn.metrics import f1_score
 
+from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
 from models.data.lane_map import InLane
-from models.data.windows import Array, Ints, OnMap, Windows
+from models.data.windows import OnMap, Windows
 
 LOOK_S = 0.2
 """Between the instants at which the lane's direction is looked up, about."""
@@ -135,7 +136,7 @@ def logits(seen: Drive, settings: RuleSettings) -> Array:
     return np.log(np.maximum(strengths(seen, settings), LEAST_STRENGTH))
 
 
-def fitted(seen: Drive, label: Ints, settings: RuleSettings) -> RuleSettings:
+def fitted(seen: Drive, label: IntArray, settings: RuleSettings) -> RuleSettings:
     """The settings with every threshold scaled, one after the other and twice over, to the best macro-F1."""
     for name in FITTED * 2:
         tried = [settings.model_copy(update={name: float(getattr(settings, name) * step)}) for step in STEPS]
@@ -144,7 +145,7 @@ def fitted(seen: Drive, label: Ints, settings: RuleSettings) -> RuleSettings:
     return settings
 
 
-def _macro_f1(seen: Drive, label: Ints, settings: RuleSettings) -> float:
+def _macro_f1(seen: Drive, label: IntArray, settings: RuleSettings) -> float:
     return float(f1_score(label, logits(seen, settings).argmax(axis=1), average="macro"))
 
 
@@ -154,7 +155,7 @@ def _crossing(distance: Array, speed: Array, threshold_s: float) -> Array:
     return np.where(distance <= 0, 1.0, np.minimum(on_the_way, 1.0))
 
 
-def _headings(seen: OnMap, smooth: Array, look: Ints) -> Array:
+def _headings(seen: OnMap, smooth: Array, look: IntArray) -> Array:
     """The lane's direction at every sample of the TV, unit vectors (n, 2, T), looked up at the samples `look`."""
     n, count = len(seen.tv), len(look)
     flat = np.moveaxis(smooth[:, :, look], 1, 2).reshape(n * count, 4)

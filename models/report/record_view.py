@@ -12,9 +12,8 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
+from isacsim.arrays import Array
 from models.report.figures import BLUE, CYCLE, GREEN, GREY, ORANGE, RED, despine, figure, spoken
-
-Array = npt.NDArray[Any]
 
 ROAD, MARKING, GROUND = "#d1d5db", "white", "#f8fafc"
 COMPONENTS = (

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+from isacsim.arrays import Array, IntArray
 
 BINS = 15
 RANGE = (0.05, 20.0)
 
 
-def fit_temperature(logits: Array, label: Ints) -> float:
+def fit_temperature(logits: Array, label: IntArray) -> float:
     """The temperature, within RANGE, that makes labels (n,) likeliest under logits (n, G) divided by it; 1 without any.
 
     Source: Guo et al. 2017, Section 4.2.
@@ -29,7 +27,7 @@ def fit_temperature(logits: Array, label: Ints) -> float:
     return float(np.exp(found.x))
 
 
-def calibration_error(probabilities: Array, label: Ints) -> float:
+def calibration_error(probabilities: Array, label: IntArray) -> float:
     """Expected calibration error: mean gap between confidence and accuracy over BINS equal bins of confidence.
 
     probabilities: (n, G); label: (n,). Source: Guo et al. 2017, Eq. (3).

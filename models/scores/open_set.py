@@ -15,10 +15,9 @@ from sklearn.covariance import LedoitWolf
 from sklearn.metrics import roc_auc_score
 from sklearn.neighbors import NearestNeighbors
 
+from isacsim.arrays import Array, IntArray
 from models.run import Outputs, Run
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
@@ -27,7 +26,7 @@ PLAIN = "msp"
 """Always reported, and used where there is nothing to choose on."""
 
 
-def scores(reference: tuple[npt.NDArray[np.float32], Ints], preludes: Any | None = None) -> dict[str, Score]:
+def scores(reference: tuple[npt.NDArray[np.float32], IntArray], preludes: Any | None = None) -> dict[str, Score]:
     """All SCORES; reference: features (n, F) and labels (n,) of training windows, for knn and mahalanobis.
 
     preludes: trees of `models.predictors.reject_option`; without them there is no score of that name.
@@ -94,7 +93,7 @@ def _neighbours(features: Array) -> Score:
     return lambda out: np.asarray(-index.kneighbors((out.features - mean) / sd)[0][:, -1])
 
 
-def _mahalanobis(features: Array, label: Ints) -> Score:
+def _mahalanobis(features: Array, label: IntArray) -> Score:
     """Minus the least squared distance to a class mean, by the shrunk covariance within classes."""
     sd = features.std(axis=0) + 1e-9
     scaled = features / sd

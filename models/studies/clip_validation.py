@@ -19,10 +19,11 @@ from pydantic import Field
 from sklearn.model_selection import StratifiedKFold
 from torch import Tensor
 
+from isacsim.arrays import IntArray
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from models.data.clips import Clip, ClipBatch, Ints, batch, load_clips
+from models.data.clips import Clip, ClipBatch, batch, load_clips
 from models.evaluation import metrics
 from models.predictors.castformer import CastformerCore, CastformerSettings, castformer_loss
 
@@ -66,7 +67,7 @@ def cross_validate(clips: list[Clip], settings: ClipSettings) -> dict[str, Any]:
     }
 
 
-def folds(label: Ints, settings: ClipSettings) -> list[tuple[Ints, Ints]]:
+def folds(label: IntArray, settings: ClipSettings) -> list[tuple[IntArray, IntArray]]:
     """Rows of the clips trained on and held out, of each fold; label: (n,)."""
     if np.bincount(label).max() < settings.folds:
         raise InputError(f"{len(label)} clips are too few for {settings.folds} folds: fewer folds, or more clips")
@@ -74,7 +75,7 @@ def folds(label: Ints, settings: ClipSettings) -> list[tuple[Ints, Ints]]:
     return list(parts.split(np.zeros(len(label)), label))
 
 
-def predict_fold(training: list[Clip], held_out: list[Clip], settings: ClipSettings, fold: int) -> Ints:
+def predict_fold(training: list[Clip], held_out: list[Clip], settings: ClipSettings, fold: int) -> IntArray:
     """Classes that a network trained on some clips gives to others, (n,); fold: names its random draws."""
     training, held_out = standardised(training, training), standardised(training, held_out)
     with torch.random.fork_rng():

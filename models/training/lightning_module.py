@@ -16,9 +16,10 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
+from isacsim.arrays import IntArray
 from isacsim.seeding import stream
 from models.data.augment import augmented
-from models.data.windows import Ends, Ints, Records, Windows, batches, cut, draw_ends
+from models.data.windows import Ends, Records, Windows, batches, cut, draw_ends
 from models.predictors.losses import exposure_loss
 from models.predictors.network import WindowNetwork
 from models.predictors.reject_option import prelude_windows
@@ -29,9 +30,9 @@ SCALE_WINDOWS = 2000
 OUTLIER = -1
 """The label of a window that is no intention."""
 Batch = tuple[Tensor, Tensor, Tensor]
-Vary = Callable[[int, Windows, Ints], tuple[Windows, Ints]]
+Vary = Callable[[int, Windows, IntArray], tuple[Windows, IntArray]]
 """The k-th batch of an epoch and its labels to what is shown instead."""
-Labelled = tuple[Ends, Ints]
+Labelled = tuple[Ends, IntArray]
 
 
 def torch_seed(*keys: str | int) -> int:
@@ -100,7 +101,7 @@ class WindowData(lightning.LightningDataModule):
     ) -> DataLoader[Batch]:
         return DataLoader(WindowBatches(records, windows, n, self.settings, vary), batch_size=None)
 
-    def _varied(self, k: int, windows: Windows, label: Ints) -> tuple[Windows, Ints]:
+    def _varied(self, k: int, windows: Windows, label: IntArray) -> tuple[Windows, IntArray]:
         """The k-th batch of the epoch, augmented."""
         rng = stream("augment", self.settings.seed, self._epoch(), k)
         return augmented(windows, label, self.settings.augment, rng)

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isacsim.traffic.recording import Array, Command, Lane, Recording, Track
+from isacsim.arrays import Array
+from isacsim.traffic.recording import Command, Lane, Recording, Track
 
 WIDTH_M = 3.2
 STEP_S = 0.01

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from isacsim.arrays import Array
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.motion import MotionSettings, states
-from isacsim.traffic.recording import Array, Recording, Track
+from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.simulation import TrafficSettings, record
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})

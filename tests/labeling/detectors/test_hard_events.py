@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.traffic.recording import Array
+from isacsim.arrays import Array
 from labeling.detectors.hard_accel import HardAccel, HardAccelSettings
 from labeling.detectors.hard_brake import HardBrake, HardBrakeSettings
 from labeling.intentions import Event, Intention

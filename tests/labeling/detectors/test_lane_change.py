@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.traffic.recording import Array, Recording
+from isacsim.arrays import Array
+from isacsim.traffic.recording import Recording
 from labeling.detectors.lane_change import LaneChange, LaneChangeSettings
 from labeling.intentions import Event, Intention
 from labeling.road.lane_graph import LaneGraph
