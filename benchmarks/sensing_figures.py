@@ -11,11 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
+from isacsim.panels import Panels
 from isacsim.radio.bounds import cell_bound, fix_bound, measured_bound
 from isacsim.radio.estimation import Estimator, observe
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import FusionSettings, Panels, fuse
+from isacsim.tracking.fusion import FusionSettings, fuse
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()

@@ -19,12 +19,13 @@ from pydantic import Field
 
 from isacsim.arrays import Array, BoolArray
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers, hides
 from isacsim.radio.channel import rain_db_per_km
 from isacsim.seeding import stream
 from isacsim.sensing import SensedRecord, before, filled, prelude_snapshots
 from isacsim.settings import Settings
-from isacsim.tracking.fusion import Fixes, Panels, checked
+from isacsim.tracking.fusion import Fixes, checked
 from isacsim.tracking.kalman import TrackingSettings, track
 
 

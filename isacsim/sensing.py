@@ -16,6 +16,7 @@ from pydantic import Field
 
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers
 from isacsim.radio.channel import ChannelSettings, snr_db
 from isacsim.radio.estimation import Estimator, estimate_deviation, observe
@@ -23,7 +24,7 @@ from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, fuse
+from isacsim.tracking.fusion import Fixes, FusionSettings, fuse
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 from isacsim.tracking.kalman import TrackingSettings, track
 

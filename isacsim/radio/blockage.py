@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from isacsim.arrays import Array, BoolArray, IntArray
+from isacsim.panels import Panels
 from isacsim.seeding import stream
-from isacsim.tracking.fusion import Panels
 from isacsim.traffic.recording import Recording, Track
 
 CAR_HEIGHT_M = 1.6

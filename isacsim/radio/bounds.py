@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from isacsim.arrays import Array
+from isacsim.panels import Panels
 from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
-from isacsim.tracking.fusion import Panels, information_of
+from isacsim.tracking.fusion import information_of
 
 
 def cell_bound(snr: Array, waveform: Waveform) -> Array:

@@ -14,11 +14,11 @@ from pydantic import Field, model_validator
 
 from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers, blockage_db
 from isacsim.radio.waveform import Waveform
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.tracking.fusion import Panels
 
 _THERMAL_DBM_PER_HZ = -173.98
 

@@ -1,26 +1,18 @@
 """Position and velocity of one vehicle from several sites that measured it at the same instant.
 
-A site measures the sine of the angle between the line of sight and its broadside (a linear array on a mast sees the
-cone about its axis, not the bearing), the slant range, and the radial velocity. With the target's height known, all
-three are functions of its position and velocity on the ground:
-
-    d = p - p_site,  R = sqrt(|d|^2 + h^2),  sine = e.d / R,  v_r = d.v / R
-
-where h is the difference of heights and e the horizontal unit vector along the array, to the right of its azimuth.
+What a site measures of a vehicle is in `isacsim.panels`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from isacsim.arrays import Array, BoolArray
-from isacsim.scenarios.scenario import Site
+from isacsim.panels import Panels
 from isacsim.settings import Settings
 
 
@@ -41,58 +33,6 @@ class FusionSettings(Settings):
         description="Standard deviation of a vehicle's velocity along either axis, so that lines of sight that are "
         "parallel leave a fix with a wide, finite covariance.",
     )
-
-
-@dataclass(frozen=True)
-class Panels:
-    """Geometry of the sites of each echo. Arrays (S, I), or (I,), of m and unit vectors.
-
-    height_m: of the panel above the target's reflecting point, which is target_height_m above the road.
-    right: along the array, (..., 2). front: where the panel faces, (..., 2).
-    """
-
-    x: Array
-    y: Array
-    height_m: Array
-    right: Array
-    front: Array
-    target_height_m: float
-
-    @staticmethod
-    def of(sites: Sequence[Site], target_height_m: float) -> Panels:
-        """Panels of the given sites, arrays (I,)."""
-        azimuth = np.radians([site.azimuth_deg for site in sites])
-        return Panels(
-            np.array([site.x for site in sites], dtype=np.float64),
-            np.array([site.y for site in sites], dtype=np.float64),
-            np.array([site.height_m for site in sites], dtype=np.float64) - target_height_m,
-            np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=-1),
-            np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1),
-            target_height_m,
-        )
-
-    def take(self, index: npt.NDArray[np.int64]) -> Panels:
-        """The panels of each echo, by number of the site."""
-        x, y, height = self.x[index], self.y[index], self.height_m[index]
-        return Panels(x, y, height, self.right[index], self.front[index], self.target_height_m)
-
-    def reordered(self, order: npt.NDArray[np.int64]) -> Panels:
-        """Panels (S, I) of each instant in another order (S, I)."""
-        x, y, height = (np.take_along_axis(a, order, axis=1) for a in (self.x, self.y, self.height_m))
-        right, front = (np.take_along_axis(a, order[..., None], axis=1) for a in (self.right, self.front))
-        return Panels(x, y, height, right, front, self.target_height_m)
-
-    def measured(self, state: Array) -> Array:
-        """Sine, slant range (m) and radial velocity (m/s) of a vehicle, (S, I, 3). state: x, y, vx, vy, (S, 4)."""
-        dx, dy, distance = self.sight(state[:, 0, None], state[:, 1, None])
-        sine = (self.right[..., 0] * dx + self.right[..., 1] * dy) / distance
-        radial = (dx * state[:, 2, None] + dy * state[:, 3, None]) / distance
-        return np.stack([sine, distance, radial], axis=-1)
-
-    def sight(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Horizontal offsets from panel to vehicle and the slant range, m."""
-        dx, dy = x - self.x, y - self.y
-        return dx, dy, np.sqrt(dx**2 + dy**2 + self.height_m**2)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from isacsim.arrays import Array, BoolArray
-from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, checked, single_site
+from isacsim.panels import Panels
+from isacsim.tracking.fusion import Fixes, FusionSettings, checked, single_site
 
 
 def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
 from isacsim.radio.bounds import fix_bound
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, assign, before, fix, sense
-from isacsim.tracking.fusion import FusionSettings, Panels
+from isacsim.tracking.fusion import FusionSettings
 from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
 SITES = road_sites()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from isacsim.panels import Panels
 from isacsim.radio.bounds import angle_bound, cell_bound, delay_bound, doppler_bound, fix_bound, measured_bound
 from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Panels
 
 WAVEFORM = Waveform()
 

@@ -5,11 +5,11 @@ import pytest
 from pydantic import ValidationError
 
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
 from isacsim.radio.channel import ChannelSettings, LinkBudget, link_snr_db, rain_db_per_km, snr_db
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Panels
 from isacsim.traffic.recording import Lane, Recording, Track
 
 WAVEFORM = Waveform()

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from isacsim.errors import InputError
+from isacsim.panels import Panels
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.making import add_sites, import_map
 from isacsim.scenarios.scenario import load
 from isacsim.scenarios.site_placement import PlacementSettings, place
 from isacsim.scenarios.sumo_files import parse, without_outputs
 from isacsim.sensing import LEAST_SITES, ViewSettings, assign
-from isacsim.tracking.fusion import Panels
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle

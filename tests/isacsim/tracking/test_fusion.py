@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from isacsim.panels import Panels
 from isacsim.radio.bounds import fix_bound, measured_bound
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Fixes, FusionSettings, Panels, fuse, single_site
+from isacsim.tracking.fusion import Fixes, FusionSettings, fuse, single_site
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
