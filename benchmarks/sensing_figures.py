@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
 from isacsim.panels import Panels
-from isacsim.radio.bounds import cell_bound, fix_bound, measured_bound
+from isacsim.radio.bounds import cell_bound, measured_bound
 from isacsim.radio.estimation import Estimator, observe
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import FusionSettings, fuse
+from isacsim.tracking.fusion import FusionSettings, fuse, position_bound
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
@@ -60,7 +60,7 @@ def position_errors(name: str, sites: int, snr_db: float, count: int = 4000) -> 
     method, settings = FUSIONS[name]
     used = np.ones((count, sites), dtype=bool)
     fixes = (fuse if method == "information" else fuse_eq5)(measured, deviation, used, panels, settings)
-    bound = fix_bound(state, snr, panels, WAVEFORM)
+    bound = position_bound(state, measured_bound(snr, WAVEFORM), panels)
     return np.hypot(*(fixes.state - state)[:, :2].T), np.sqrt(bound[:, 0, 0] + bound[:, 1, 1])
 
 

@@ -1,6 +1,6 @@
-"""Cramer-Rao bounds: of one echo, and of position and velocity from several sites.
+"""Cramer-Rao bounds of one echo; those of a position are in `isacsim.tracking.fusion`.
 
-One echo: a single target of unknown complex amplitude in white noise, rho = |b|^2 / sigma^2 the per-element SNR and N
+A single target of unknown complex amplitude in white noise, rho = |b|^2 / sigma^2 the per-element SNR and N
 the number of elements. Source: Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974), for the model of Eq. (1) of ASI-BIP.
 """
 
@@ -9,9 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from isacsim.arrays import Array
-from isacsim.panels import Panels
 from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
-from isacsim.tracking.fusion import information_of
 
 
 def cell_bound(snr: Array, waveform: Waveform) -> Array:
@@ -42,11 +40,3 @@ def delay_bound(snr: Array, waveform: Waveform) -> Array:
 def doppler_bound(snr: Array, waveform: Waveform) -> Array:
     """Bound of the Doppler shift: standard deviation in Hz, shape (...)."""
     return np.asarray(measured_bound(snr, waveform)[..., 2] * 2 / waveform.wavelength_m)
-
-
-def fix_bound(state: Array, snr: Array, panels: Panels, waveform: Waveform) -> Array:
-    """Bound of x, y (m), vx, vy (m/s) estimated together from all sites' echoes of one instant.
-
-    state: true x, y, vx, vy, (S, 4). snr: per-element SNR of each echo, linear, (S, I). Returns covariances, (S, 4, 4).
-    """
-    return np.asarray(np.linalg.inv(information_of(state, measured_bound(snr, waveform), panels)))

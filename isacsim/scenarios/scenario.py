@@ -12,6 +12,7 @@ import numpy as np
 import sumolib.net
 
 from isacsim.errors import InputError
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
     NETWORK_ENDINGS,
@@ -23,7 +24,6 @@ from isacsim.scenarios.sumo_files import (
     refuse_document_type,
     refuse_outputs,
 )
-from isacsim.traffic.recording import Lane
 
 SITE_TYPE = "isac_site"
 PLANE_REACH_M = 10_000.0

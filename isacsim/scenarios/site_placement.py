@@ -9,9 +9,9 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from isacsim.arrays import Array
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import SITE_TYPE, Site
 from isacsim.settings import Settings
-from isacsim.traffic.recording import Lane
 
 STATION_STEP_M = 5.0
 

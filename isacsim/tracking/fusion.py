@@ -80,6 +80,15 @@ def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
     return np.asarray((rows * deviation.reshape(len(state), -1, 1) ** -2.0).transpose(0, 2, 1) @ rows)
 
 
+def position_bound(state: Array, deviation: Array, panels: Panels) -> Array:
+    """Cramer-Rao bound of x, y (m), vx, vy (m/s) estimated together from all sites' echoes of one instant.
+
+    state: true x, y, vx, vy, (S, 4). deviation: bounds of each echo's sine, range and radial velocity, (S, I, 3), as
+    `isacsim.radio.bounds.measured_bound` gives them. Returns covariances, (S, 4, 4).
+    """
+    return np.asarray(np.linalg.inv(information_of(state, deviation, panels)))
+
+
 def single_site(measured: Array, panels: Panels) -> tuple[Array, Array]:
     """The position that one site's sine and slant range give, height taken into account: x, y, m, shape (S, I).
 

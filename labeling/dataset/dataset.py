@@ -25,9 +25,9 @@ from pydantic import Field, model_validator
 
 from isacsim.arrays import Float32Array
 from isacsim.errors import InputError, writing
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
 from isacsim.settings import Settings, read_json
-from isacsim.traffic.recording import Lane
 from labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,

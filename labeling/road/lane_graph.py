@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from isacsim.traffic.recording import Lane
+from isacsim.scenarios.lane import Lane
 
 MAX_SKIPPED = 6
 """Lanes that a vehicle may pass within one step: junction lanes can be centimetres long."""

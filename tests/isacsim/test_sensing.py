@@ -9,11 +9,11 @@ from scipy import stats
 from isacsim.errors import InputError
 from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
-from isacsim.radio.bounds import fix_bound
+from isacsim.radio.bounds import measured_bound
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, assign, before, fix, sense
-from isacsim.tracking.fusion import FusionSettings
+from isacsim.tracking.fusion import FusionSettings, position_bound
 from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
 SITES = road_sites()
@@ -80,7 +80,8 @@ def test_fixes_are_on_the_bound_and_their_covariances_honest(snr_db: float) -> N
         values.append(np.einsum("na,nab,nb->n", error, np.linalg.inv(fixes.covariance), error))
         panels = Panels.of(SITES, level.target_height_m)
         sites = assign(motion[:2].T, RATE_HZ, panels, level.view)
-        bound = fix_bound(motion[:4].T, np.full(sites.shape, 10 ** (snr_db / 10)), panels.take(sites), level.waveform)
+        deviation = measured_bound(np.full(sites.shape, 10 ** (snr_db / 10)), level.waveform)
+        bound = position_bound(motion[:4].T, deviation, panels.take(sites))
         ratios.append(error**2 / np.diagonal(bound, axis1=1, axis2=2))
     low, high = stats.chi2.ppf([0.005, 0.995], 4 * 6000) / 6000
     assert low < np.mean(values) < high

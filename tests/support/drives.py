@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from isacsim.arrays import Array
-from isacsim.traffic.recording import Command, Lane, Recording, Track
+from isacsim.scenarios.lane import Lane
+from isacsim.traffic.recording import Command, Recording, Track
 
 WIDTH_M = 3.2
 STEP_S = 0.01

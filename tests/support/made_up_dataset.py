@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.traffic.recording import Lane
+from isacsim.scenarios.lane import Lane
 from labeling.dataset.dataset import (
     Dataset,
     Episode,

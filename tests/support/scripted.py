@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from isacsim.errors import InputError
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Scenario, Site
 from isacsim.seeding import stream
-from isacsim.traffic.recording import Incidents, Lane, Recording, Track
+from isacsim.traffic.recording import Incidents, Recording, Track
 from labeling.generation.engine import Item, Outcome, Result, describe
 from labeling.generation.settings import DatasetStudy, checked
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from isacsim.panels import Panels
-from isacsim.radio.bounds import angle_bound, cell_bound, delay_bound, doppler_bound, fix_bound, measured_bound
+from isacsim.radio.bounds import angle_bound, cell_bound, delay_bound, doppler_bound, measured_bound
 from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
 from isacsim.scenarios.scenario import Site
+from isacsim.tracking.fusion import position_bound
 
 WAVEFORM = Waveform()
 
@@ -68,5 +69,5 @@ def test_a_fix_of_two_masts() -> None:
     amplitudes = np.sqrt(snr[0])[:, None] * [0.6, -0.8]
     information = fisher(echoes, np.concatenate([state, amplitudes.ravel()]), np.full(8, 1e-4))
     expected = np.linalg.inv(information)[:4, :4]
-    ours = fix_bound(state[None], snr, Panels.of(sites, 0.8).take(np.array([[0, 1]])), WAVEFORM)[0]
+    ours = position_bound(state[None], measured_bound(snr, WAVEFORM), Panels.of(sites, 0.8).take(np.array([[0, 1]])))[0]
     assert ours == pytest.approx(expected, rel=1e-4, abs=1e-9)

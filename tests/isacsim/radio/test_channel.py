@@ -9,8 +9,9 @@ from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
 from isacsim.radio.channel import ChannelSettings, LinkBudget, link_snr_db, rain_db_per_km, snr_db
 from isacsim.radio.waveform import Waveform
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
-from isacsim.traffic.recording import Lane, Recording, Track
+from isacsim.traffic.recording import Recording, Track
 
 WAVEFORM = Waveform()
 SITES = [Site("a", 0.0, 0.0, 25.0, 90.0), Site("b", 300.0, 0.0, 25.0, 270.0)]

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from isacsim.panels import Panels
-from isacsim.radio.bounds import fix_bound, measured_bound
+from isacsim.radio.bounds import measured_bound
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Fixes, FusionSettings, fuse, single_site
+from isacsim.tracking.fusion import Fixes, FusionSettings, fuse, position_bound, single_site
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
@@ -43,7 +43,7 @@ def test_information_fusion_is_on_the_bound_and_says_how_well(sites: int, snr_db
     count = 4000
     state, measured, deviation, panels = drawn(count, sites, snr_db, 1)
     fixes = fuse(measured, deviation, np.ones((count, sites), dtype=bool), panels, FusionSettings())
-    bound = fix_bound(state, np.full((count, sites), 10 ** (snr_db / 10)), panels, WAVEFORM)
+    bound = position_bound(state, measured_bound(np.full((count, sites), 10 ** (snr_db / 10)), WAVEFORM), panels)
     for part in (slice(0, 2), slice(2, 4)):
         error = np.sum((fixes.state - state)[:, part] ** 2, axis=1)
         least = np.trace(bound[:, part, part], axis1=1, axis2=2)

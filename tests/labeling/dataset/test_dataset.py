@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from isacsim.errors import InputError
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
-from isacsim.traffic.recording import Lane
 from labeling.dataset.dataset import (
     Dataset,
     Episode,

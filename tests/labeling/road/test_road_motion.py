@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from isacsim.scenarios.lane import Lane
 from isacsim.traffic.motion import condition
-from isacsim.traffic.recording import Lane, Recording, Track
+from isacsim.traffic.recording import Recording, Track
 from labeling.road.lane_graph import LaneGraph
 from labeling.road.road_motion import RoadMotion, road_motion, slope
 from tests.support.drives import STEP_S, WIDTH_M, Drive, Road, Stretch, record, sweep, total

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.traffic.recording import Lane, Recording, Track
+from isacsim.scenarios.lane import Lane
+from isacsim.traffic.recording import Recording, Track
 from labeling.road.surroundings import Surroundings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep
 

@@ -13,8 +13,8 @@ from rich.console import Console
 from sklearn.metrics import f1_score, roc_auc_score
 
 from isacsim.errors import InputError
+from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
-from isacsim.traffic.recording import Lane
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, draw_ends
 from models.evaluation.evaluation import EvaluateSettings, SweepSettings, evaluate_records
