@@ -10,7 +10,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -35,26 +35,15 @@ from command_line.options import (
 from command_line.output import (
     console_of,
     failures,
-    note_of,
+    feedback_of,
     print_json,
     show_dataset,
     show_estimate,
     show_metrics,
     show_scenario,
     show_sweep,
-    tell_of,
 )
 from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from labeling.dataset.dataset import Dataset
-    from labeling.generation.engine import Engine
-    from labeling.generation.log import Note
-    from labeling.generation.resense import ResenseSettings
-    from labeling.generation.settings import DatasetStudy
-    from models.studies.study import Study
 
 app = typer.Typer(
     add_completion=False,
@@ -85,10 +74,12 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """The main job: generate, train, evaluate, report; or all of it for every cell of a sweep."""
+    from labeling.dataset.dataset import Dataset
     from labeling.generation.generate import describe, read_scenarios
     from models.report import report
     from models.studies.single import run_study
     from models.studies.study import read_study
+    from models.studies.sweep import run_sweep
 
     began = time.monotonic()
     console, content = console_of(quiet), read_study(study)
@@ -98,19 +89,17 @@ def run(
     if dry_run:
         print_json(as_json, show_estimate(content, jobs or cores(), console))
         return
-    folder, note = out or Path("results") / content.name, note_of(console, verbose)
+    folder, feedback = out or Path("results") / content.name, feedback_of(console, verbose)
     engine = engine_of(jobs, cluster)
     if content.sweep is not None:
-        found = _sweep(content, folder, engine, jobs or cores(), console, note)
+        found = show_sweep(run_sweep(content, folder, engine, feedback), folder, console)
         print_json(as_json, {**found, "seconds": round(time.monotonic() - began, 1)})
         if found["failed"]:
             raise RunError(failures(found))
         return
 
-    def make(where: Path) -> Dataset:
-        return _generate(content.dataset, where, engine, console, note)[0]
-
-    found = run_study(content, folder, make, console)
+    found = run_study(content, folder, engine, feedback)
+    show_dataset(Dataset.open(folder / "dataset"), console)
     show_metrics(found, console)
     console.print(f"figures and report: {folder / 'report' / report.PAGE}", soft_wrap=True)
     result = {
@@ -144,11 +133,11 @@ def generate(
 ) -> None:
     """A labelled dataset; resumes where it stopped."""
     from command_line.arguments import dataset_study
+    from labeling.generation.generate import generate as generate_dataset
 
     study, console = dataset_study(scenarios, windows, seeds, snr), console_of(quiet)
-    note = note_of(console, verbose)
-    _, found = _generate(study, out, engine_of(jobs, cluster), console, note)
-    print_json(as_json, found)
+    dataset = generate_dataset(study, out, engine_of(jobs, cluster), feedback_of(console, verbose))
+    print_json(as_json, show_dataset(dataset, console))
 
 
 @app.command()
@@ -176,13 +165,14 @@ def sense(
     from command_line.arguments import resense_settings
     from labeling.dataset.dataset import Dataset
     from labeling.generation.engine import LocalEngine
+    from labeling.generation.resense import resense
 
     console, opened = console_of(quiet), Dataset.open(dataset)
-    note = note_of(console, verbose)
+    feedback = feedback_of(console, verbose)
     settings = resense_settings(
         opened, sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records
     )
-    made = _sense(opened, settings, out, LocalEngine(jobs or cores()), console, note)
+    made = resense(opened, settings, out, LocalEngine(jobs or cores()), feedback)
     print_json(as_json, show_dataset(made, console))
 
 
@@ -228,7 +218,7 @@ def train(
     said = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, said, "arguments")
     console = console_of(quiet)
-    made = train_predictor(Dataset.open(dataset), out, settings, console)
+    made = train_predictor(Dataset.open(dataset), out, settings, feedback_of(console))
     card = made.card
     if card.validation_macro_f1 is not None:
         best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
@@ -351,49 +341,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return _complain(KEPT, code) if code == INTERRUPTED else code
 
 
-def _sense(
-    dataset: Dataset, settings: ResenseSettings, out: Path, engine: Engine, console: Console, note: Note | None
-) -> Dataset:
-    """Sense a dataset anew under a bar."""
-    from command_line.progress import bar
-    from labeling.generation.resense import resense
-
-    with bar(console, "sensing", "records") as progress:
-        return resense(dataset, settings, out, engine, progress, note)
-
-
-def _sweep(
-    study: Study, folder: Path, engine: Engine, workers: int, console: Console, note: Note | None
-) -> dict[str, Any]:
-    """Run all cells of a study and show their table. Returns what `--json` gives."""
-    from models.studies.sweep import run_sweep
-
-    def generate(dataset: DatasetStudy, where: Path) -> Dataset:
-        return _generate(dataset, where, engine, console, note)[0]
-
-    def sense(dataset: Dataset, settings: ResenseSettings, where: Path) -> Dataset:
-        return _sense(dataset, settings, where, engine, console, note)
-
-    return show_sweep(run_sweep(study, folder, generate, sense, console, workers), folder, console)
-
-
 def _complain(message: str, code: int) -> int:
     """Say what is wrong in one line, without what a terminal would obey, and not endlessly. Returns the code."""
     line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(message.split()))
     print(f"cosim: {line if len(line) <= LONGEST else line[:LONGEST] + '...'}", file=sys.stderr)
     return code
-
-
-def _generate(
-    study: DatasetStudy, out: Path, engine: Engine, console: Console, note: Note | None
-) -> tuple[Dataset, dict[str, Any]]:
-    """A study's dataset, made behind a bar and shown, and its summary."""
-    from command_line.progress import bar
-    from labeling.generation.generate import generate as generate_dataset
-
-    with bar(console, "generating", study.unit) as progress:
-        made = generate_dataset(study, out, engine, progress, tell=tell_of(console), note=note)
-    return made, show_dataset(made, console)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ import psutil
 from distributed import Client
 
 from benchmarks.scaling import MIB, apart, peak_memory
+from isacsim.feedback import Feedback
 from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
@@ -42,7 +43,6 @@ from labeling.generation.engine import ClusterEngine
 from labeling.generation.episode_plan import Jobs, Plan
 from labeling.generation.folder import finish
 from labeling.generation.generate import describe, generate
-from labeling.generation.log import Entry
 from labeling.generation.settings import DatasetStudy, SeedRange
 
 SCENARIO = "motorway"
@@ -88,13 +88,14 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
         marks: list[tuple[float, dict[str, tuple[float, int]]]] = []
         ended = 0
 
-        def note(entry: Entry) -> None:
-            nonlocal ended
-            ended += 1
-            if ended in marked:
-                marks.append((time.perf_counter(), {name: _spent(each) for name, each in watched.items()}))
+        class Marks(Feedback):
+            def detail(self, line: str) -> None:
+                nonlocal ended
+                ended += 1
+                if ended in marked:
+                    marks.append((time.perf_counter(), {name: _spent(each) for name, each in watched.items()}))
 
-        generate(study, Path(folder) / "data", ClusterEngine(address), source=Paused(PAUSE_S), note=note)
+        generate(study, Path(folder) / "data", ClusterEngine(address), Marks(), source=Paused(PAUSE_S))
     (begin, before), (_, half), (end, after) = marks
     counted = episodes - first
     return {

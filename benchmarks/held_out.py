@@ -11,6 +11,8 @@ from typing import Any
 
 from rich.console import Console
 
+from command_line.progress import ConsoleFeedback
+from isacsim.feedback import SILENT, Feedback
 from labeling.dataset.dataset import Dataset
 from labeling.generation.settings import checked
 from models.data.windows import Records
@@ -19,11 +21,11 @@ from models.run import TrainSettings
 from models.studies.held_out import hold_out_each, table
 
 
-def run(dataset: Path, out: Path, settings: TrainSettings, console: Console | None = None) -> dict[str, Any]:
+def run(dataset: Path, out: Path, settings: TrainSettings, feedback: Feedback = SILENT) -> dict[str, Any]:
     """`models.studies.held_out.hold_out_each` on a dataset."""
     opened = Dataset.open(dataset)
     made_of = {"digest": opened.digest, "study": opened.meta.study}
-    return hold_out_each(Records.of(opened), made_of, out, settings, progress=console)
+    return hold_out_each(Records.of(opened), made_of, out, settings, feedback=feedback)
 
 
 def main() -> None:
@@ -39,7 +41,7 @@ def main() -> None:
     optimiser = optimiser if given.epochs is None else optimiser | {"epochs": given.epochs}
     said = {"model": given.model, "seed": given.seed, "optimiser": optimiser}
     console = Console(stderr=True)
-    found = run(given.dataset, given.out, checked(TrainSettings, said, "arguments"), console)
+    found = run(given.dataset, given.out, checked(TrainSettings, said, "arguments"), ConsoleFeedback(console))
     Console(width=180).print(table(found))
 
 

@@ -26,12 +26,13 @@ from typing import Any, get_args
 from rich.console import Console
 from rich.progress import track
 
+from isacsim.files import write_json
 from labeling.dataset.dataset import Dataset
 from models.data.windows import Records
 from models.evaluation.evaluation import EvaluateSettings, SweepSettings, evaluate_records
 from models.evaluation.metrics import spread
 from models.evaluation.repeats import summary
-from models.run import Model, Run, replace
+from models.run import Model, Run
 from models.studies.study import read_study
 from models.training.training import train_records
 
@@ -81,7 +82,7 @@ class Bench:
             own = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
             settings = TUNED.model_copy(update=own)
             folder = self.out / name / f"{model}-{share:g}-{seed}"
-            runs[model].append(train_records(self.records, self.made_of, folder, settings, None))
+            runs[model].append(train_records(self.records, self.made_of, folder, settings))
         return runs
 
     def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> dict[str, Any]:
@@ -127,7 +128,7 @@ def run(
     def keep(**parts: Any) -> None:
         found.update(parts)
         out.mkdir(parents=True, exist_ok=True)
-        replace(out / "predictors.json", lambda path: path.write_text(json.dumps(found, indent=1) + "\n"))
+        write_json(out / "predictors.json", found)
 
     main = bench.train(COMPARED)
     keep(truth=_beside(bench, truth, main, truth.train(COMPARED)))

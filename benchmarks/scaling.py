@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from isacsim.feedback import Feedback
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings
@@ -32,7 +33,7 @@ from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
 from labeling.generation.episode import SumoSource
 from labeling.generation.generate import generate
-from labeling.generation.log import Entry
+from labeling.generation.log import LOG_FILE
 from labeling.generation.settings import DatasetStudy, SeedRange
 
 Result = TypeVar("Result")
@@ -140,14 +141,17 @@ def make(episodes: int, jobs: int) -> Made:
     """Make a dataset of so many episodes, in a folder that is deleted afterwards."""
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes), traffic=TRAFFIC)
     source = Repeated(SumoSource(study.traffic, study.maneuvers), UNIT)
-    ended: list[tuple[float, float]] = []
+    ended_at: list[float] = []
 
-    def note(entry: Entry) -> None:
-        ended.append((time.perf_counter(), entry.seconds or 0.0))
+    class Times(Feedback):
+        def detail(self, line: str) -> None:
+            ended_at.append(time.perf_counter())
 
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        dataset = generate(study, Path(folder) / "data", LocalEngine(jobs), source=source, note=note)
+        dataset = generate(study, Path(folder) / "data", LocalEngine(jobs), Times(), source=source)
+        entries = [json.loads(line) for line in (Path(folder) / "data" / LOG_FILE).read_text().splitlines()]
+        ended = [(at, entry["seconds"] or 0.0) for at, entry in zip(ended_at, entries, strict=True)]
         summary(dataset)
         end = time.perf_counter()
     if dataset.meta.lost:

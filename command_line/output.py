@@ -5,18 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from command_line.progress import ConsoleFeedback, print_line
 from isacsim.errors import InputError
 
 if TYPE_CHECKING:
     from isacsim.scenarios.making import Made
     from labeling.dataset.dataset import Dataset
-    from labeling.generation.log import Note
     from models.studies.study import Study
 
 
@@ -35,25 +34,11 @@ def print_json(as_json: bool, result: dict[str, Any]) -> None:
         print(json.dumps(result))
 
 
-def note_of(console: Console, verbose: bool) -> Note | None:
-    """What tells a person how every episode ended, where that is asked for."""
+def feedback_of(console: Console, verbose: bool = False) -> ConsoleFeedback:
+    """Return where long work reports its progress. Raises InputError where details go to a quiet console."""
     if verbose and console.quiet:
         raise InputError("--quiet and --verbose contradict each other; give one of them")
-    return (lambda entry: plain(console, str(entry))) if verbose else None
-
-
-def tell_of(console: Console) -> Callable[[str, Sequence[str]], None]:
-    """What tells a person which options of a scenario's configuration are overridden."""
-
-    def tell(scenario: str, options: Sequence[str]) -> None:
-        plain(console, f"{scenario}: the time base and outputs are the tool's own; not followed: {', '.join(options)}")
-
-    return tell
-
-
-def plain(console: Console, line: str) -> None:
-    """A line as it is: not wrapped, and without markup."""
-    console.print(line, highlight=False, soft_wrap=True, markup=False)
+    return ConsoleFeedback(console, verbose)
 
 
 def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
@@ -76,13 +61,15 @@ def show_estimate(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     counts = f"{_number(found.cells, 'cell')}, {_number(found.trainings, 'training')}, "
     counts += _number(found.datasets, "dataset")
     anew = f", {found.sensed_anew} sensed anew" if found.sensed_anew else ""
-    plain(console, f"{counts}: about {found.episodes} episodes, {found.samples} samples{anew}; {_size(found.bytes)}")
-    plain(
+    print_line(
+        console, f"{counts}: about {found.episodes} episodes, {found.samples} samples{anew}; {_size(found.bytes)}"
+    )
+    print_line(
         console,
         f"about {spoken_time(found.cpu_s)} of processor time for datasets and {spoken_time(found.training_s)} for "
         f"trainings: {spoken_time(found.seconds(jobs))} with {_number(jobs, 'worker')}",
     )
-    plain(console, "by what the bundled motorway and the networks' defaults take, all epochs counted")
+    print_line(console, "by what the bundled motorway and the networks' defaults take, all epochs counted")
     return {**dataclasses.asdict(found), "jobs": jobs, "seconds": found.seconds(jobs)}
 
 
@@ -96,7 +83,7 @@ def show_sweep(found: dict[str, Any], folder: Path, console: Console) -> dict[st
     console.print(sweep_table.table(found))
     console.width = own
     page = folder / sweep_table.REPORT / report.PAGE
-    plain(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
+    print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
     paths = {"table": str(folder / sweep_table.TABLE_JSON), "report": str(page.parent)}
     return {**paths, "trainings": found["trainings"], "cells": found["cells"], "failed": found["failed"]}
 
@@ -120,8 +107,10 @@ def _size(number: int) -> str:
 
 def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:
     """What a scenario was made of. Returns it as plain values."""
+    from labeling.generation.log import overridden
+
     if made.overridden:
-        tell_of(console)(source, made.overridden)
+        print_line(console, overridden(source, made.overridden))
     demand = "demand was made" if made.made_demand else "its own demand"
     console.print(f"{made.folder}: {made.sites} sites along {made.edges} edges; {demand}", soft_wrap=True)
     return {**dataclasses.asdict(made), "folder": str(made.folder)}

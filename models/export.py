@@ -15,8 +15,9 @@ from torch import Tensor, nn
 from torch.export import Dim, ExportedProgram
 
 from isacsim.errors import InputError
+from isacsim.files import replace_file
 from models.predictors.network import N_STATES, WindowNetwork
-from models.run import NetworkPredictor, Run, replace
+from models.run import NetworkPredictor, Run
 
 SUFFIX = ".pt2"
 
@@ -55,5 +56,5 @@ def write_export(run: Run, out: str | Path) -> Path:
     if path.suffix != SUFFIX:
         raise InputError(f"{path}: an exported program ends in {SUFFIX}; name it so")
     program = export(run)
-    replace(path, lambda partial: torch.export.save(program, partial))
+    replace_file(path, lambda partial: torch.export.save(program, partial))
     return path

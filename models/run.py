@@ -14,13 +14,9 @@ Nothing in it executes code when it is loaded.
 
 from __future__ import annotations
 
-import importlib.metadata
-import json
-import os
 import pickle
 import zipfile
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
@@ -34,7 +30,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from torch import nn
 
 from isacsim.arrays import Array, Float32Array
-from isacsim.errors import InputError, writing
+from isacsim.errors import InputError
+from isacsim.files import write_json
 from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN, LANE_CHANGES, Intention
 from models.data.augment import AugmentSettings
@@ -53,7 +50,6 @@ CARD_FILE, WEIGHTS_FILE, TREES_FILE, REFERENCE_FILE, PRELUDES_FILE, HISTORY_FILE
 )  # fmt: skip
 RULE_FILE, ROCKET_FILE = "rule.json", "minirocket.npz"
 CHECKPOINTS = "checkpoints"
-PACKAGES = ("aeon", "isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
 HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel", "evasive_swerve"]
 Model = Literal["asi-bip", "tv-alone", "uv-alone", "aligned", "castformer", "ensemble", "trees", "rule", "minirocket"]
 NAMES: dict[Model, str] = {
@@ -325,44 +321,7 @@ def read_card(folder: Path) -> RunCard | None:
 
 def write_card(folder: Path, card: RunCard) -> None:
     """Write `run.json`."""
-    replace(folder / CARD_FILE, lambda path: path.write_text(json.dumps(card.model_dump(mode="json"), indent=1) + "\n"))
-
-
-def replace(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file by temporary file and rename; `write` gets the temporary path, with the same suffix."""
-    partial = path.with_name(f".{os.getpid()}-{path.name}")
-    try:
-        with writing(path):
-            write(partial)
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def holds_other(folder: Path, mark: str) -> bool:
-    """Whether something stands at `folder` that is not the tool's: a file, or content without a file named `mark`.
-
-    What a killed command left of its first `replace` of the mark is the tool's.
-    """
-    if not folder.is_dir():
-        return folder.exists()
-    return not ((folder / mark).is_file() or all(_begun(path, mark) for path in folder.iterdir()))
-
-
-def _begun(path: Path, mark: str) -> bool:
-    """Whether a file was to become the mark."""
-    return path.is_file() and path.name.startswith(".") and path.name.endswith(f"-{mark}")
-
-
-def versions() -> dict[str, str]:
-    """Versions of the packages that a result depends on; those that are not installed are left out."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
+    write_json(folder / CARD_FILE, card.model_dump(mode="json"))
 
 
 def _load_predictor(folder: Path, card: RunCard) -> Predictor:

@@ -27,7 +27,7 @@ import cosim
 from isacsim.errors import RunError
 from labeling.generation.generate import generate
 from models.run import OptimiserSettings, TrainSettings
-from models.studies.single import claim
+from models.studies.single import claim_study
 from models.studies.study import Study, read_study
 from models.training.training import train
 from tests.support.mutations import ODD_NUMBERS, ODD_TEXTS, Spoilt, attribute_changed, changed, garbled, spoilt, toml
@@ -70,7 +70,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trained = TrainSettings(model="trees", optimiser=OptimiserSettings(threads=1))
     train(made, folder / "run", trained)
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
-    claim(folder / "results", read_study(folder / "study.toml"))
+    with claim_study(folder / "results", read_study(folder / "study.toml")):
+        pass
     (folder / "empty").mkdir()
     (folder / "full").mkdir()
     (folder / "full/thesis.tex").write_text("years of work")

@@ -55,13 +55,13 @@ BAD = {
     "run range.toml": "range.toml: dataset.sensing.channel: snr_range_db 9:3 is no range",
     "run type.toml": "type.toml: training.optimiser.epochs: ",
     "run broken.toml": "broken.toml: not a readable TOML file",
-    "run -o full": "full: holds something that is no study's results",
+    "run -o full": "full: is not empty and holds no study's results",
     "generate nowhere -o new": "no scenario nowhere",
     "generate siteless -o new": "has no sites",
     "generate garbled -o new": "cannot be read as XML",
     "generate empty -o new": "empty holds 0 SUMO configurations",
     "generate siteless/motorway.net.xml -o new": "siteless/motorway.net.xml",
-    "generate motorway -o full": "full: holds something that is no dataset",
+    "generate motorway -o full": "full: is not empty and holds no dataset",
     "generate motorway -o key.toml": "key.toml: is a file",
     "generate motorway -o new --snr 10:0": "--snr 10:0: is no range",
     "generate motorway -o new --snr loud": "--snr loud: is no range",
@@ -273,7 +273,7 @@ def test_sites_are_placed_along_a_users_network(bad: Path, capfd: pytest.Capture
     assert found["folder"] == str(made)
     assert found["made_demand"] is False
     assert found["overridden"] == ["fcd-output", "step-length"]
-    assert said.err.count("not followed: fcd-output, step-length") == 1
+    assert said.err.count("these options are ignored: fcd-output, step-length") == 1
     scenario = load(made)
     assert len(scenario.sites) == found["sites"] > 10
     assert scenario.overridden == ()

@@ -7,7 +7,6 @@ opens it here.
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +23,8 @@ import pyarrow.parquet as pq
 from pydantic import Field, model_validator
 
 from isacsim.arrays import Float32Array
-from isacsim.errors import InputError, writing
+from isacsim.errors import InputError
+from isacsim.files import replace_file
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
 from isacsim.settings import Settings, read_json
@@ -326,7 +326,9 @@ def read_meta(folder: Path) -> Meta | None:
 
 def write_meta(folder: Path, meta: Meta) -> None:
     """Write `dataset.json` by temporary file and rename."""
-    _replace(folder / META_FILE, f"{meta.model_dump_json(indent=1)}\n".encode())
+    replace_file(
+        folder / META_FILE, lambda partial: partial.write_bytes(f"{meta.model_dump_json(indent=1)}\n".encode())
+    )
 
 
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
@@ -344,19 +346,7 @@ def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     (folder / ROADS).mkdir(exist_ok=True)
-    _replace(folder / ROADS / f"{scenario}.parquet", sink.getvalue().to_pybytes())
-
-
-def _replace(path: Path, content: bytes) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with writing(path), partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    replace_file(folder / ROADS / f"{scenario}.parquet", lambda partial: partial.write_bytes(sink.getvalue()))
 
 
 def _sum(counts: Iterable[dict[str, int]]) -> Counter[str]:

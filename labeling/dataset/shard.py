@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +20,8 @@ import pyarrow.parquet as pq
 from pydantic import Field, field_validator, model_validator
 
 from isacsim.arrays import Float32Array
-from isacsim.errors import InputError, writing
+from isacsim.errors import InputError
+from isacsim.files import replace_file
 from isacsim.settings import Settings
 from labeling.intentions import Intention
 
@@ -157,22 +157,18 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
     table = table.replace_schema_metadata({_EPISODE_KEY: episode.model_dump_json()})
     floats = [name for name in columns.names if pa.types.is_floating(columns.field(name).type)]
     path = folder / shard_name(episode.scenario, episode.seed)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with writing(path):
-            pq.write_table(
-                table,
-                partial,
-                compression="zstd",
-                write_page_checksum=True,
-                row_group_size=ROW_GROUP,
-                use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
-                use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
-            )
-            _flush_to_disk(partial)
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    replace_file(
+        path,
+        lambda partial: pq.write_table(
+            table,
+            partial,
+            compression="zstd",
+            write_page_checksum=True,
+            row_group_size=ROW_GROUP,
+            use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
+            use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
+        ),
+    )
     return _describe(path, table, episode)
 
 
@@ -269,9 +265,3 @@ def _states_column(field: pa.Field, states: Sequence[Float32Array]) -> pa.Array:
     flat = np.stack(states).ravel() if states else np.empty(0, np.float32)
     rows = pa.FixedSizeListArray.from_arrays(pa.array(flat), type=field.type.value_type)
     return pa.FixedSizeListArray.from_arrays(rows, type=field.type)
-
-
-def _flush_to_disk(path: Path) -> None:
-    """Rename alone does not order the data before the name when the machine goes down."""
-    with path.open("rb") as file:
-        os.fsync(file.fileno())

@@ -19,7 +19,7 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from isacsim.errors import InputError, RunError
-from labeling.generation.folder import versions
+from isacsim.versions import OF_DATASETS, versions
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -56,6 +56,10 @@ class Outcome(Generic[Item, Result]):
 class Engine(Protocol):
     """What runs tasks."""
 
+    @property
+    def workers(self) -> int:
+        """Worker processes at the moment, at least 1."""
+
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
         """Outcomes of task(item), as they come.
 
@@ -71,6 +75,10 @@ class LocalEngine:
     """
 
     jobs: int
+
+    @property
+    def workers(self) -> int:
+        return self.jobs
 
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
         settings = {
@@ -115,6 +123,11 @@ class ClusterEngine:
 
     address: str
 
+    @property
+    def workers(self) -> int:
+        with self._connected() as client:
+            return _worker_count(client)()
+
     def check(self) -> None:
         """Raises InputError where no scheduler or no fit worker answers."""
         with self._connected():
@@ -154,8 +167,8 @@ class ClusterEngine:
                     f"--cluster {self.address}: worker {worker} has {threads} threads, and a process runs one "
                     "simulation at a time; start it with --nthreads 1"
                 )
-        here = versions()
-        for worker, there in client.run(versions, on_error="return").items():
+        here = versions(OF_DATASETS)
+        for worker, there in client.run(versions, OF_DATASETS, on_error="return").items():
             if isinstance(there, BaseException):
                 raise InputError(
                     f"--cluster {self.address}: worker {worker} cannot load the tool ({describe(there)}); "

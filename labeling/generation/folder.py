@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
-import importlib.metadata
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from isacsim.errors import InputError, RunError
+from isacsim.files import claim, remove_partial
 from labeling.dataset.dataset import (
     META_FILE,
     ROADS,
@@ -27,21 +26,6 @@ from labeling.dataset.dataset import (
     write_meta,
 )
 
-VERSIONED = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
-"""Packages whose version may change the bytes of a shard."""
-
-Progress = Callable[[int, int], None]
-"""Called with how much is done and of how much."""
-
-
-def versions() -> dict[str, str]:
-    """Versions of the packages in VERSIONED; the tool itself may run from its source tree without being installed."""
-    found = {}
-    for name in VERSIONED:
-        with suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
-
 
 def fingerprint(*identity: Any) -> str:
     """A digest of everything that a dataset's samples depend on, plain values."""
@@ -51,16 +35,7 @@ def fingerprint(*identity: Any) -> str:
 @contextmanager
 def claimed(out: Path, started: Meta) -> Iterator[None]:
     """Hold a folder for one study, begun now or before, against every other study, command and content."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder for the dataset")
-    try:
-        foreign = out.is_dir() and any(not path.name.startswith(f".{META_FILE}.") for path in out.iterdir())
-        if foreign and not (out / META_FILE).is_file():
-            raise InputError(f"{out}: holds something that is no dataset; give a new or empty folder")
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be used as the dataset's folder ({error.strerror}); choose another") from None
-    with locked(out):
+    with claim(out, META_FILE, "dataset"):
         before = read_meta(out)
         if before is not None and before.fingerprint != started.fingerprint:
             raise InputError(
@@ -79,25 +54,13 @@ def _prepare(out: Path) -> None:
             if folder.is_symlink():
                 raise InputError(f"{folder}: is a link out of the dataset's folder; put the folder itself there")
             folder.mkdir(exist_ok=True)
-        for partial_file in [*out.glob(".*.json.*"), *out.glob(f"{SHARDS}/.*.parquet.*")]:
-            partial_file.unlink()
+        remove_partial(out, "*.json")
+        remove_partial(out / SHARDS, "*.parquet")
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}); mend that, or choose another folder") from None
-    if not all(os.access(folder, os.W_OK, effective_ids=True) for folder in (out, out / SHARDS, out / ROADS)):
+    effective = os.access in os.supports_effective_ids
+    if not all(os.access(folder, os.W_OK, effective_ids=effective) for folder in (out, out / SHARDS, out / ROADS)):
         raise InputError(f"{out}: is read-only; let the command write there, or choose another folder")
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep a second command out of a folder. The lock ends with the process, however it ends, and leaves no file."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    except BlockingIOError:
-        raise InputError(f"{folder}: another command is writing it; wait for it, or choose another folder") from None
-    finally:
-        os.close(descriptor)
 
 
 def _difference(before: Meta, now: Meta) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -13,7 +13,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
+from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.scenarios.scenario import Scenario
+from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
     SHARDS,
     Dataset,
@@ -28,8 +30,8 @@ from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import Source, SumoSource, shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
-from labeling.generation.folder import Progress, claimed, fingerprint, finish, standing, versions
-from labeling.generation.log import Entry, Note
+from labeling.generation.folder import claimed, fingerprint, finish, standing
+from labeling.generation.log import Entry, Note, overridden
 from labeling.generation.settings import DatasetStudy
 
 
@@ -37,17 +39,14 @@ def generate(
     study: DatasetStudy,
     out: Path,
     engine: Engine | None = None,
-    progress: Progress | None = None,
+    feedback: Feedback = SILENT,
     source: Source | None = None,
-    tell: Callable[[str, Sequence[str]], None] | None = None,
-    note: Note | None = None,
 ) -> Dataset:
     """Make a study's dataset in a folder, or finish it where it was begun, and open it.
 
     engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
-    progress: counts samples where the study asks for windows, episodes otherwise.
-    source: where motion comes from, SUMO when absent. tell: is given each scenario of
-    whose configuration something is overridden, and those options.
+    feedback: where progress is reported, in samples where the study asks for a number of them, otherwise in episodes.
+    source: where motion comes from, SUMO when absent.
     Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
     nothing can be written.
     """
@@ -56,8 +55,8 @@ def generate(
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            if tell and scenario.overridden:
-                tell(name, scenario.overridden)
+            if scenario.overridden:
+                feedback.message(overridden(name, scenario.overridden))
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -67,8 +66,9 @@ def generate(
                 plan.add(job, shard)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
-            noted = partial(log.record, out, note)
-            _make_missing(task, plan, engine or LocalEngine(1), progress or (lambda done, total: None), noted)
+            noted = partial(log.record, out, feedback)
+            with feedback.bar("generating", study.unit) as move:
+                _make_missing(task, plan, engine or LocalEngine(1), move, noted)
         run = plan.run()
         shards, lost = [s for s in run if isinstance(s, Shard)], [s for s in run if isinstance(s, Lost)]
         finish(out, started, shards, lost, plan.short())
@@ -84,10 +84,10 @@ class Made:
 
 
 def _make_missing(
-    task: Callable[[Job], Made | InputError | OutputError], plan: Plan, engine: Engine, progress: Progress, note: Note
+    task: Callable[[Job], Made | InputError | OutputError], plan: Plan, engine: Engine, move: Move, note: Note
 ) -> None:
     """Make the episodes that the plan still needs."""
-    progress(*plan.progress())
+    move(*plan.progress())
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
             job, result = outcome.item, outcome.result
@@ -101,7 +101,7 @@ def _make_missing(
                 plan.add(job, lost)
                 spent = {"seconds": outcome.seconds, "retries": outcome.retries}
                 note(Entry(**lost.model_dump(), outcome="lost", **spent))
-            progress(*plan.progress())
+            move(*plan.progress())
             if plan.done:
                 return
 
@@ -143,7 +143,7 @@ def read_scenarios(study: DatasetStudy, source: Source | None = None) -> dict[st
 def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     """The `dataset.json` of a dataset of which no episode is made yet. InputError where a name makes no file name."""
     content = study.model_dump(mode="json")
-    found = versions()
+    found = versions(OF_DATASETS)
     described = tuple(
         _describe_scenario(source, scenario)
         for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)

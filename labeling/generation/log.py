@@ -6,13 +6,14 @@ The log is of the runs that made a dataset, not of the dataset: no digest covers
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
 from isacsim.errors import writing
+from isacsim.feedback import Feedback
 from isacsim.settings import Settings
 from labeling.dataset.shard import Shard
 from labeling.generation.engine import Outcome
@@ -83,11 +84,15 @@ def append(folder: Path, entry: Entry) -> None:
         file.write(f"{entry.model_dump_json()}\n".encode())
 
 
-def record(folder: Path, note: Note | None, entry: Entry) -> None:
-    """Add a line to a dataset's log, and tell whoever wants to know."""
+def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
+    """Add a line to a dataset's log, and report it as a detail."""
     append(folder, entry)
-    if note:
-        note(entry)
+    feedback.detail(str(entry))
+
+
+def overridden(scenario: str, options: Sequence[str]) -> str:
+    """The message about options of a scenario's configuration that are not followed."""
+    return f"{scenario}: the time base and outputs are fixed; these options are ignored: {', '.join(options)}"
 
 
 def _unlinked(path: str, flags: int) -> int:

@@ -17,16 +17,18 @@ import numpy as np
 from pydantic import Field
 
 from isacsim.errors import InputError, OutputError, RunError
+from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.onboard_radar import Carrier, RadarSettings, sense_onboard
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings, sense
 from isacsim.settings import Settings
+from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
 from labeling.dataset.shard import read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import UNSEEN, median_error_m, record_key
-from labeling.generation.folder import Progress, claimed, fingerprint, finish, standing, versions
+from labeling.generation.folder import claimed, fingerprint, finish, standing
 from labeling.generation.log import Note
 from labeling.generation.settings import checked
 
@@ -74,14 +76,13 @@ def resense(
     settings: ResenseSettings,
     out: Path,
     engine: Engine | None = None,
-    progress: Progress | None = None,
-    note: Note | None = None,
+    feedback: Feedback = SILENT,
 ) -> Dataset:
     """Sense a dataset's records anew into another folder, or finish it where it was begun, and open it.
 
     With a dataset's own settings its `tv` comes out the same, to the bit. Records that the sensor cannot use are left
     out, and counted in their episode. engine: what senses the shards, one worker process when absent; the samples do
-    not depend on it. progress: counts records. note: is given every shard as it ends; the log has them in any case.
+    not depend on it. feedback: where progress is reported.
     Raises InputError where settings, dataset or folder are at fault, RunError where a shard fails.
     """
     _check(dataset, settings, out)
@@ -96,8 +97,9 @@ def resense(
         missing = [job for job in jobs if job.shard.file not in made]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
-            noted = partial(log.record, out, note)
-            _make(task, jobs, made, engine or LocalEngine(1), progress or (lambda done, total: None), noted)
+            noted = partial(log.record, out, feedback)
+            with feedback.bar("sensing", "records") as move:
+                _make(task, jobs, made, engine or LocalEngine(1), move, noted)
         finish(out, started, [made[job.shard.file] for job in jobs], dataset.meta.lost, dataset.meta.short)
     return Dataset.open(out)
 
@@ -119,13 +121,13 @@ def _make(
     jobs: Sequence[Job],
     made: dict[str, Shard],
     engine: Engine,
-    progress: Progress,
+    move: Move,
     note: Note,
 ) -> None:
     """Sense the shards that are not among those made, and add them there."""
     total = sum(job.records for job in jobs)
     done = sum(job.records for job in jobs if job.shard.file in made)
-    progress(done, total)
+    move(done, total)
     with closing(engine.run(task, [job for job in jobs if job.shard.file not in made])) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome.result, InputError | OutputError):
@@ -135,7 +137,7 @@ def _make(
             made[outcome.item.shard.file] = outcome.result
             note(log.made(outcome.result, outcome))
             done += outcome.item.records
-            progress(done, total)
+            move(done, total)
 
 
 def _work(
@@ -230,7 +232,7 @@ def _check(dataset: Dataset, settings: ResenseSettings, out: Path) -> None:
 def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
     """The `dataset.json` of a dataset of which no shard is sensed yet."""
     resensed: dict[str, Any] = {"of": dataset.digest, "settings": settings.model_dump(mode="json")}
-    study, now = dict(dataset.meta.study), versions()
+    study, now = dict(dataset.meta.study), versions(OF_DATASETS)
     if settings.sensor == "isac":
         study["sensing"] = resensed["settings"]["sensing"]
     scenarios = [each.model_dump(mode="json") for each in dataset.meta.scenarios]

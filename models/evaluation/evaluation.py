@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,14 +15,16 @@ from sklearn.metrics import roc_curve
 
 from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
+from isacsim.files import claim, write_json
 from isacsim.settings import Settings
+from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from models.evaluation import metrics, repeats, unknown
 from models.evaluation.predictions import Answers, answers, unseen
 from models.evaluation.repeats import Measured
 from models.report import figures
-from models.run import HISTORY_FILE, Run, holds_other, replace, versions
+from models.run import HISTORY_FILE, Run
 from models.scores import open_set
 from models.scores.calibration import calibration_error
 
@@ -79,8 +80,19 @@ def evaluate_records(
     against: Sequence[Run] = (),
 ) -> dict[str, Any]:
     """`evaluate` on records in memory."""
-    folder = Path(out)
-    claim(folder, METRICS_FILE)
+    with claim(Path(out), METRICS_FILE, "evaluation"):
+        return _evaluate(run, records, made_of, Path(out), settings, against)
+
+
+def _evaluate(
+    run: Run,
+    records: Records,
+    made_of: dict[str, Any],
+    folder: Path,
+    settings: EvaluateSettings,
+    against: Sequence[Run],
+) -> dict[str, Any]:
+    """Measure in a folder that is held."""
     records = unseen(records, [run, *against])
     windows = run.card.settings.windows
     if settings.end_after_s is not None:
@@ -99,9 +111,9 @@ def evaluate_records(
         "dataset": made_of,
         "seeds": sorted(set(records.groups)),
         "runs": [each.card.model_dump(mode="json") for each in (run, *against)],
-        "versions": versions(),
+        "versions": versions(OF_RUNS),
     }
-    replace(folder / METRICS_FILE, lambda path: path.write_text(json.dumps(result, indent=1) + "\n"))
+    write_json(folder / METRICS_FILE, result)
     _draw(run, mine.given, result, [group[0].found for group in repeats.grouped(everyone)], folder)
     return result
 
@@ -201,13 +213,6 @@ def calibration(logits: Array, label: IntArray, temperature: float) -> dict[str,
     """Expected calibration error of the known windows, with and without the temperature chosen in training."""
     plain, cooled = (calibration_error(softmax(logits / t, axis=1), label) for t in (1.0, temperature))
     return {"error": plain, "temperature": temperature, "error_with_temperature": cooled}
-
-
-def claim(folder: Path, mark: str) -> None:
-    """Make a folder of results. InputError where it exists and holds no file of that name, i.e. something else."""
-    if holds_other(folder, mark):
-        raise InputError(f"{folder}: exists and holds no {mark}; choose a new folder")
-    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _draw(run: Run, mine: Answers, result: dict[str, Any], side_by_side: list[dict[str, Any]], folder: Path) -> None:

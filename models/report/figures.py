@@ -16,7 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
-from models.run import replace
+from isacsim.files import replace_file
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#6b7280",
@@ -40,7 +40,7 @@ def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn
-        replace(path, lambda partial: drawn.savefig(partial, dpi=140, metadata={"Software": None}))
+        replace_file(path, lambda partial: drawn.savefig(partial, dpi=140, metadata={"Software": None}))
 
 
 def spoken(name: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from isacsim.errors import InputError
+from isacsim.files import replace_file
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, fitting
 from models.evaluation.evaluation import METRICS_FILE
@@ -18,7 +19,7 @@ from models.evaluation.predictions import unseen
 from models.report import html_page
 from models.report.figures import spoken
 from models.report.record_view import RecordView, draw_record
-from models.run import Run, replace
+from models.run import Run
 
 if TYPE_CHECKING:
     from labeling.dataset.dataset import Dataset
@@ -57,7 +58,7 @@ def write_report(run: Run, dataset: Dataset, folder: str | Path) -> Path:
 def write_page(found: dict[str, Any], out: Path) -> Path:
     """index.html from metrics and the figures in a folder; it needs no other file."""
     file = out / PAGE
-    replace(file, lambda path: path.write_text(_page(found, out), encoding="utf-8"))
+    replace_file(file, lambda path: path.write_text(_page(found, out), encoding="utf-8"))
     return file
 
 

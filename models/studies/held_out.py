@@ -7,19 +7,20 @@ OUT/held_out.json              the table, by intention and score
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
+from isacsim.feedback import SILENT, Feedback
+from isacsim.files import claim, write_json
+from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import KNOWN
 from models.data.windows import Records
-from models.evaluation.evaluation import EvaluateSettings, claim, evaluate_records
+from models.evaluation.evaluation import EvaluateSettings, evaluate_records
 from models.evaluation.metrics import spread
 from models.report.figures import spoken
-from models.run import TrainSettings, replace, versions
+from models.run import TrainSettings
 from models.training.training import train_records
 
 TABLE_FILE = "held_out.json"
@@ -31,7 +32,7 @@ def hold_out_each(
     out: str | Path,
     settings: TrainSettings,
     evaluation: EvaluateSettings | None = None,
-    progress: Console | None = None,
+    feedback: Feedback = SILENT,
 ) -> dict[str, Any]:
     """Train without each known intention of the records in turn, and tell its windows of the test seeds apart.
 
@@ -41,15 +42,26 @@ def hold_out_each(
     intentions. `unknown_score` is the one chosen on the validation seeds' `following`, which the intention is not part
     of. InputError where `out` holds something else.
     """
-    folder = Path(out)
-    claim(folder, TABLE_FILE)
+    with claim(Path(out), TABLE_FILE, "held-out study"):
+        return _hold_out_each(records, made_of, Path(out), settings, evaluation or EvaluateSettings(), feedback)
+
+
+def _hold_out_each(
+    records: Records,
+    made_of: dict[str, Any],
+    folder: Path,
+    settings: TrainSettings,
+    evaluation: EvaluateSettings,
+    feedback: Feedback,
+) -> dict[str, Any]:
+    """Train and evaluate in a folder that is held."""
     result: dict[str, Any] = {"model": settings.model, "held_out": {}, "mean": {}}
     _write(result, folder)
     for intention in (i for i in KNOWN if (records.label == i).any()):
         name = intention.text
         without = TrainSettings.model_validate({**settings.model_dump(), "held_out": name})
-        run = train_records(records, made_of, folder / name, without, progress)
-        found = evaluate_records(run, records, made_of, folder / name / "evaluation", evaluation or EvaluateSettings())
+        run = train_records(records, made_of, folder / name, without, feedback)
+        found = evaluate_records(run, records, made_of, folder / name / "evaluation", evaluation)
         told = found["held_out"]
         result["held_out"][name] = {
             "n": told["n"],
@@ -63,7 +75,7 @@ def hold_out_each(
             "training": settings.model_dump(mode="json"),
             "windows": found["windows"],
             "seeds": found["made_by"]["seeds"],
-            "versions": versions(),
+            "versions": versions(OF_RUNS),
         }
     result["mean"] = _means([row["unknown_scores"] for row in result["held_out"].values()])
     _write(result, folder)
@@ -101,4 +113,4 @@ def _cell(each: dict[str, float | None] | None, chosen: bool) -> str:
 
 
 def _write(result: dict[str, Any], folder: Path) -> None:
-    replace(folder / TABLE_FILE, lambda path: path.write_text(json.dumps(result, indent=1) + "\n"))
+    write_json(folder / TABLE_FILE, result)

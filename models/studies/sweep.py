@@ -15,65 +15,49 @@ sensor cannot use. Every part resumes where it stopped. A cell that fails is tol
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from isacsim.errors import NO_ROOM, InputError, OutputError, RunError
+from isacsim.feedback import SILENT, Feedback
+from isacsim.versions import OF_RUNS, versions
 from labeling.dataset.dataset import Dataset, read_meta
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.engine import describe
-from labeling.generation.resense import ResenseSettings
+from labeling.generation.engine import Engine, describe
+from labeling.generation.generate import generate
+from labeling.generation.resense import ResenseSettings, resense
 from labeling.generation.settings import DatasetStudy
 from models.data.windows import COLUMNS, Records, SplitSettings, split
 from models.evaluation.evaluation import METRICS_FILE, evaluate_records
 from models.report.report import PAGE, write_page
-from models.run import Run, load_run, read_card, versions
+from models.run import Run, load_run, read_card
 from models.studies.cost_estimate import cell_s, estimate_study
-from models.studies.single import claim
+from models.studies.single import claim_study
 from models.studies.study import FLOOR, Study
 from models.studies.sweep_axes import Cell, Sensing, sensings
 from models.studies.sweep_table import row_of, write_sweep
 from models.training.progress import Steps
 from models.training.training import train_records
 
-Generate = Callable[[DatasetStudy, Path], Dataset]
-"""Makes a dataset in the folder given."""
-Sense = Callable[[Dataset, ResenseSettings, Path], Dataset]
-"""Senses a dataset's records anew into the folder given."""
 
-
-def run_sweep(
-    study: Study, out: Path, generate: Generate, sense: Sense, console: Console, workers: int = 1
-) -> dict[str, Any]:
+def run_sweep(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> dict[str, Any]:
     """Run all cells of a study in a folder that is its own; returns what `table.json` holds.
 
-    workers: processes that datasets are made on, for the time left. Raises InputError where a dataset's settings or
-    folder are at fault, OutputError where nothing can be written.
+    engine: what makes and senses the datasets. feedback: where progress is reported. Raises InputError where a
+    dataset's settings or folder are at fault, OutputError where nothing can be written.
     """
-    claim(out, study)
-    sweep = Sweep(study, out, generate, sense, console, workers)
-    sweep.make_datasets()
-    sweep.measure_cells()
-    found = {
-        "study": study.name,
-        "trainings": len(study.cells) * len(sweep.axes.training_seeds),
-        "cells": sweep.rows,
-        "failed": sweep.failed,
-        "made_by": {
-            "study": study.model_dump(mode="json"),
-            "datasets": {f"{network}/{way.name}": made.digest for (network, way), made in sweep.datasets.items()},
-            "seeds": sweep.sides,
-            "versions": versions(),
-        },
-    }
-    write_sweep(found, out)
-    return found
+    with claim_study(out, study):
+        sweep = Sweep(study, out, engine, feedback)
+        sweep.make_datasets()
+        sweep.measure_cells()
+        result = sweep.result()
+        write_sweep(result, out)
+    return result
 
 
 class Sweep:
@@ -83,16 +67,14 @@ class Sweep:
     rows: of the table. failed: the trainings left out, with the reason.
     """
 
-    def __init__(
-        self, study: Study, out: Path, generate: Generate, sense: Sense, console: Console, workers: int
-    ) -> None:
-        self.study, self.out, self.generate, self.sense = study, out, generate, sense
-        self.console, self.workers, self.axes = console, workers, study.axes
+    def __init__(self, study: Study, out: Path, engine: Engine, feedback: Feedback) -> None:
+        self.study, self.out, self.engine, self.feedback = study, out, engine, feedback
+        self.axes = study.axes
         self.datasets: dict[tuple[str, Sensing], Dataset] = {}
         self.sides: dict[str, dict[str, list[str]]] = {}
         self.rows: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
-        self.steps = Steps(console, estimate_study(study).seconds(workers))
+        self.steps = Steps(feedback, estimate_study(study).seconds(engine.workers))
         # Those that a cell is trained on, and those that it is tested on besides.
         self.records = lru_cache(maxsize=1 + len(self.axes.test_on))(self._load)
 
@@ -117,13 +99,30 @@ class Sweep:
             if (cell.network, cell.sensing) in self.datasets:
                 self._measure(cell, f"cell {number + 1} of {len(cells)} ({cell})")
 
+    def result(self) -> dict[str, Any]:
+        """What `table.json` holds."""
+        return {
+            "study": self.study.name,
+            "trainings": len(self.study.cells) * len(self.axes.training_seeds),
+            "cells": self.rows,
+            "failed": self.failed,
+            "made_by": {
+                "study": self.study.model_dump(mode="json"),
+                "datasets": {
+                    f"{network}/{sensing.name}": dataset.digest for (network, sensing), dataset in self.datasets.items()
+                },
+                "seeds": self.sides,
+                "versions": versions(OF_RUNS),
+            },
+        }
+
     def _make(self, network: str, study: DatasetStudy) -> Dataset:
         """Generate a network's dataset."""
         expected = estimate(study)
         folder = self._folder(network, self.study.first)
         title = f"dataset of {network}, {self.study.first}"
-        with self.steps.step(title, expected.cpu_s / min(self.workers, expected.episodes), finished(folder)):
-            return self.generate(study, folder)
+        with self.steps.step(title, expected.cpu_s / min(self.engine.workers, expected.episodes), finished(folder)):
+            return generate(study, folder, self.engine, self.feedback)
 
     def _sense(self, network: str, study: DatasetStudy, made: Dataset) -> None:
         """Sense a network's dataset in every way."""
@@ -131,11 +130,11 @@ class Sweep:
             if way == self.study.first:
                 self.datasets[network, way] = made
                 continue
-            expected_s = sensed_anew(study, estimate(study), way.sensor).cpu_s / self.workers
+            expected_s = sensed_anew(study, estimate(study), way.sensor).cpu_s / self.engine.workers
             settings = ResenseSettings(sensor=way.sensor, sensing=self.study.sensing_at(way.snr))
             folder = self._folder(network, way)
             with self.steps.step(f"dataset of {network}, {way}", expected_s, finished(folder)):
-                self.datasets[network, way] = self.sense(made, settings, folder)
+                self.datasets[network, way] = resense(made, settings, folder, self.engine, self.feedback)
 
     def _measure(self, cell: Cell, title: str) -> None:
         """Train a cell and evaluate it, as far as that does not stand yet, and add its rows to the table."""
@@ -167,7 +166,7 @@ class Sweep:
             ):
                 records = self.records(cell.network, cell.sensing)
                 sides = self.sides[cell.network]
-                runs.append(train_records(records, made_of(dataset), out, settings, self.console, sides))
+                runs.append(train_records(records, made_of(dataset), out, settings, self.feedback, sides))
         return runs
 
     def _evaluate(self, runs: list[Run], cell: Cell, network: str, out: Path) -> dict[str, Any]:
@@ -223,7 +222,7 @@ class Sweep:
             {"cell": str(cell), "training_seed": each, "reason": reason} for cell in cells for each in seeds
         ]
         what = cells[0].network if len(cells) > 1 else f"{cells[0]}, training seed {', '.join(map(str, seeds))}"
-        self.console.print(f"left out: {what}: {reason}", highlight=False, soft_wrap=True, markup=False)
+        self.feedback.message(f"left out: {what}: {reason}")
 
 
 def shared_split(dataset: Dataset, settings: SplitSettings) -> dict[str, list[str]]:

@@ -12,11 +12,11 @@ import pandas as pd
 from rich import box
 from rich.table import Table
 
+from isacsim.files import replace_file, write_json
 from models.evaluation.metrics import spread
 from models.report import html_page
 from models.report.figures import CYCLE, figure
 from models.report.report import PAGE
-from models.run import replace
 from models.studies.sweep_axes import Cell, Sensing
 
 TABLE_JSON, TABLE_CSV, REPORT, FIGURE = "table.json", "table.csv", "report", "macro_f1.png"
@@ -62,11 +62,11 @@ def write_sweep(found: dict[str, Any], out: Path) -> None:
     cells, report = found["cells"], out / REPORT
     report.mkdir(exist_ok=True)
     plain = pd.DataFrame([{name: value for name, value in row.items() if name != "runs"} for row in cells])
-    replace(out / TABLE_CSV, lambda path: plain.to_csv(path, index=False))
-    replace(out / TABLE_JSON, lambda path: path.write_text(json.dumps(found, indent=1) + "\n"))
+    replace_file(out / TABLE_CSV, lambda path: plain.to_csv(path, index=False))
+    write_json(out / TABLE_JSON, found)
     if cells:
         draw(cells, report / FIGURE)
-    replace(report / PAGE, lambda path: path.write_text(_page(found, report), encoding="utf-8"))
+    replace_file(report / PAGE, lambda path: path.write_text(_page(found, report), encoding="utf-8"))
 
 
 def table(found: dict[str, Any]) -> Table:

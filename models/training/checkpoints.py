@@ -11,7 +11,8 @@ import torch
 from lightning.fabric.plugins import TorchCheckpointIO
 
 from isacsim.errors import InputError
-from models.run import DAMAGE, replace
+from isacsim.files import replace_file
+from models.run import DAMAGE
 
 
 def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
@@ -19,7 +20,7 @@ def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
     # Through memory: torch itself tells of a full disk by an error that does not say so.
     buffer = io.BytesIO()
     torch.save(content, buffer)
-    replace(path, lambda partial: partial.write_bytes(buffer.getbuffer()))
+    replace_file(path, lambda partial: partial.write_bytes(buffer.getbuffer()))
 
 
 def read_tensors(path: Path) -> dict[str, Any]:

@@ -17,13 +17,14 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.arrays import IntArray
+from isacsim.files import replace_file
 from isacsim.seeding import stream
 from models.data.augment import augmented
 from models.data.windows import Ends, Records, Windows, batches, cut, draw_ends
 from models.predictors.losses import exposure_loss
 from models.predictors.network import WindowNetwork
 from models.predictors.reject_option import prelude_windows
-from models.run import TrainSettings, replace
+from models.run import TrainSettings
 
 MONITOR = "validation_macro_f1"
 SCALE_WINDOWS = 2000
@@ -197,7 +198,7 @@ class History(Callback):
         row["learning_rate"] = float(trainer.optimizers[0].param_groups[0]["lr"])
         self.rows.append({"epoch": float(trainer.current_epoch), **row})
         table = pd.DataFrame(self.rows).astype({"epoch": int})
-        replace(self.path, lambda path: table.to_csv(path, index=False))
+        replace_file(self.path, lambda path: table.to_csv(path, index=False))
 
     @property
     def state_key(self) -> str:

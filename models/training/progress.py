@@ -4,50 +4,50 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import lightning
 from lightning.pytorch.callbacks import Callback
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from isacsim.feedback import Feedback, Move
 
 
 class EpochProgress(Callback):
-    """Draws on a console; monitor: the score shown beside the bar."""
+    """Reports the batches done; monitor: the score shown beside the bar."""
 
-    def __init__(self, console: Console, name: str, monitor: str) -> None:
-        self.bar = Progress(
-            TextColumn("training {task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
-            TextColumn("{task.fields[note]}"), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
-            console=console, speed_estimate_period=120,
-        )  # fmt: skip
-        self.name, self.monitor = name, monitor
-        self.task: TaskID | None = None
+    def __init__(self, feedback: Feedback, name: str, monitor: str) -> None:
+        self.feedback, self.name, self.monitor = feedback, name, monitor
+        self.bar = ExitStack()
+        self.move: Move | None = None
+        self.done, self.total, self.note = 0, 1, ""
 
     def on_train_start(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
         assert trainer.max_epochs is not None
         batches = int(trainer.num_training_batches)
-        self.task = self.bar.add_task(self.name, total=trainer.max_epochs * batches, note="")
-        # Epochs before a resumption are no measure of this one's speed, so they are not advanced but done.
-        self.bar.reset(self.task, completed=trainer.current_epoch * batches)
-        self.bar.start()
+        self.done, self.total = trainer.current_epoch * batches, trainer.max_epochs * batches
+        self.move = self.bar.enter_context(self.feedback.bar(f"training {self.name}"))
+        self.move(self.done, self.total)
 
     def on_train_batch_end(self, *_: Any, **__: Any) -> None:
-        if self.task is not None:
-            self.bar.advance(self.task)
+        self.done += 1
+        self._show()
 
     def on_validation_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
         score = trainer.callback_metrics.get(self.monitor)
-        if self.task is not None and score is not None:
-            note = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}"
-            self.bar.update(self.task, note=note)
+        if score is not None:
+            self.note = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}"
+            self._show()
 
     def on_train_end(self, *_: Any) -> None:
-        self.bar.stop()
+        self.bar.close()
 
     def on_exception(self, *_: Any) -> None:
-        self.bar.stop()
+        self.bar.close()
+
+    def _show(self) -> None:
+        if self.move is not None:
+            self.move(self.done, self.total, self.note)
 
 
 SURE_S = 60.0
@@ -60,8 +60,8 @@ class Steps:
     expected_s: of all steps together, s. Their time left is scaled by how long those done here took, over expected.
     """
 
-    def __init__(self, console: Console, expected_s: float) -> None:
-        self.console, self.left_s = console, expected_s
+    def __init__(self, feedback: Feedback, expected_s: float) -> None:
+        self.feedback, self.left_s = feedback, expected_s
         self.took_s = self.expected_s = 0.0
 
     def skip(self, expected_s: float) -> None:
@@ -74,7 +74,7 @@ class Steps:
         began = time.monotonic()
         if not standing:
             left_s = self.left_s * (self.took_s + SURE_S) / (self.expected_s + SURE_S)
-            self.console.print(f"{title}; about {spoken_time(left_s)} left", highlight=False, soft_wrap=True)
+            self.feedback.message(f"{title}; about {spoken_time(left_s)} left")
         try:
             yield
         finally:

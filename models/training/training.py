@@ -15,11 +15,12 @@ import numpy.typing as npt
 import skops.io
 import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from isacsim.errors import InputError
-from labeling.generation.folder import locked
+from isacsim.feedback import SILENT, Feedback
+from isacsim.files import claim, replace_file
+from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import KNOWN, Intention
 from models.data.windows import Records, batches, cut, draw_ends, lengths, split
 from models.predictors.floors import fit_trees, statistics
@@ -47,12 +48,9 @@ from models.run import (
     TrainSettings,
     TreesPredictor,
     build_network,
-    holds_other,
     load_run,
     open_run,
     read_card,
-    replace,
-    versions,
     write_card,
 )
 from models.scores import open_set
@@ -67,14 +65,14 @@ if TYPE_CHECKING:
 REFERENCE_WINDOWS = 4000
 
 
-def train(dataset: Dataset, out: str | Path, settings: TrainSettings, progress: Console | None = None) -> Run:
+def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT) -> Run:
     """Train a predictor on a dataset's known intentions, or go on with the same training where it stopped.
 
-    out: a new or empty folder, or one of the same training. progress: where the bar with the time left is drawn.
+    out: a new or empty folder, or one of the same training. feedback: where progress is reported.
     InputError where the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
-    return train_records(Records.of(dataset), made_of, out, settings, progress)
+    return train_records(Records.of(dataset), made_of, out, settings, feedback)
 
 
 def train_records(
@@ -82,7 +80,7 @@ def train_records(
     made_of: dict[str, Any],
     out: str | Path,
     settings: TrainSettings,
-    progress: Console | None = None,
+    feedback: Feedback = SILENT,
     sides: dict[str, list[str]] | None = None,
 ) -> Run:
     """`train` on records in memory; made_of: what the run's card says of the dataset, `digest` among it.
@@ -93,13 +91,14 @@ def train_records(
         rocket_kind()
     folder = Path(out)
     card = _card(records, made_of, settings, sides or split(records, settings.split))
-    if not _claim(folder, card):
-        with locked(folder), _threads(settings.optimiser.threads):
-            _fill(records, folder, card, progress)
+    with claim(folder, CARD_FILE, "run"):
+        if not _begin(folder, card):
+            with _threads(settings.optimiser.threads):
+                _fill(records, folder, card, feedback)
     return load_run(folder)
 
 
-def _fill(records: Records, folder: Path, card: RunCard, progress: Console | None) -> None:
+def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback) -> None:
     """Train what a claimed folder is for, and put it there."""
     settings = card.settings
     known = records.take(_taught(records, settings))
@@ -112,7 +111,7 @@ def _fill(records: Records, folder: Path, card: RunCard, progress: Console | Non
     elif settings.model == "minirocket":
         _train_rocket(training, folder, card)
     elif settings.model != "trees":
-        card = _train_network(training, validation, folder, card, progress)
+        card = _train_network(training, validation, folder, card, feedback)
     _learn_preludes(training, folder, card)
     card = card.model_copy(update={"complete": True})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
@@ -153,26 +152,23 @@ def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, si
     return RunCard(
         complete=False, settings=settings, classes=tuple(i.text for i in KNOWN), split=sides,
         counts={i.text: int((label == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
-        tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(),
+        tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(OF_RUNS),
     )  # fmt: skip
 
 
-def _claim(folder: Path, card: RunCard) -> bool:
-    """Make the folder this training's. Returns whether it is finished; InputError where it holds another thing."""
-    found = read_card(folder)
-    if found is None:
-        if holds_other(folder, CARD_FILE):
-            raise InputError(f"{folder}: exists and is no run; choose a new folder")
-        folder.mkdir(parents=True, exist_ok=True)
+def _begin(folder: Path, card: RunCard) -> bool:
+    """Make a held folder this training's. Returns whether it is finished; InputError where it is another's."""
+    before = read_card(folder)
+    if before is None:
         write_card(folder, card)
         return False
-    if (found.settings, found.dataset.get("digest"), found.split) != (
+    if (before.settings, before.dataset.get("digest"), before.split) != (
         card.settings,
         card.dataset.get("digest"),
         card.split,
     ):
         raise InputError(f"{folder}: holds a run of other settings or another dataset; choose a new folder")
-    return found.complete
+    return before.complete
 
 
 def _train_rule(training: Records, folder: Path, card: RunCard) -> None:
@@ -181,7 +177,7 @@ def _train_rule(training: Records, folder: Path, card: RunCard) -> None:
         ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=settings.ends_per_record)
         seen = Drive.joined([drive(w, rule.smooth_s) for w in batches(training, ends, settings.windows, 256)])
         rule = fitted(seen, training.label[ends.row], rule)
-    replace(folder / RULE_FILE, lambda path: path.write_text(rule.model_dump_json(indent=1) + "\n"))
+    replace_file(folder / RULE_FILE, lambda path: path.write_text(rule.model_dump_json(indent=1) + "\n"))
     _write_reference(training, RulePredictor(rule), folder, card)
 
 
@@ -190,7 +186,7 @@ def _train_rocket(training: Records, folder: Path, card: RunCard) -> None:
     ends = draw_ends(training, settings.windows, "train", settings.seed, 0, per_record=chosen.ends_per_record)
     windows = cut(training, ends, settings.windows)
     rocket = fit_rocket(windows, training.label[ends.row], chosen, settings.seed)
-    replace(folder / ROCKET_FILE, lambda path: write_rocket(rocket, path))
+    replace_file(folder / ROCKET_FILE, lambda path: write_rocket(rocket, path))
     _write_reference(training, RocketPredictor(rocket), folder, card)
 
 
@@ -200,7 +196,7 @@ def _train_trees(training: Records, folder: Path, card: RunCard) -> None:
     features = np.concatenate([statistics(w) for w in batches(training, ends, settings.windows, 256)])
     label = training.label[ends.row]
     trees = fit_trees(features, label, settings.trees, settings.seed)
-    replace(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
+    replace_file(folder / TREES_FILE, lambda path: skops.io.dump(trees, path))
     _write_reference(training, TreesPredictor(trees), folder, card)
 
 
@@ -216,18 +212,16 @@ def _learn_preludes(training: Records, folder: Path, card: RunCard) -> None:
         parts = [predictor(w).features for w in batches(training, ends, seen, 64)]
         features.append(np.concatenate(parts).astype(np.float32))
     trees = fit_preludes(features[0], features[1], wanted, settings.seed)
-    replace(folder / PRELUDES_FILE, lambda path: skops.io.dump(trees, path))
+    replace_file(folder / PRELUDES_FILE, lambda path: skops.io.dump(trees, path))
 
 
-def _train_network(
-    training: Records, validation: Records, folder: Path, card: RunCard, progress: Console | None
-) -> RunCard:
+def _train_network(training: Records, validation: Records, folder: Path, card: RunCard, feedback: Feedback) -> RunCard:
     torch.manual_seed(torch_seed("weights", card.settings.seed))
     network = build_network(card)
     data = WindowData(training, validation, card.settings)
     network.fit_scale(*data.first_windows())
     alpha = inverse_frequency(training.label, len(card.classes)) if card.settings.loss.class_weights else None
-    best = _fit(Lesson(network, card.settings, alpha), data, folder, card, progress)
+    best = _fit(Lesson(network, card.settings, alpha), data, folder, card, feedback)
     network.load_state_dict(
         {k.removeprefix("network."): v for k, v in best["state_dict"].items() if k.startswith("network.")}
     )
@@ -239,7 +233,7 @@ def _train_network(
     )
 
 
-def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress: Console | None) -> dict[str, Any]:
+def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, feedback: Feedback) -> dict[str, Any]:
     """Train to the end; returns the checkpoint of the best epoch."""
     optimiser, checkpoints = card.settings.optimiser, folder / CHECKPOINTS
     keeper = ModelCheckpoint(
@@ -255,9 +249,8 @@ def _fit(lesson: Lesson, data: WindowData, folder: Path, card: RunCard, progress
         History(folder / HISTORY_FILE),
         EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
         keeper,
+        EpochProgress(feedback, card.settings.model, MONITOR),
     ]
-    if progress is not None:
-        callbacks.append(EpochProgress(progress, card.settings.model, MONITOR))
     last = checkpoints / "last.ckpt"
     with _quiet():
         trainer = lightning.Trainer(
@@ -279,7 +272,7 @@ def _write_reference(training: Records, predictor: Predictor, folder: Path, card
     ends = draw_ends(training, card.settings.windows, "reference", card.settings.seed)[:REFERENCE_WINDOWS]
     features = np.concatenate([predictor(w).features for w in batches(training, ends, card.settings.windows, 64)])
     label = training.label[ends.row]
-    replace(
+    replace_file(
         folder / REFERENCE_FILE,
         lambda path: np.savez_compressed(path, features=features.astype(np.float32), label=label),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +18,11 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.generation.engine import Item, Outcome, Result
 from labeling.intentions import Intention
 from tests.support.made_up import make_records
 
 SITE = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
 STUDY = {"seeds": [0, 3]}
-
-
-class InlineEngine:
-    """Runs tasks in this process."""
-
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
-        for item in items:
-            yield Outcome(item, result=task(item))
 
 
 def write_dataset(folder: Path, scenario: str = "toy", seeds: int = 4, per_class: int = 2) -> Dataset:

@@ -102,6 +102,8 @@ def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) ->
 class InlineEngine:
     """Runs tasks in this process, without a second try."""
 
+    workers = 1
+
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
         for item in items:
             try:

@@ -18,6 +18,7 @@ from isacsim.errors import InputError, RunError
 from labeling.generation import engine
 from labeling.generation.engine import ClusterEngine
 from labeling.generation.generate import generate
+from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 ROOT = Path(engine.__file__).parents[2]
@@ -92,13 +93,13 @@ def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monk
         slow = ScriptedSource(source.folder, pause_s=1.0)
         seen = []
 
-        def progress(done: int, total: int) -> None:
+        def progress(done: float, total: float) -> None:
             seen.append(done)
             if done == 1:
                 os.killpg(running[0].pid, signal.SIGKILL)
 
         with pytest.raises(RunError, match="scheduler went away"):
-            generate(study, tmp_path / "cut", ClusterEngine(address), progress, slow)
+            generate(study, tmp_path / "cut", ClusterEngine(address), RecordedFeedback(on_move=progress), slow)
     assert generate(study, tmp_path / "cut", InlineEngine(), source=source).digest == alone.digest
 
 

@@ -49,11 +49,11 @@ def test_a_full_disk_ends_the_command_and_leaves_nothing_half_written(tmp_path: 
     """The operating system's own ENOSPC, on a shard and on the last write."""
     data = tmp_path / "data"
     path = data / file
-    full = FullDisk(tmp_path, partial=path.with_name(f".{path.name}.{os.getpid()}"))
+    full = FullDisk(tmp_path, partial=path.with_name(f".{os.getpid()}-{path.name}"))
     with pytest.raises(OutputError, match=rf"{path.name}: cannot be written \(.*No space left on device.*\)") as caught:
         generate(STUDY, data, INLINE, source=full)
     assert "\n" not in str(caught.value)
-    assert list(data.rglob(".*")) == []
+    assert list(data.rglob(".*-*")) == []
     assert (data / "shards/road-1.parquet").is_file()
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(data)
@@ -142,9 +142,9 @@ def test_a_read_only_folder_is_bad_input(made: Dataset, tmp_path: Path) -> None:
         (folder / "road/road.net.xml").chmod(0o666)
         source = ScriptedSource(folder / "road")
         with unprivileged():
-            with pytest.raises(InputError, match=r"new: cannot be used .*Permission denied"):
+            with pytest.raises(InputError, match=r"new: cannot be written \(Permission denied\)"):
                 generate(STUDY, folder / "new", INLINE, source=source)
-            with pytest.raises(InputError, match="data: is read-only"):
+            with pytest.raises(InputError, match=r"data: cannot be written \(Permission denied\)"):
                 generate(STUDY, folder / "data", INLINE, source=source)
         assert Dataset.open(folder / "data").digest == made.digest
         for path in (folder, folder / "data", folder / "data/shards"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import multiprocessing
 import os
 import signal
@@ -18,7 +17,8 @@ import psutil
 import pytest
 
 from isacsim.errors import InputError, RunError
-from labeling.dataset.dataset import Dataset, read_meta
+from isacsim.files import claim
+from labeling.dataset.dataset import META_FILE, Dataset, read_meta
 from labeling.dataset.shard import read_episode
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
@@ -246,7 +246,7 @@ def test_a_foreign_folder_is_refused_and_left_untouched(
     source: ScriptedSource, study: DatasetStudy, tmp_path: Path
 ) -> None:
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="holds something that is no dataset"):
+    with pytest.raises(InputError, match="is not empty and holds no dataset"):
         generate(study, tmp_path, INLINE, source=source)
     assert bytes_of(tmp_path) == {"thesis.tex": b"years of work"}
     with pytest.raises(InputError, match="is a file"):
@@ -254,12 +254,11 @@ def test_a_foreign_folder_is_refused_and_left_untouched(
 
 
 def test_two_commands_on_one_folder_do_not_meet(source: ScriptedSource, study: DatasetStudy, tmp_path: Path) -> None:
-    (tmp_path / "data").mkdir()
-    descriptor = os.open(tmp_path / "data", os.O_RDONLY)
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
-    with pytest.raises(InputError, match="another command"):
+    with (
+        claim(tmp_path / "data", META_FILE, "dataset"),
+        pytest.raises(InputError, match="another command is writing it"),
+    ):
         generate(study, tmp_path / "data", INLINE, source=source)
-    os.close(descriptor)
 
 
 def test_two_scenarios_of_one_name_are_refused(source: ScriptedSource, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
 from tests.labeling.generation.test_cluster import processes, start, start_scheduler
 from tests.labeling.generation.test_generate import workers
+from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -149,13 +150,15 @@ def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int) -> None:
         draw = random.Random(turn)
         after, pause_s = draw.randrange(1, 5), draw.uniform(0.0, 0.5)
 
-        def progress(done: int, total: int) -> None:
+        def progress(done: float, total: float) -> None:
             if done == after:
                 time.sleep(pause_s)
                 os.killpg(running[0].pid, signal.SIGKILL)
 
         with pytest.raises(RunError, match="scheduler went away"):
-            generate(STUDY, tmp_path / "data", ClusterEngine(address), progress, scripted.source)
+            generate(
+                STUDY, tmp_path / "data", ClusterEngine(address), RecordedFeedback(on_move=progress), scripted.source
+            )
     made = generate(STUDY, tmp_path / "data", InlineEngine(), source=scripted.source)
     made.verify()
     assert made.digest == scripted.undisturbed.digest

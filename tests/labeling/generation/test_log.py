@@ -15,6 +15,7 @@ from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import Entry
 from labeling.generation.resense import ResenseSettings, own_sensing, resense
+from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 INLINE = InlineEngine()
@@ -29,11 +30,11 @@ def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
     (tmp_path / "died").mkdir()
     (tmp_path / "died" / "1").touch()
     source = ScriptedSource(tmp_path, broken=(3,), frail=tmp_path / "died", warnings=7)
-    noted: list[Entry] = []
+    feedback = RecordedFeedback()
     study = small_study(seeds={"first": 1, "last": 3})
-    made = generate(study, tmp_path / "data", LocalEngine(1), source=source, note=noted.append)
+    made = generate(study, tmp_path / "data", LocalEngine(1), feedback, source=source)
     found = {each["seed"]: each for each in lines(made.path)}
-    assert [each.model_dump(mode="json") for each in noted] == lines(made.path)
+    assert feedback.details == [str(Entry.model_validate(line)) for line in lines(made.path)]
     assert (found[1]["outcome"], found[1]["retries"], found[1]["reason"]) == ("made", 0, None)
     assert (found[1]["samples"], found[1]["collided"], found[1]["warnings"]) == (2, 1, 7)
     assert found[1]["events"] == made.meta.shards[0].episode.events
@@ -43,7 +44,7 @@ def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
     assert (found[3]["outcome"], found[3]["retries"], found[3]["reason"]) == (
         "lost", 2, "RuntimeError: the simulation broke",
     )  # fmt: skip
-    assert str(noted[-1]).startswith("road-3: lost, RuntimeError: the simulation broke")
+    assert feedback.details[-1].startswith("road-3: lost, RuntimeError: the simulation broke")
 
 
 def test_the_log_is_no_part_of_the_dataset(tmp_path: Path) -> None:

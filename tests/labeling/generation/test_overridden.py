@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from isacsim.scenarios.scenario import Scenario
 from labeling.generation.generate import generate
+from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 
@@ -20,10 +20,10 @@ class Loud(ScriptedSource):
 
 
 def test_overridden_options_are_told_once(tmp_path: Path) -> None:
-    told: list[tuple[str, Sequence[str]]] = []
     study = small_study(scenarios=["road", "quiet"], seeds={"first": 1, "last": 2})
-    made = generate(
-        study, tmp_path / "data", InlineEngine(), source=Loud(tmp_path), tell=lambda *line: told.append(line)
-    )
-    assert len(made.meta.shards) == 4
-    assert told == [("road", ("fcd-output", "step-length"))]
+    feedback = RecordedFeedback()
+    dataset = generate(study, tmp_path / "data", InlineEngine(), feedback, source=Loud(tmp_path))
+    assert len(dataset.meta.shards) == 4
+    assert feedback.messages == [
+        "road: the time base and outputs are fixed; these options are ignored: fcd-output, step-length"
+    ]

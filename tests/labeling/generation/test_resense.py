@@ -18,6 +18,7 @@ from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
 from labeling.generation.resense import ResenseSettings, own_sensing, plan, resense
+from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 INLINE = InlineEngine()
@@ -175,12 +176,13 @@ def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset,
     before = kept.stat().st_ino
     (folder / "shards/road-2.parquet").unlink()
     (folder / "shards/road-3.parquet").write_bytes(b"PAR1")
-    moves: list[tuple[int, int]] = []
-    resense(dataset, settings, folder, INLINE, lambda done, total: moves.append((done, total)))
+
+    feedback = RecordedFeedback()
+    resense(dataset, settings, folder, INLINE, feedback)
     assert bytes_of(folder) == bytes_of(made.path)
     assert kept.stat().st_ino == before
-    assert moves[0][0] > 0
-    assert moves[-1] == (10, 10)
+    assert feedback.moves[0][0] > 0
+    assert feedback.moves[-1] == (10, 10)
 
 
 def test_a_folder_is_held_for_one_way_of_sensing(dataset: Dataset, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from command_line.progress import ConsoleFeedback
 from isacsim.errors import InputError
 from labeling.dataset.dataset import Dataset
 from models.evaluation.evaluation import EvaluateSettings, evaluate
@@ -47,7 +48,7 @@ def test_progress_is_drawn_where_it_is_asked_for(
 ) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     short = SMALL_RUN.model_copy(update={"optimiser": SMALL_RUN.optimiser.model_copy(update={"epochs": 1})})
-    train(dataset, tmp_path / "run", short, console)
+    train(dataset, tmp_path / "run", short, ConsoleFeedback(console))
     drawn = console.file.getvalue()  # type: ignore[attr-defined]
     assert "epoch 1/1" in drawn
     assert "left" in drawn

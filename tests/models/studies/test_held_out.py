@@ -49,6 +49,6 @@ def test_each_known_intention_is_unknown_in_turn(records: Records, tmp_path: Pat
 
 def test_a_foreign_folder_is_left_alone(records: Records, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"held_out\.json"):
+    with pytest.raises(InputError, match="is not empty and holds no held-out study"):
         hold_out_each(records, MADE_OF, tmp_path, TREES)
     assert [each.name for each in tmp_path.iterdir()] == ["mine.txt"]

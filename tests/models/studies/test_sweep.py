@@ -24,7 +24,9 @@ from models.studies import sweep, sweep_table
 from models.studies.study import Study
 from models.training.progress import Steps
 from tests.support.made_up import SMALL_RUN
-from tests.support.made_up_dataset import InlineEngine, write_dataset
+from tests.support.made_up_dataset import write_dataset
+from tests.support.recorded_feedback import RecordedFeedback
+from tests.support.scripted import InlineEngine
 
 TINY = {
     **SMALL_RUN.model_dump(),
@@ -45,23 +47,26 @@ class Makers:
     def __init__(self, *broken: str) -> None:
         self.broken, self.generated, self.sensed = broken, [], []
 
-    def generate(self, study: DatasetStudy, folder: Path) -> Dataset:
+    def generate(self, study: DatasetStudy, folder: Path, *_: object) -> Dataset:
         (network,) = study.scenarios
         if network in self.broken:
             raise RunError("all 5 episodes failed, the first with: no lane")
         self.generated.append((network, folder))
         return Dataset.open(folder) if folder.exists() else write_dataset(folder, network, SEEDS[network])
 
-    def sense(self, dataset: Dataset, settings: ResenseSettings, folder: Path) -> Dataset:
+    def sense(self, dataset: Dataset, settings: ResenseSettings, folder: Path, *_: object) -> Dataset:
         self.sensed.append((settings.sensor, folder))
         return resense(dataset, settings, folder, InlineEngine())
 
 
 def run(study: Study, out: Path, makers: Makers) -> tuple[dict[str, Any], str]:
-    """What the sweep found, and what it told meanwhile."""
-    console = Console(file=io.StringIO(), width=200)
-    found = sweep.run_sweep(study, out, makers.generate, makers.sense, console)
-    return found, console.file.getvalue()  # type: ignore[attr-defined]
+    """What the sweep's table holds, and the messages meanwhile."""
+    feedback = RecordedFeedback()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweep, "generate", makers.generate)
+        patch.setattr(sweep, "resense", makers.sense)
+        table = sweep.run_sweep(study, out, InlineEngine(), feedback)
+    return table, "\n".join(feedback.messages)
 
 
 TWO_WAYS = study_of(scenarios=["north"], sensors=["isac", "truth"], models=["asi-bip"], training_seeds=[3, 4])
@@ -253,15 +258,15 @@ def test_the_time_left_follows_what_steps_took(monkeypatch: pytest.MonkeyPatch) 
     """Steps that take twice as long as expected, and one that was done before, of which nothing is told."""
     clock = [0.0]
     monkeypatch.setattr("models.training.progress.time.monotonic", lambda: clock[0])
-    console = Console(file=io.StringIO(), width=200)
-    steps = Steps(console, 3000.0)
+    feedback = RecordedFeedback()
+    steps = Steps(feedback, 3000.0)
     for k, standing in enumerate((False, True, False, False)):
         with steps.step(f"step {k}", 600.0, standing):
             clock[0] += 0.0 if standing else 1200.0
     steps.skip(300.0)
     with steps.step("last", 300.0, False):
         pass
-    told = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    told = feedback.messages
     assert told[0] == "step 0; about 50 min left"
     assert told[1] == f"step 2; about {1800 * 1260 / 660 / 60:.0f} min left"
     assert told[2] == f"step 3; about {1200 * 2460 / 1260 / 60:.0f} min left"
@@ -294,7 +299,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             raise RunError("all 20 episodes failed, the first with: no lane")
         return Dataset.open(out) if out.exists() else write_dataset(out, *study.scenarios)
 
-    monkeypatch.setattr("labeling.generation.generate.generate", generate)
+    monkeypatch.setattr(sweep, "generate", generate)
     monkeypatch.setattr("labeling.generation.engine.LocalEngine", lambda jobs: InlineEngine())
     monkeypatch.chdir(tmp_path)
     (tmp_path / "both.toml").write_text(TOML)

@@ -16,7 +16,7 @@ from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.data.windows import Records, cut, draw_ends
 from models.evaluation import evaluation
-from models.run import Run, TrainSettings, holds_other, load_run
+from models.run import Run, TrainSettings, load_run
 from models.training import training
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -117,22 +117,6 @@ def test_foreign_folders_and_other_runs_are_left_alone(records: Records, network
         train_records(records, MADE_OF, network_run.path, SMALL_RUN.model_copy(update={"seed": 7}))
     with pytest.raises(InputError, match="another dataset"):
         train_records(records, {**MADE_OF, "digest": "other"}, network_run.path, SMALL_RUN)
-
-
-def test_what_a_killed_command_left_of_its_first_file_is_no_foreign_content(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    assert not holds_other(folder, "run.json")
-    folder.mkdir()
-    (folder / ".4711-run.json").write_text("{")
-    assert not holds_other(folder, "run.json")
-    (folder / "notes.txt").touch()
-    assert holds_other(folder, "run.json")
-    (folder / "run.json").mkdir()
-    assert holds_other(folder, "run.json")
-    (folder / "run.json").rmdir()
-    (folder / "run.json").write_text("{}")
-    assert not holds_other(folder, "run.json")
-    assert holds_other(folder / "notes.txt", "run.json")
 
 
 def test_two_trainings_in_one_folder_do_not_meet(
