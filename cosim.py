@@ -1,4 +1,4 @@
-"""The command line: parse, call, print.
+"""The command line, as a table of contents: every command reads its arguments, makes one call and shows the result.
 
 The packages are imported inside the commands, so that help and usage errors answer at once.
 """
@@ -7,207 +7,198 @@ from __future__ import annotations
 
 import sys
 import time
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from command_line.options import (
-    AsJson,
-    Cluster,
-    DatasetFolder,
-    DemandSeed,
-    Height,
-    Jobs,
-    Out,
-    Quiet,
-    SetBack,
-    Snr,
-    Spacing,
-    Vehicles,
-    Verbose,
-    cores,
-    engine_of,
-    placed,
-)
-from command_line.output import (
-    console_of,
-    failures,
-    feedback_of,
-    print_json,
-    show_dataset,
-    show_estimate,
-    show_metrics,
-    show_scenario,
-    show_sweep,
-)
-from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
+from command_line import options as opt
+from command_line import output
+from command_line.exit_codes import exit_code
+from command_line.help import HelpfulCommand, examples
 
 app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="From a SUMO road network to an evaluated driver-intention predictor that sees traffic through ISAC sensing.",
+    rich_markup_mode="markdown",
+    help="From a SUMO road network to an evaluated predictor of driver intentions, fed by simulated ISAC sensing.",
 )
-network_app = typer.Typer(help="Scenarios made from a map, or from a network without sites.")
+network_app = typer.Typer(help="Make a scenario from a map, or from a network without base-station sites.")
 app.add_typer(network_app, name="network")
-INTERRUPTED = 130
-LONGEST = 1000
-"""Letters of what is said to be wrong."""
-KEPT = "interrupted; what was finished is kept, the same command goes on from there"
 
 
-@app.command()
+@app.callback()
+def common(version: opt.Version = False) -> None:
+    """Take the options that come before a command."""
+
+
+@app.command(
+    cls=HelpfulCommand, epilog=examples("run", "run my_study.toml -o results/mine", "run my_study.toml --dry-run")
+)
 def run(
-    study: Annotated[Path | None, typer.Argument(help="Study file (.toml); the bundled quick one when absent.")] = None,
+    study: Annotated[Path | None, typer.Argument(help="Study file (.toml). Default: the bundled quick study.")] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to write; results/<study> when absent.")
+        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the study's name, under results/.")
     ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only tell what it would take, about; nothing is written.")
-    ] = False,
-    jobs: Jobs = None,
-    cluster: Cluster = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")] = False,
+    jobs: opt.Jobs = None,
+    cluster: opt.Cluster = None,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
 ) -> None:
-    """The main job: generate, train, evaluate, report; or all of it for every cell of a sweep."""
-    from labeling.dataset.dataset import Dataset
-    from labeling.generation.generate import describe, read_scenarios
-    from models.report import report
-    from models.studies.single import run_study
+    """Run a whole study: generate, train, evaluate and report; or a sweep of studies, with one table.
+
+    Repeat the command to continue an interrupted study.
+    """
+    from command_line.study import run_and_show, show_cost
     from models.studies.study import read_study
-    from models.studies.sweep import run_sweep
 
-    began = time.monotonic()
-    console, content = console_of(quiet), read_study(study)
-    for each in content.networks.values():
-        # A network that is at fault is told before anything is written, and before hours go into the others.
-        describe(each, read_scenarios(each))
+    began, console = time.monotonic(), output.console_of(quiet)
+    content = read_study(study)
+    content.check_scenarios()
     if dry_run:
-        print_json(as_json, show_estimate(content, jobs or cores(), console))
+        output.print_json(as_json, show_cost(content, jobs or opt.cores(), console))
         return
-    folder, feedback = out or Path("results") / content.name, feedback_of(console, verbose)
-    engine = engine_of(jobs, cluster)
-    if content.sweep is not None:
-        found = show_sweep(run_sweep(content, folder, engine, feedback), folder, console)
-        print_json(as_json, {**found, "seconds": round(time.monotonic() - began, 1)})
-        if found["failed"]:
-            raise RunError(failures(found))
-        return
-
-    found = run_study(content, folder, engine, feedback)
-    show_dataset(Dataset.open(folder / "dataset"), console)
-    show_metrics(found, console)
-    console.print(f"figures and report: {folder / 'report' / report.PAGE}", soft_wrap=True)
-    result = {
-        "dataset": str(folder / "dataset"),
-        "run": str(folder / "run"),
-        "report": str(folder / "report"),
-        "accuracy": found["accuracy"],
-        "macro_f1": found["macro_f1"],
-        "floor_macro_f1": found["compared"][0]["macro_f1"],
-        "seconds": round(time.monotonic() - began, 1),
-    }
-    print_json(as_json, result)
+    feedback = output.feedback_of(console, verbose)
+    result = run_and_show(content, out or Path("results") / content.name, opt.engine_of(jobs, cluster), feedback)
+    output.print_json(as_json, {**result, "seconds": round(time.monotonic() - began, 1)})
+    output.fail_if_incomplete(result)
 
 
-@app.command()
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples(
+        "generate motorway -o data --samples 500", "generate my_net.sumocfg -o data --seeds 1:40 --snr link"
+    ),
+)
 def generate(
     scenarios: Annotated[
-        list[str], typer.Argument(metavar="SCENARIO...", help="Bundled name, folder, .sumocfg or .net.xml.")
+        list[str],
+        typer.Argument(
+            metavar="SCENARIO", help="Name of a bundled scenario, folder, .sumocfg or .net.xml; one or more."
+        ),
     ],
-    out: Out,
-    windows: Annotated[
-        int | None, typer.Option(min=1, help="Samples to reach; every seed is used when absent.")
+    out: opt.Out,
+    samples: Annotated[
+        int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
     ] = None,
-    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Traffic seeds, both ends included.")] = None,
-    snr: Snr = None,
-    jobs: Jobs = None,
-    cluster: Cluster = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    windows: Annotated[int | None, typer.Option("--windows", min=1, hidden=True)] = None,
+    seeds: Annotated[
+        str | None, typer.Option(metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20.")
+    ] = None,
+    snr: opt.Snr = None,
+    jobs: opt.Jobs = None,
+    cluster: opt.Cluster = None,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
 ) -> None:
-    """A labelled dataset; resumes where it stopped."""
-    from command_line.arguments import dataset_study
+    """Generate a labelled dataset from simulated traffic.
+
+    Repeat the command to continue an interrupted dataset.
+    """
+    from command_line.arguments import dataset_study, one_of
     from labeling.generation.generate import generate as generate_dataset
 
-    study, console = dataset_study(scenarios, windows, seeds, snr), console_of(quiet)
-    dataset = generate_dataset(study, out, engine_of(jobs, cluster), feedback_of(console, verbose))
-    print_json(as_json, show_dataset(dataset, console))
+    console = output.console_of(quiet)
+    study = dataset_study(scenarios, one_of(samples, windows), seeds, snr)
+    feedback = output.feedback_of(console, verbose)
+    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
+    output.print_json(as_json, output.show_dataset(dataset, console))
 
 
-@app.command()
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples("sense data -o data_noisy --snr -10:0", "sense data -o data_radar --sensor radar --radar weather"),
+)
 def sense(
-    dataset: DatasetFolder,
-    out: Out,
-    sensor: Annotated[str, typer.Option(help="isac (the sites), radar (the UV's own), or truth.")] = "isac",
-    snr: Snr = None,
-    estimator: Annotated[str | None, typer.Option(help="ml, candan, grid or padded_grid.")] = None,
-    fusion: Annotated[str | None, typer.Option(help="information, eq5 or eq5-covariance.")] = None,
-    sites: Annotated[int | None, typer.Option(help="Sites used at once, at most.")] = None,
-    rain: Annotated[float | None, typer.Option(metavar="MM_PER_H", help="Rain, mm/h.")] = None,
-    no_blockage: Annotated[bool, typer.Option("--no-blockage", help="Leave out blockage by other vehicles.")] = False,
-    radar: Annotated[str | None, typer.Option(help="Of --sensor radar: clear, nlos or weather.")] = None,
-    pattern: Annotated[str | None, typer.Option(help="What --radar nlos loses: random or contiguous.")] = None,
-    records: Annotated[
-        int | None, typer.Option(help="Records to sense, the dataset's over and over with new echoes.")
+    dataset: opt.DatasetFolder,
+    out: opt.Out,
+    sensor: Annotated[str, typer.Option(help="What senses the target vehicle: {sensors}.")] = "isac",
+    snr: opt.Snr = None,
+    estimator: Annotated[
+        str | None, typer.Option(help="How angle, delay and Doppler are estimated: {estimators}.")
     ] = None,
-    jobs: Jobs = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    fusion: Annotated[
+        str | None, typer.Option(help="How the sites' measurements are fused: {fusion_methods}, eq5-covariance.")
+    ] = None,
+    sites: Annotated[int | None, typer.Option(help="Use at most this many sites at once.")] = None,
+    rain: Annotated[float | None, typer.Option(metavar="MM_PER_H", help="Rain rate, mm/h.")] = None,
+    no_blockage: Annotated[bool, typer.Option("--no-blockage", help="Ignore blockage by other vehicles.")] = False,
+    radar: Annotated[
+        str | None, typer.Option(help="Condition of the onboard radar (with --sensor radar): clear, nlos, weather.")
+    ] = None,
+    pattern: Annotated[
+        str | None, typer.Option(help="Which cycles the radar loses (with --radar nlos): random, contiguous.")
+    ] = None,
+    records: Annotated[
+        int | None, typer.Option(help="Sense this many records, repeating the dataset's with new noise as needed.")
+    ] = None,
+    jobs: opt.Jobs = None,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
+    verbose: opt.Verbose = False,
 ) -> None:
-    """The same records, sensed anew; what is not named stays as in the dataset. Resumes where it stopped."""
-    from command_line.arguments import resense_settings
+    """Sense the records of a dataset again with other settings.
+
+    Settings that are not given stay as in the dataset. Repeat the command to continue where it was interrupted.
+    """
+    from command_line.arguments import SenseArguments, resense_settings
     from labeling.dataset.dataset import Dataset
     from labeling.generation.engine import LocalEngine
     from labeling.generation.resense import resense
 
-    console, opened = console_of(quiet), Dataset.open(dataset)
-    feedback = feedback_of(console, verbose)
-    settings = resense_settings(
-        opened, sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records
-    )
-    made = resense(opened, settings, out, LocalEngine(jobs or cores()), feedback)
-    print_json(as_json, show_dataset(made, console))
+    console, source = output.console_of(quiet), Dataset.open(dataset)
+    feedback = output.feedback_of(console, verbose)
+    arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
+    settings = resense_settings(source, arguments)
+    sensed = resense(source, settings, out, LocalEngine(jobs or opt.cores()), feedback)
+    output.print_json(as_json, output.show_dataset(sensed, console))
 
 
-@app.command()
+@app.command(cls=HelpfulCommand, epilog=examples("inspect data", "inspect data --verify --json"))
 def inspect(
-    dataset: DatasetFolder,
-    verify: Annotated[bool, typer.Option("--verify", help="Reread every shard against its digest.")] = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    dataset: opt.DatasetFolder,
+    verify: Annotated[bool, typer.Option("--verify", help="Reread every shard and check its digest.")] = False,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """What is in a dataset: counts, how its events look, rates, seeds, SNR."""
+    """Show what is in a dataset: counts by intention and origin, distributions, rates, seeds, SNR."""
     from labeling.dataset.dataset import Dataset
 
     opened = Dataset.open(dataset)
     if verify:
         opened.verify()
-    print_json(as_json, {**show_dataset(opened, console_of(quiet)), "verified": verify})
+    output.print_json(as_json, {**output.show_dataset(opened, output.console_of(quiet)), "verified": verify})
 
 
-@app.command()
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples(
+        "train data -o predictor", "train data -o floor --model trees", "train data -o c --model castformer"
+    ),
+)
 def train(
-    dataset: DatasetFolder,
-    out: Out,
-    model: Annotated[
-        str, typer.Option(help="The predictor: asi-bip, castformer, trees, ensemble or a floor.")
-    ] = "asi-bip",
-    epochs: Annotated[int | None, typer.Option(min=1, help="Epochs at most.")] = None,
+    dataset: opt.DatasetFolder,
+    out: opt.Out,
+    model: Annotated[str, typer.Option(help="Predictor to train: {predictors}.")] = "asi-bip",
+    epochs: Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
     held_out: Annotated[
-        str | None, typer.Option(metavar="INTENTION", help="Known intention left out, to be unknown in evaluation.")
+        str | None,
+        typer.Option(
+            metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."
+        ),
     ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """A trained predictor; resumes where it stopped."""
+    """Train a predictor on a dataset.
+
+    Repeat the command to continue an interrupted training.
+    """
     from labeling.dataset.dataset import Dataset
     from labeling.generation.settings import checked
     from models.predictors.castformer import PAPER_OPTIMISER
@@ -215,137 +206,117 @@ def train(
     from models.training.training import train as train_predictor
 
     optimiser = (PAPER_OPTIMISER if model == "castformer" else {}) | ({} if epochs is None else {"epochs": epochs})
-    said = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
-    settings = checked(TrainSettings, said, "arguments")
-    console = console_of(quiet)
-    made = train_predictor(Dataset.open(dataset), out, settings, feedback_of(console))
-    card = made.card
-    if card.validation_macro_f1 is not None:
-        best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
-        console.print(f"{best}, {card.parameters} parameters")
-    result = {"run": str(out), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
-    print_json(as_json, result)
+    arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
+    settings = checked(TrainSettings, arguments, "arguments")
+    console = output.console_of(quiet)
+    trained = train_predictor(Dataset.open(dataset), out, settings, output.feedback_of(console))
+    output.print_json(as_json, output.show_run(trained, console))
 
 
-@app.command()
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples("evaluate predictor --data data", "evaluate predictor --data data --against floor"),
+)
 def evaluate(
-    run: Annotated[Path, typer.Argument(help="Folder of a trained predictor.")],
-    data: Annotated[Path, typer.Option("--data", metavar="DATASET", help="Dataset whose unseen seeds are used.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a trained predictor.")],
+    data: Annotated[
+        Path, typer.Option("--data", metavar="DATASET", help="Dataset; only seeds unseen in training are used.")
+    ],
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to write; RUN/evaluation when absent.")
+        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: evaluation/ in the run's folder.")
     ] = None,
     against: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN", help="Another run to compare with on the same windows; may be given again."),
+        typer.Option(metavar="RUN", help="Compare with another run on the same windows; repeatable."),
     ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """Metrics and figures of a predictor on windows of traffic it has not seen."""
+    """Evaluate a predictor on traffic that it has not seen: metrics, figures and a page."""
     from labeling.dataset.dataset import Dataset
     from models.evaluation.evaluation import evaluate as evaluate_run
     from models.report import report
     from models.run import load_run
 
-    console, loaded, dataset = console_of(quiet), load_run(run), Dataset.open(data)
+    console, loaded, dataset = output.console_of(quiet), load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
-    found = evaluate_run(loaded, dataset, folder, against=[load_run(each) for each in against or ()])
+    metrics = evaluate_run(loaded, dataset, folder, against=[load_run(path) for path in against or ()])
     page = report.write_report(loaded, dataset, folder)
-    show_metrics(found, console)
-    console.print(f"figures and report: {page}", soft_wrap=True)
-    print_json(as_json, {"report": str(folder), **found})
+    output.show_metrics(metrics, page, console)
+    output.print_json(as_json, {"report": str(folder), **metrics})
 
 
-@network_app.command("import")
+@network_app.command(
+    "import",
+    cls=HelpfulCommand,
+    epilog=examples("network import town.osm.gz -o town --box 9.7,52.3,9.8,52.4"),
+)
 def network_import(
     source: Annotated[Path, typer.Argument(metavar="MAP", help="OpenStreetMap file: .osm, .osm.xml, or gzipped.")],
-    out: Out,
-    box: Annotated[str | None, typer.Option(metavar="W,S,E,N", help="Part of the map, degrees.")] = None,
-    spacing: Spacing = None,
-    set_back: SetBack = None,
-    height: Height = None,
-    vehicles: Vehicles = None,
-    seed: DemandSeed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    out: opt.Out,
+    box: Annotated[
+        str | None, typer.Option(metavar="W,S,E,N", help="Part of the map: west, south, east, north, degrees.")
+    ] = None,
+    spacing: opt.Spacing = None,
+    set_back: opt.SetBack = None,
+    height: opt.Height = None,
+    vehicles: opt.Vehicles = None,
+    seed: opt.DemandSeed = 0,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """A scenario from a map: network, demand, and sites along the roads."""
+    """Make a scenario from a map: network, demand, and sites along the roads."""
     from command_line.arguments import box_of
     from isacsim.scenarios.making import import_map
 
     part = None if box is None else box_of(box)
-    made = import_map(source, out, part, *placed(spacing, set_back, height, vehicles), seed)
-    print_json(as_json, show_scenario(made, str(source), console_of(quiet)))
+    made = import_map(source, out, part, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    output.print_json(as_json, output.show_scenario(made, str(source), output.console_of(quiet)))
 
 
-@network_app.command("sites")
+@network_app.command(
+    "sites",
+    cls=HelpfulCommand,
+    epilog=examples("network sites my_network.net.xml -o my_scenario --spacing 150"),
+)
 def network_sites(
     scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="Folder, .sumocfg or .net.xml.")],
-    out: Out,
-    spacing: Spacing = None,
-    set_back: SetBack = None,
-    height: Height = None,
-    vehicles: Vehicles = None,
-    seed: DemandSeed = 0,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    out: opt.Out,
+    spacing: opt.Spacing = None,
+    set_back: opt.SetBack = None,
+    height: opt.Height = None,
+    vehicles: opt.Vehicles = None,
+    seed: opt.DemandSeed = 0,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """A scenario with sites along its roads, and demand where it has none; nothing is written beside the original."""
+    """Make a scenario with sites along the roads of a network, and demand where it has none.
+
+    Nothing is written beside the original.
+    """
     from isacsim.scenarios.making import add_sites
 
-    made = add_sites(scenario, out, *placed(spacing, set_back, height, vehicles), seed)
-    print_json(as_json, show_scenario(made, scenario, console_of(quiet)))
+    made = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    output.print_json(as_json, output.show_scenario(made, scenario, output.console_of(quiet)))
 
 
-@app.command()
+@app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench train --json"))
 def bench(
-    what: Annotated[str, typer.Argument(metavar="echo|traffic|generate|train|infer", help="What to time.")],
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    what: Annotated[str, typer.Argument(metavar="NAME", help="What to measure: {benches}.")],
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
 ) -> None:
-    """Speeds as ratios against a stated reference, measured in one run; a minute or two each, `generate` several."""
+    """Measure speeds as ratios against a stated reference, both in one run; takes minutes."""
     from benchmarks import run as run_bench
 
-    found = run_bench(what)
-    console_of(quiet).print_json(data=found)
-    print_json(as_json, found)
+    result = run_bench(what)
+    output.console_of(quiet).print_json(data=result)
+    output.print_json(as_json, result)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The console script. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted.
-
-    What went wrong goes to standard error, in one line where the user can mend it.
-    """
-    usage_error: Any = typer.BadParameter.__base__
-    try:
-        code = int(app(arguments, standalone_mode=False) or 0)
-    except InputError as error:
-        return _complain(str(error), 2)
-    except usage_error as error:
-        return _complain(f"{error.format_message()} Try `cosim --help`.", 2)
-    except RunError as error:
-        return _complain(str(error), 1)
-    except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except OSError as error:
-        if error.errno in NO_ROOM:
-            return _complain(str(output_error(error.filename or "the output", error)), 1)
-        if error.errno in WRONG_PATH and error.filename is not None:
-            return _complain(f"{error.filename}: cannot be used ({error.strerror}); mend that, or give another path", 2)
-        traceback.print_exc()
-        return 1
-    except Exception:
-        traceback.print_exc()
-        return 1
-    # Newer typers turn Ctrl-C into this code themselves.
-    return _complain(KEPT, code) if code == INTERRUPTED else code
-
-
-def _complain(message: str, code: int) -> int:
-    """Say what is wrong in one line, without what a terminal would obey, and not endlessly. Returns the code."""
-    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(message.split()))
-    print(f"cosim: {line if len(line) <= LONGEST else line[:LONGEST] + '...'}", file=sys.stderr)
-    return code
+    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    return exit_code(lambda: app(arguments, standalone_mode=False))
 
 
 if __name__ == "__main__":

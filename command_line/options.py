@@ -1,4 +1,4 @@
-"""Options that several commands have, and what they stand for.
+"""Options that several commands share, and what they stand for.
 
 The packages are imported inside the functions, so that help and usage errors answer at once.
 """
@@ -6,6 +6,7 @@ The packages are imported inside the functions, so that help and usage errors an
 from __future__ import annotations
 
 import os
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,53 +19,80 @@ if TYPE_CHECKING:
     from isacsim.scenarios.site_placement import PlacementSettings
     from labeling.generation.engine import Engine
 
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"isac-cosim {version('isac-cosim')}, SUMO {version('libsumo')}, torch {version('torch')}")
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool,
+    typer.Option(
+        "--version", callback=_print_version, is_eager=True, help="Print the versions of this tool, SUMO and torch."
+    ),
+]
 DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a dataset.")]
-Out = Annotated[Path, typer.Option("-o", "--out", help="Folder to write; a new or empty one, or one to go on with.")]
+Out = Annotated[
+    Path, typer.Option("-o", "--out", help="Folder to write: a new or empty one, or an unfinished one to continue.")
+]
 Snr = Annotated[
     str | None,
-    typer.Option(metavar="LO:HI|VALUE|link", help="Per-element SNR, dB: a range to draw from, or a link budget."),
+    typer.Option(
+        metavar="LO:HI|VALUE|link",
+        help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
+    ),
 ]
-Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes; the number of cores when absent.")]
+Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes. Default: one per core.")]
 Cluster = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="A running dask scheduler, instead of own worker processes.")
+    str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a running dask scheduler, tcp://HOST:PORT.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object on standard output, last.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Only warnings and errors on standard error.")]
-Verbose = Annotated[bool, typer.Option("--verbose", help="A line on standard error for every episode.")]
-Spacing = Annotated[float | None, typer.Option(metavar="M", help="Between poles along the road, m.")]
-SetBack = Annotated[float | None, typer.Option(metavar="M", help="Of poles from the road's edge, m.")]
-Height = Annotated[float | None, typer.Option(metavar="M", help="Of the antennas above the road, m.")]
-Vehicles = Annotated[int | None, typer.Option(help="Vehicles on the road at once, about, where demand is made.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, last on standard output.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors to standard error.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Print a line to standard error for every episode.")]
+Spacing = Annotated[
+    float | None, typer.Option(metavar="M", help="Distance between masts along the road, m. Default: {spacing_m}.")
+]
+SetBack = Annotated[
+    float | None, typer.Option(metavar="M", help="Distance of masts from the road's edge, m. Default: {set_back_m}.")
+]
+Height = Annotated[
+    float | None, typer.Option(metavar="M", help="Height of the antennas above the road, m. Default: {height_m}.")
+]
+Vehicles = Annotated[
+    int | None,
+    typer.Option(help="About how many vehicles are on the road at once, where demand is made. Default: {vehicles}."),
+]
 DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that is made.")]
 
 
 def engine_of(jobs: int | None, cluster: str | None) -> Engine:
-    """What makes episodes: own worker processes, or those of a running scheduler, which is asked whether it is fit."""
+    """Return what runs episodes: local worker processes, or a running scheduler's workers, which are checked first."""
     from labeling.generation.engine import ClusterEngine, LocalEngine
 
     if cluster is None:
         return LocalEngine(jobs or cores())
     if jobs is not None:
-        raise InputError("--jobs is of own worker processes and --cluster of a scheduler's; give one of them")
+        raise InputError("--jobs is for local worker processes and --cluster for a scheduler's; give one of them")
     engine = ClusterEngine(cluster)
     engine.check()
     return engine
 
 
-def placed(
+def placement_of(
     spacing: float | None, set_back: float | None, height: float | None, vehicles: int | None
 ) -> tuple[PlacementSettings, DemandSettings]:
-    """Where poles stand and how much traffic is made, by the arguments."""
+    """Return where masts stand and how much traffic is made, from the arguments."""
     from isacsim.scenarios.demand import DemandSettings
     from isacsim.scenarios.site_placement import PlacementSettings
     from labeling.generation.settings import checked
 
-    places = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
-    given = {name: value for name, value in places.items() if value is not None}
+    arguments = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
+    given = {name: value for name, value in arguments.items() if value is not None}
     placement = checked(PlacementSettings, given, "arguments")
     return placement, checked(DemandSettings, {} if vehicles is None else {"vehicles": vehicles}, "arguments")
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

@@ -11,115 +11,78 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from command_line.progress import ConsoleFeedback, print_line
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 
 if TYPE_CHECKING:
     from isacsim.scenarios.making import Made
     from labeling.dataset.dataset import Dataset
-    from models.studies.study import Study
-
-
-UNBOUND = 1000
-"""Wider than any table, characters."""
+    from models.run import Run
 
 
 def console_of(quiet: bool) -> Console:
-    """Where people's output goes: standard error, or nowhere."""
+    """Return where people's output goes: standard error, or nowhere."""
     return Console(stderr=True, quiet=quiet)
 
 
-def print_json(as_json: bool, result: dict[str, Any]) -> None:
-    """The result of a command as one line of JSON, where that is asked for."""
-    if as_json:
-        print(json.dumps(result))
-
-
 def feedback_of(console: Console, verbose: bool = False) -> ConsoleFeedback:
-    """Return where long work reports its progress. Raises InputError where details go to a quiet console."""
+    """Return where long work reports its progress. Raises InputError where details would go to a quiet console."""
     if verbose and console.quiet:
         raise InputError("--quiet and --verbose contradict each other; give one of them")
     return ConsoleFeedback(console, verbose)
 
 
+def print_json(as_json: bool, result: dict[str, Any]) -> None:
+    """Print the result of a command as one line of JSON, if that was asked for."""
+    if as_json:
+        print(json.dumps(result))
+
+
+def fail_if_incomplete(result: dict[str, Any]) -> None:
+    """Raise RunError, in one line, where a sweep left trainings out."""
+    if failed := result.get("failed"):
+        raise RunError(
+            f"{len(failed)} of {result['trainings']} trainings failed and are left out, the first of "
+            f"{failed[0]['cell']}, training seed {failed[0]['training_seed']}: {failed[0]['reason']}; "
+            "the same command tries them again"
+        )
+
+
 def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
-    """What is in a dataset, and what is amiss with it. Returns its summary."""
+    """Show what is in a dataset, and warn of what is missing. Returns its summary."""
     from labeling.dataset.summary import faults, show, summary
 
-    found = summary(dataset)
-    show(found, console)
-    for fault in faults(found):
+    content = summary(dataset)
+    show(content, console)
+    for fault in faults(content):
         print(f"warning: {fault}", file=sys.stderr)
-    return found
-
-
-def show_estimate(study: Study, jobs: int, console: Console) -> dict[str, Any]:
-    """What a study would take. Returns it as plain values."""
-    from models.studies.cost_estimate import estimate_study
-    from models.training.progress import spoken_time
-
-    found = estimate_study(study)
-    counts = f"{_number(found.cells, 'cell')}, {_number(found.trainings, 'training')}, "
-    counts += _number(found.datasets, "dataset")
-    anew = f", {found.sensed_anew} sensed anew" if found.sensed_anew else ""
-    print_line(
-        console, f"{counts}: about {found.episodes} episodes, {found.samples} samples{anew}; {_size(found.bytes)}"
-    )
-    print_line(
-        console,
-        f"about {spoken_time(found.cpu_s)} of processor time for datasets and {spoken_time(found.training_s)} for "
-        f"trainings: {spoken_time(found.seconds(jobs))} with {_number(jobs, 'worker')}",
-    )
-    print_line(console, "by what the bundled motorway and the networks' defaults take, all epochs counted")
-    return {**dataclasses.asdict(found), "jobs": jobs, "seconds": found.seconds(jobs)}
-
-
-def show_sweep(found: dict[str, Any], folder: Path, console: Console) -> dict[str, Any]:
-    """The table of a sweep, and where it stands. Returns what `--json` gives."""
-    from models.report import report
-    from models.studies import sweep_table
-
-    # Whole, also where the terminal is narrower or there is none.
-    own, console.width = console.width, UNBOUND
-    console.print(sweep_table.table(found))
-    console.width = own
-    page = folder / sweep_table.REPORT / report.PAGE
-    print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
-    paths = {"table": str(folder / sweep_table.TABLE_JSON), "report": str(page.parent)}
-    return {**paths, "trainings": found["trainings"], "cells": found["cells"], "failed": found["failed"]}
-
-
-def failures(found: dict[str, Any]) -> str:
-    """One line on what a sweep left out."""
-    first = found["failed"][0]
-    return (
-        f"{len(found['failed'])} of {found['trainings']} trainings failed and are left out, the first of "
-        f"{first['cell']}, training seed {first['training_seed']}: {first['reason']}; the same command tries them again"
-    )
-
-
-def _number(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
-
-
-def _size(number: int) -> str:
-    return f"{number / 1e6:.0f} MB" if number < 2e9 else f"{number / 1e9:.1f} GB"
+    return content
 
 
 def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:
-    """What a scenario was made of. Returns it as plain values."""
+    """Show what a scenario was made of. Returns it as plain values."""
     from labeling.generation.log import overridden
 
     if made.overridden:
         print_line(console, overridden(source, made.overridden))
     demand = "demand was made" if made.made_demand else "its own demand"
-    console.print(f"{made.folder}: {made.sites} sites along {made.edges} edges; {demand}", soft_wrap=True)
+    print_line(console, f"{made.folder}: {made.sites} sites along {made.edges} edges; {demand}")
     return {**dataclasses.asdict(made), "folder": str(made.folder)}
 
 
-def show_metrics(found: dict[str, Any], console: Console) -> None:
-    """What an evaluation found."""
+def show_run(run: Run, console: Console) -> dict[str, Any]:
+    """Show how a training ended. Returns what `--json` prints."""
+    card = run.card
+    if card.validation_macro_f1 is not None:
+        best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
+        print_line(console, f"{best}, {card.parameters} parameters")
+    return {"run": str(run.path), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
+
+
+def show_metrics(metrics: dict[str, Any], page: Path, console: Console) -> None:
+    """Show what an evaluation measured, and where its page is."""
     from models.report import report
 
-    console.print(report.table(found))
-    for line in report.verdict(found):
-        console.print(line, soft_wrap=True)
+    console.print(report.table(metrics))
+    for line in report.verdict(metrics):
+        print_line(console, line)
+    print_line(console, f"figures and report: {page}")

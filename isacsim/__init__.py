@@ -1,1 +1,11 @@
-"""Traffic and sensing: from a SUMO scenario to what the mobile network knows of a vehicle."""
+"""From a scenario to what the network knows of its vehicles: traffic, echoes, fixes, tracks. It knows nothing of labels.
+
+Importing it makes idle OpenMP threads sleep instead of spin. A spinning team of two threads on two cores makes training
+many times slower as soon as anything else runs; a sleeping one costs next to nothing (docs/performance.md). OpenMP
+reads the variable once, when it is loaded, so this comes before the first import of torch or scikit-learn. A value that
+the user has set is kept.
+"""
+
+import os
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")

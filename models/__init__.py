@@ -1,1 +1,3 @@
-"""From a dataset to a measured intention predictor."""
+"""From samples to a measured predictor: windows, predictors, training, scores, evaluation, reports, studies."""
+
+import isacsim as isacsim  # Before any library that starts threads.

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
 import cosim
+from command_line.arguments import one_of
+from isacsim.errors import InputError
 from isacsim.scenarios.scenario import bundled, load
+from isacsim.scenarios.site_placement import PlacementSettings
 
 ROOT = Path(cosim.__file__).parent
 TINY = """
@@ -63,11 +70,11 @@ BAD = {
     "generate siteless/motorway.net.xml -o new": "siteless/motorway.net.xml",
     "generate motorway -o full": "full: is not empty and holds no dataset",
     "generate motorway -o key.toml": "key.toml: is a file",
-    "generate motorway -o new --snr 10:0": "--snr 10:0: is no range",
-    "generate motorway -o new --snr loud": "--snr loud: is no range",
-    "generate motorway -o new --snr 0:nan": "--snr 0:nan: is no range",
+    "generate motorway -o new --snr 10:0": "--snr 10:0: is not a range",
+    "generate motorway -o new --snr loud": "--snr loud: is not a range",
+    "generate motorway -o new --snr 0:nan": "--snr 0:nan: is not a range",
     "generate motorway -o new --snr 0:900": "snr_range_db 0:900 is no range",
-    "generate motorway -o new --seeds 5": "--seeds 5: is no range",
+    "generate motorway -o new --seeds 5": "--seeds 5: is not a range",
     "generate motorway -o new --seeds=-3:2": "seeds.first",
     "generate motorway -o new --windows 0": "--windows",
     "generate motorway -o new --jobs none": "--jobs",
@@ -77,7 +84,7 @@ BAD = {
     "run -o new --quiet --verbose": "--quiet and --verbose contradict each other",
     "generate motorway": "Missing option '-o'",
     "generate motorway -o new --colour red": "No such option: --colour",
-    "generate -o new": "Missing argument 'SCENARIO...'",
+    "generate -o new": "Missing argument 'SCENARIO'",
     "": "Missing command",
     "network": "Missing command",
     "fly": "No such command 'fly'",
@@ -86,8 +93,8 @@ BAD = {
     "sense empty -o new": "empty: not a dataset",
     "network import nowhere.osm -o new": "there is no map nowhere.osm",
     "network import key.toml -o new": "key.toml is no OpenStreetMap file",
-    "network import key.toml -o new --box 9,52": "--box 9,52: is no box",
-    "network import key.toml -o new --box 9,52,8,53": "--box 9,52,8,53: is no box",
+    "network import key.toml -o new --box 9,52": "--box 9,52: is not a box",
+    "network import key.toml -o new --box 9,52,8,53": "--box 9,52,8,53: is not a box",
     "network sites nowhere -o new": "no scenario nowhere",
     "network sites motorway -o new": "sites already",
     "network sites siteless -o full": "full is there already and not empty",
@@ -129,7 +136,51 @@ def test_help_answers_without_the_heavy_packages() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
-    assert "--windows" in done.stdout
+    assert "--samples" in done.stdout
+    assert "--windows" not in done.stdout
+
+
+def commands() -> dict[str, Any]:
+    """Every command by what calls it, `network sites`."""
+    root: Any = typer.main.get_command(cosim.app)
+    leaves = {}
+    for name, command in root.commands.items():
+        parts = getattr(command, "commands", None)
+        leaves |= {f"{name} {part}": leaf for part, leaf in parts.items()} if parts else {name: command}
+    return leaves
+
+
+@pytest.mark.parametrize("name", commands())
+def test_help_is_complete_and_its_examples_are_understood(name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """Defaults and choices that only the packages know are filled in; every example has only known options."""
+    assert cosim.main([*name.split(), "--help"]) == 0
+    shown = capfd.readouterr().out
+    assert not re.search(r"\{[a-z_]+\}", shown)
+    command = commands()[name]
+    lines = re.findall(r"`cosim ([^`]+)`", command.epilog)
+    assert lines
+    for line in lines:
+        words = shlex.split(line)
+        assert words[: len(name.split())] == name.split()
+        command.make_context(name, words[len(name.split()) :])
+
+
+def test_help_shows_the_defaults_of_the_settings(capfd: pytest.CaptureFixture[str]) -> None:
+    assert cosim.main(["network", "sites", "--help"]) == 0
+    shown = " ".join(capfd.readouterr().out.replace("│", "").split())
+    for field in ("spacing_m", "set_back_m", "height_m"):
+        assert f"Default: {PlacementSettings.model_fields[field].default:g}." in shown
+
+
+def test_the_version_names_what_results_depend_on(capfd: pytest.CaptureFixture[str]) -> None:
+    assert cosim.main(["--version"]) == 0
+    assert re.fullmatch(r"isac-cosim \S+, SUMO 1\.\S+, torch 2\.\S+\n", capfd.readouterr().out)
+
+
+def test_the_former_name_of_samples_still_works() -> None:
+    assert one_of(None, 5) == one_of(5, None) == 5
+    with pytest.raises(InputError, match="--windows is the former name of --samples"):
+        one_of(5, 5)
 
 
 def test_a_script_from_the_source_tree_gives_the_exit_code(tmp_path: Path) -> None:
@@ -214,13 +265,13 @@ def test_inspect_verify_notices_damage(tiny: Path, tmp_path: Path, capfd: pytest
 
 
 SENSE_BAD = {
-    "--snr loud": "--snr loud: is no range",
+    "--snr loud": "--snr loud: is not a range",
     "--estimator guess": "arguments: sensing.estimator",
     "--fusion eq7": "arguments: sensing.fusion.method",
     "--sites 0": "arguments: sensing.view.sites",
     "--rain -1": "arguments: sensing.channel.rain_mm_per_h",
     "--sensor sonar": "arguments: sensor",
-    "--radar nlos": "--radar is of the radar: add --sensor radar",
+    "--radar nlos": "--radar applies to the onboard radar only: add --sensor radar",
     "--sensor radar --radar fog": "arguments: radar.condition",
     "--sensor radar --radar nlos --pattern line_of_sight": "choose random or contiguous",
     "--records 0": "arguments: records",

@@ -8,9 +8,10 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from command_line.arguments import channel
+from isacsim.parsing import channel
 from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
+from labeling.generation.generate import describe, read_scenarios
 from labeling.generation.settings import DatasetStudy, checked, read_toml
 from models.evaluation.evaluation import EvaluateSettings
 from models.run import Model, TrainSettings
@@ -43,6 +44,11 @@ class Study(Settings):
                 "which records do not hold; give one, or take dataset.sensing.channel.blockage out"
             )
         return self
+
+    def check_scenarios(self) -> None:
+        """Raise InputError where a scenario is at fault, before anything is written or hours go into the others."""
+        for network in self.networks.values():
+            describe(network, read_scenarios(network))
 
     @property
     def floor(self) -> TrainSettings:

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
-from command_line.arguments import channel
 from isacsim.errors import InputError
+from isacsim.parsing import channel
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
 from isacsim.settings import Settings

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line.arguments import channel, resense_settings
+from command_line.arguments import SenseArguments, resense_settings
 from isacsim.errors import InputError
+from isacsim.parsing import channel
 from isacsim.sensing import SensingSettings
 from labeling.dataset.dataset import Dataset, Shard
 from labeling.dataset.shard import Episode
@@ -38,7 +39,7 @@ def anew(dataset: Dataset, tmp_path: Path) -> Anew:
     """Senses the dataset by arguments of the command line, into a folder of its own, and checks the contract."""
 
     def sensed(sensor: str = "isac", **arguments: object) -> Dataset:
-        settings = resense_settings(dataset, sensor, **arguments)  # type: ignore[arg-type]
+        settings = resense_settings(dataset, SenseArguments(sensor, **arguments))  # type: ignore[arg-type]
         made = resense(dataset, settings, tmp_path / f"{sensor}-{len(list(tmp_path.iterdir()))}", INLINE)
         made.verify()
         return made
@@ -143,10 +144,10 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
     assert list(frame["sample_id"][of_first]) == [first, f"{first}-r1", f"{first}-r2"]
     assert len(np.unique(tv[of_first], axis=0)) == 3
     # Sensed once more, a repeat is the same repeat.
-    again = resense(made, resense_settings(made, "isac"), tmp_path / "again", INLINE)
+    again = resense(made, resense_settings(made, SenseArguments("isac")), tmp_path / "again", INLINE)
     np.testing.assert_array_equal(again.arrays("tv")["tv"], tv)
     with pytest.raises(InputError, match="repeats records already"):
-        resense(made, resense_settings(made, "isac", records=99), tmp_path / "more", INLINE)
+        resense(made, resense_settings(made, SenseArguments("isac", records=99)), tmp_path / "more", INLINE)
 
 
 @pytest.mark.parametrize("records", [1, 3, 7, 8, 30])
@@ -168,7 +169,7 @@ def test_a_plan_fills_the_number_asked_for(records: int) -> None:
 
 def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
     made = anew(snr="3", records=10)
-    settings = resense_settings(dataset, "isac", snr="3", records=10)
+    settings = resense_settings(dataset, SenseArguments("isac", snr="3", records=10))
     folder = tmp_path / "again"
     resense(dataset, settings, folder, LocalEngine(2))
     assert bytes_of(folder) == bytes_of(made.path)
@@ -187,9 +188,9 @@ def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset,
 
 def test_a_folder_is_held_for_one_way_of_sensing(dataset: Dataset, tmp_path: Path) -> None:
     folder = tmp_path / "data"
-    resense(dataset, resense_settings(dataset, "isac"), folder, INLINE)
+    resense(dataset, resense_settings(dataset, SenseArguments("isac")), folder, INLINE)
     with pytest.raises(InputError, match=r"holds the dataset of another study \(resensed.settings.sensor is \"isac\""):
-        resense(dataset, resense_settings(dataset, "truth"), folder, INLINE)
+        resense(dataset, resense_settings(dataset, SenseArguments("truth")), folder, INLINE)
     with pytest.raises(InputError, match="choose another folder"):
         resense(dataset, ResenseSettings(), dataset.path, INLINE)
 
@@ -207,7 +208,11 @@ def test_other_vehicles_are_not_in_a_dataset(dataset: Dataset, tmp_path: Path) -
     with pytest.raises(InputError, match="--no-blockage"):
         resense(dataset, ResenseSettings(sensing=blocked), tmp_path / "out", INLINE)
     with pytest.raises(InputError, match="choose random or contiguous"):
-        resense(dataset, resense_settings(dataset, "radar", radar="nlos", pattern="line_of_sight"), tmp_path / "out")
+        resense(
+            dataset,
+            resense_settings(dataset, SenseArguments("radar", radar="nlos", pattern="line_of_sight")),
+            tmp_path / "out",
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -225,5 +230,5 @@ def test_snr_is_a_range_a_value_or_a_link_budget(text: str, content: dict[str, o
 
 @pytest.mark.parametrize("text", ["loud", "5:", "1:2:3", "9:3", "nan:1", ""])
 def test_snr_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"--snr .*: is no range"):
+    with pytest.raises(InputError, match=r"--snr .*: is not a range"):
         channel(text)

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 import cosim
-from command_line.output import show_sweep
+from command_line.study import show_sweep
 from isacsim.errors import InputError, OutputError, RunError
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, resense

@@ -1,0 +1,60 @@
+"""Help texts: examples, and what only the packages know, such as the registered choices and the default settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from typer.core import TyperArgument, TyperCommand, TyperOption
+
+
+def examples(*lines: str) -> str:
+    """Return the epilog of a command's help: how it is used, one line each, without the leading `cosim`."""
+    return "Examples:\n\n" + "\n\n".join(f"`cosim {line}`" for line in lines)
+
+
+class HelpfulCommand(TyperCommand):
+    """A command whose help may name what is registered: `{predictors}` in a help text becomes their names.
+
+    The packages are imported only when help is asked for.
+    """
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Fill in the placeholders and write the help."""
+        for parameter in self.params:
+            if isinstance(parameter, TyperOption | TyperArgument) and parameter.help:
+                for name, lookup in PLACEHOLDERS.items():
+                    if f"{{{name}}}" in parameter.help:
+                        parameter.help = parameter.help.replace(f"{{{name}}}", lookup())
+        super().format_help(ctx, formatter)
+
+
+def _default(model: str, field: str) -> Callable[[], str]:
+    """Return what looks up the default of a settings field; model: `module:Class`."""
+
+    def lookup() -> str:
+        module, _, name = model.partition(":")
+        settings = getattr(__import__(module, fromlist=[name]), name)
+        return f"{settings.model_fields[field].default:g}"
+
+    return lookup
+
+
+def _registered(place: str) -> Callable[[], str]:
+    """Return what looks up the names of a registry; place: `module:REGISTRY`."""
+
+    def lookup() -> str:
+        module, _, name = place.partition(":")
+        return ", ".join(getattr(__import__(module, fromlist=[name]), name))
+
+    return lookup
+
+
+PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
+    "benches": _registered("benchmarks:NAMES"),
+    "height_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
+    "set_back_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "set_back_m"),
+    "spacing_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "spacing_m"),
+    "vehicles": _default("isacsim.scenarios.demand:DemandSettings", "vehicles"),
+}
+"""What the names in braces in help texts stand for."""

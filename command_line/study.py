@@ -1,0 +1,89 @@
+"""The main job as people see it: a study or a sweep, run behind progress bars and shown."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from command_line.output import show_dataset, show_metrics
+from command_line.progress import ConsoleFeedback, print_line
+from labeling.dataset.dataset import Dataset
+from labeling.generation.engine import Engine
+from models.report import report
+from models.studies import sweep_table
+from models.studies.cost_estimate import estimate_study
+from models.studies.single import run_study
+from models.studies.study import Study
+from models.studies.sweep import run_sweep
+from models.training.progress import spoken_time
+
+UNBOUND = 1000
+"""Wider than any table, characters."""
+
+
+def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
+    """Run a study, or a sweep of studies, and show what came of it. Returns what `--json` prints."""
+    if study.sweep is None:
+        return _run_single(study, folder, engine, feedback)
+    return show_sweep(run_sweep(study, folder, engine, feedback), folder, feedback.console)
+
+
+def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
+    metrics = run_study(study, folder, engine, feedback)
+    show_dataset(Dataset.open(folder / "dataset"), feedback.console)
+    show_metrics(metrics, folder / "report" / report.PAGE, feedback.console)
+    return {
+        "dataset": str(folder / "dataset"),
+        "run": str(folder / "run"),
+        "report": str(folder / "report"),
+        "accuracy": metrics["accuracy"],
+        "macro_f1": metrics["macro_f1"],
+        "floor_macro_f1": metrics["compared"][0]["macro_f1"],
+    }
+
+
+def show_sweep(result: dict[str, Any], folder: Path, console: Console) -> dict[str, Any]:
+    """Show the table of a sweep, complete also where the terminal is narrow. Returns what `--json` prints."""
+    width, console.width = console.width, UNBOUND
+    console.print(sweep_table.table(result))
+    console.width = width
+    page = folder / sweep_table.REPORT / report.PAGE
+    print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
+    return {
+        "table": str(folder / sweep_table.TABLE_JSON),
+        "report": str(page.parent),
+        "trainings": result["trainings"],
+        "cells": result["cells"],
+        "failed": result["failed"],
+    }
+
+
+def show_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
+    """Show what a study would take. Returns what `--json` prints."""
+    cost = estimate_study(study)
+    counts = ", ".join(
+        _number(number, what)
+        for number, what in ((cost.cells, "cell"), (cost.trainings, "training"), (cost.datasets, "dataset"))
+    )
+    resensed = f", {cost.sensed_anew} sensed again" if cost.sensed_anew else ""
+    print_line(
+        console, f"{counts}: about {cost.episodes} episodes, {cost.samples} samples{resensed}; {_size(cost.bytes)}"
+    )
+    print_line(
+        console,
+        f"about {spoken_time(cost.cpu_s)} of processor time for datasets and {spoken_time(cost.training_s)} for "
+        f"training: {spoken_time(cost.seconds(jobs))} with {_number(jobs, 'worker')}",
+    )
+    print_line(console, "estimated from the bundled motorway and the networks' default sizes, with no early stopping")
+    return {**dataclasses.asdict(cost), "jobs": jobs, "seconds": cost.seconds(jobs)}
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def _size(number: int) -> str:
+    return f"{number / 1e6:.0f} MB" if number < 2e9 else f"{number / 1e9:.1f} GB"
