@@ -20,7 +20,8 @@ from threadpoolctl import threadpool_limits
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import RecordSettings, candidates
 from labeling.samples.uv_choice import PairSettings

@@ -21,7 +21,8 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Event, Intention
 from labeling.road.road_motion import RoadMotion, road_motion
 from labeling.road.surroundings import Surroundings

@@ -18,7 +18,8 @@ from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacsim.traffic.recording import Recording
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, total
 

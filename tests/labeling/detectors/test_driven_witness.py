@@ -16,7 +16,8 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Command, Recording, Track
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import LANE_CHANGES, Event, Intention
 
 pytestmark = pytest.mark.slow

@@ -3,7 +3,8 @@ import pytest
 
 from isacsim.traffic.recording import Recording
 from labeling.detectors.following import FollowingSettings
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep
 

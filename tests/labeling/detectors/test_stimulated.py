@@ -9,7 +9,8 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label, origin
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label, origin
 from labeling.intentions import Intention
 
 SETTINGS = LabelSettings()

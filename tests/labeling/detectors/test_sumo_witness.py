@@ -19,7 +19,8 @@ from isacsim.scenarios.scenario import bundled, load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import Event, Intention
 from tests.support.drives import thinned
 

@@ -7,7 +7,8 @@ from scipy import stats
 
 from isacsim.traffic import motion
 from isacsim.traffic.recording import Recording, Track
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import Event, Intention
 from labeling.samples.candidates import Candidates, RecordSettings, ambiguous, candidates, record_start
 from labeling.samples.uv_choice import PairSettings

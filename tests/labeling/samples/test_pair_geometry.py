@@ -9,7 +9,8 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import Candidate, RecordSettings, candidates
