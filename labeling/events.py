@@ -47,7 +47,7 @@ class Labels:
     """The events of one recording.
 
     events: after precedence, by onset. changes: for each vehicle all its completed lane changes in order, including
-    those within swerves and overtakes. jumps: for each vehicle the times of steps that are no motion, s.
+    those within swerves and overtakes. jumps: for each vehicle the times of steps that are not motion, s.
     counts: what is not an event. Crossings that were `dithering`, or `cut_off` by the end of the track; lane changes
     `within_swerve`; and vehicles whose conditioned motion is `beyond_car`, over 9 m/s2 or 25 m/s3, which only a driver
     model can do.
@@ -98,23 +98,23 @@ def _events_of(view: VehicleView, detectors: Mapping[str, Detector], settings: L
     """Return all events of one vehicle after precedence. view: with its lane changes."""
     events = [change for change in view.lane_changes if change.intention not in settings.replaced]
     for name, detector in detectors.items():
-        found = list(detector.detect(replace(view, events=tuple(events))))
+        detected = list(detector.detect(replace(view, events=tuple(events))))
         if name in settings.detectors:
-            _check(name, detector, view, found)
+            _check(name, detector, view, detected)
         else:
-            found = [event for event in found if event.intention not in settings.replaced]
-        events = settled(events, found)
+            detected = [event for event in detected if event.intention not in settings.replaced]
+        events = settled(events, detected)
     return events
 
 
-def settled(earlier: Sequence[Event], found: Sequence[Event]) -> list[Event]:
+def settled(earlier: Sequence[Event], detected: Sequence[Event]) -> list[Event]:
     """Return the events of one vehicle after precedence.
 
-    earlier: those of the detectors before, settled. found: those of the next detector.
+    earlier: those of the detectors before, settled. detected: those of the next detector.
     """
-    judged = {event.commit for event in found if event.intention in _CROSSING}
+    judged = {event.commit for event in detected if event.intention in _CROSSING}
     kept = [event for event in earlier if event.intention not in _CROSSING or event.commit not in judged]
-    return outside_swerves([*kept, *found], [*kept, *found])
+    return outside_swerves([*kept, *detected], [*kept, *detected])
 
 
 def outside_swerves(events: Sequence[Event], others: Sequence[Event]) -> list[Event]:

@@ -46,10 +46,10 @@ def test_a_brake_needs_the_deceleration_and_the_time(peak: float, hold: float, n
 
 @pytest.mark.parametrize(("peak", "hold", "number"), [(2.4, 3.0, 0), (2.7, 3.0, 1), (4.0, 0.7, 0), (4.0, 1.2, 1)])
 def test_an_acceleration_needs_the_size_and_the_time(peak: float, hold: float, number: int) -> None:
-    found = events(ACCEL, (10, 0), (10.1, peak), (10.1 + hold, peak), (10.2 + hold, 0), start=15.0)
-    assert len(found) == number
-    assert all(event.intention is Intention.HARD_ACCEL for event in found)
-    assert [event.peak for event in found] == pytest.approx([peak] * number, rel=0.05)
+    accelerations = events(ACCEL, (10, 0), (10.1, peak), (10.1 + hold, peak), (10.2 + hold, 0), start=15.0)
+    assert len(accelerations) == number
+    assert all(event.intention is Intention.HARD_ACCEL for event in accelerations)
+    assert [event.peak for event in accelerations] == pytest.approx([peak] * number, rel=0.05)
 
 
 def test_a_brake_is_not_an_acceleration_nor_an_acceleration_a_brake() -> None:

@@ -1,3 +1,5 @@
+"""Lane changes: their times, and crossings that are none."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""Overtakes: the verdict on a left lane change, and which pair it is about."""
+
 import pytest
 
 from isacsim.traffic.recording import Recording
@@ -84,7 +86,7 @@ def test_an_overtake_is_about_the_pair() -> None:
     """The same left lane change overtakes the slow vehicle, but not the one far ahead nor the one behind."""
     recording = traffic(returns_at=20.0)
     extra = record(ROAD, Drive("far", 400.0, 32.0), Drive("behind", -0.0, 20.0, lateral=2 * WIDTH_M))
-    recording = Recording("made", 7, 0.01, recording.lanes, {**extra.tracks, **recording.tracks})
+    recording = Recording("scripted", 7, 0.01, recording.lanes, {**extra.tracks, **recording.tracks})
     surroundings, changes = Surroundings(recording), label(recording, LabelSettings()).changes["tv"]
     overtake = OvertakeDetector(OvertakeSettings())
     verdicts = {other: overtake.outcome(surroundings, changes, changes[0], other).verdict for other in extra.tracks}

@@ -28,8 +28,8 @@ def test_the_default_definitions_are_stored_as_ever() -> None:
 
 
 def test_every_intention_has_one_built_in_definition() -> None:
-    found = [intention for detector in LabelSettings().active_detectors().values() for intention in detector.finds]
-    assert sorted(found) == sorted(Intention)
+    defined = [intention for detector in LabelSettings().active_detectors().values() for intention in detector.finds]
+    assert sorted(defined) == sorted(Intention)
 
 
 def test_the_built_in_detectors_run_in_the_order_of_the_registry_with_their_sections() -> None:

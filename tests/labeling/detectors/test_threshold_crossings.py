@@ -1,3 +1,5 @@
+"""When sampled signals cross levels."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
