@@ -30,7 +30,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Road:
-    """Consecutive stretches on an arc of `curvature` (1/m, left positive), from `origin` (m) towards `heading` (rad)."""
+    """Consecutive stretches on an arc of `curvature` (1/m, left positive) from `origin` (m) with `heading` (rad)."""
 
     stretches: tuple[Stretch, ...] = (Stretch(5000.0),)
     curvature: float = 0.0
