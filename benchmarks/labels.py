@@ -1,7 +1,7 @@
-"""What labelling takes beside the simulation, and that it grows with the recording's length and no faster.
+"""The cost of labelling relative to the simulation, and how it grows with the length of the recording.
 
-Recordings of the bundled motorway of growing length, up to an hour, each labelled and searched for samples. Times are
-CPU seconds on one thread. The peak of memory is the process's so far, the recording's mapped pages included.
+Recordings of the bundled motorway of growing length, up to an hour, are labelled and searched for samples. Times are
+CPU seconds on one thread. The peak memory is that of the process so far, mapped pages of the recording included.
 
 Run: python -m benchmarks.labels [SECONDS ...]
 """
@@ -20,7 +20,8 @@ from threadpoolctl import threadpool_limits
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import RecordSettings, candidates
 from labeling.samples.uv_choice import PairSettings
@@ -31,10 +32,10 @@ DURATIONS_S = (240.0, 960.0, 3600.0)
 
 
 def run(durations_s: Sequence[float] = DURATIONS_S) -> list[dict[str, Any]]:
-    """Measure; one entry a duration, in their order.
+    """Measure recordings of several durations; return one entry for each, shortest first.
 
-    Keys `duration_s`, `vehicle_hours`, `traffic_s`, `labels_s`, `ratio` (labels over traffic), `events`, `samples`,
-    `peak_mb` before and after labelling.
+    Keys: `duration_s`, `vehicle_hours`, `traffic_s`, `labels_s`, `ratio` (labels over traffic), `events`, `samples`,
+    and `peak_mb` before and after labelling.
     """
     with threadpool_limits(1):
         return [_measured(duration_s) for duration_s in sorted(durations_s)]
@@ -44,9 +45,9 @@ def _measured(duration_s: float) -> dict[str, Any]:
     begin = time.process_time()
     recording = record(load(SCENARIO), SEED, TrafficSettings(duration_s=duration_s), ManeuverSettings())
     recorded, before = time.process_time(), _peak_mb()
-    around = Surroundings(recording)
-    labels = label(recording, LabelSettings(), around)
-    found = candidates(recording, labels, PairSettings(), RecordSettings(), around)
+    surroundings = Surroundings(recording)
+    labels = label(recording, LabelSettings(), surroundings)
+    offered = candidates(recording, labels, PairSettings(), RecordSettings(), surroundings)
     labelled = time.process_time()
     return {
         "duration_s": duration_s,
@@ -55,13 +56,13 @@ def _measured(duration_s: float) -> dict[str, Any]:
         "labels_s": round(labelled - recorded, 2),
         "ratio": round((labelled - recorded) / (recorded - begin), 4),
         "events": len(labels.events),
-        "samples": len(found.samples),
+        "samples": len(offered.samples),
         "peak_mb": {"recorded": before, "labelled": _peak_mb()},
     }
 
 
 def _peak_mb() -> int:
-    """Greatest memory of this process so far, MB. Linux counts it in kB."""
+    """Return the peak memory of this process so far, MB. Linux reports it in kB."""
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
 
 

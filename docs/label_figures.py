@@ -1,8 +1,8 @@
-"""Draws docs/figures/labels.png: one event of each intention from a recording, with its onset, commit and end.
+"""Draw docs/figures/labels.png: one event of each intention from a recording, with its onset, commit and end.
 
     python docs/label_figures.py [RECORDING.npz]
 
-Without a recording the bundled motorway is simulated.
+Without a recording, the bundled motorway is simulated.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.protocol import vehicle_view
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Event, Intention
-from labeling.road.road_motion import RoadMotion, road_motion
+from labeling.road.road_motion import RoadMotion
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import RecordSettings, candidates
 from labeling.samples.uv_choice import PairSettings
@@ -34,12 +36,12 @@ SEED = 2
 
 
 def draw_event(ax: Axes, event: Event, motion: RoadMotion, settings: LabelSettings) -> None:
-    """Acceleration along the road, or position and acceleration across it, around one event."""
-    shown = (motion.times > event.onset - 4) & (motion.times < max(event.end, event.onset + 4) + 2)
-    t = motion.times[shown] - event.onset
+    """Draw the motion along the road, or across it, around one event."""
+    visible = (motion.times > event.onset - 4) & (motion.times < max(event.end, event.onset + 4) + 2)
+    t = motion.times[visible] - event.onset
     if event.intention in ALONG:
-        ax.plot(t, motion.a[shown], label="acceleration, m/s²")
-        ax.plot(t, motion.v[shown] - motion.v[shown][0], label="speed gained, m/s")
+        ax.plot(t, motion.a[visible], label="acceleration, m/s²")
+        ax.plot(t, motion.v[visible] - motion.v[visible][0], label="speed gained, m/s")
         levels = {
             Intention.HARD_BRAKE: -settings.hard_brake.threshold_mps2,
             Intention.HARD_ACCEL: settings.hard_accel.threshold_mps2,
@@ -47,9 +49,9 @@ def draw_event(ax: Axes, event: Event, motion: RoadMotion, settings: LabelSettin
         if event.intention in levels:
             ax.axhline(levels[event.intention], color="0.7", lw=0.8, ls="--")
     else:
-        ax.plot(t, motion.q[shown] - motion.lateral_at(event.onset), label="lateral position, m")
-        ax.plot(t, motion.vq[shown], label="lateral speed, m/s", lw=1)
-        ax.plot(t, motion.aq[shown], label="lateral acceleration, m/s²", lw=1, color="tab:purple")
+        ax.plot(t, motion.q[visible] - motion.lateral_at(event.onset), label="lateral position, m")
+        ax.plot(t, motion.vq[visible], label="lateral speed, m/s", lw=1)
+        ax.plot(t, motion.aq[visible], label="lateral acceleration, m/s²", lw=1, color="tab:purple")
     for name, color in TIMES:
         ax.axvline(getattr(event, name) - event.onset, color=color, lw=1, label=name)
     ax.set_title(event.intention.text.replace("_", " "))
@@ -57,21 +59,21 @@ def draw_event(ax: Axes, event: Event, motion: RoadMotion, settings: LabelSettin
 
 
 def draw(recording: Recording, path: Path) -> None:
-    """One panel an intention; of the events that become samples the one of median peak stands for its class."""
-    settings, around = LabelSettings(), Surroundings(recording)
-    labels = label(recording, settings, around)
-    samples = candidates(recording, labels, PairSettings(), RecordSettings(), around).samples
-    taken = {(sample.tv, sample.t_onset) for sample in samples}
+    """Draw one panel for each intention: of the events that become samples, the one with the median peak."""
+    settings, surroundings = LabelSettings(), Surroundings(recording)
+    labels = label(recording, settings, surroundings)
+    samples = candidates(recording, labels, PairSettings(), RecordSettings(), surroundings).samples
+    sampled = {(sample.tv, sample.t_onset) for sample in samples}
     figure, axes = plt.subplots(2, 4, figsize=(16, 7), constrained_layout=True)
     for ax, intention in zip(axes.flat, Intention, strict=False):
-        own = (e for e in labels.of(intention) if (e.vehicle, e.onset) in taken)
-        events = sorted(own, key=lambda e: abs(e.peak))
+        events = [event for event in labels.of(intention) if (event.vehicle, event.onset) in sampled]
+        events.sort(key=lambda event: abs(event.peak))
         if not events:
             ax.set_title(f"{intention.text}: none in this recording")
             continue
         event = events[len(events) // 2]
-        track = recording.tracks[event.vehicle]
-        draw_event(ax, event, road_motion(recording, track, around.graph, settings.width_s), settings)
+        view = vehicle_view(recording, event.vehicle, surroundings, settings.width_s)
+        draw_event(ax, event, view.motion, settings)
     handles = {}
     for ax in axes.flat[:-1]:
         handles.update({text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)})

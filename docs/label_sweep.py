@@ -1,9 +1,9 @@
-"""How the counts of each intention change when its definition does.
+"""Print how the number of events of each intention changes with its definition.
 
     python docs/label_sweep.py [RECORDING.npz ...]
 
-Every threshold of the default preset is moved by -20 % and +20 %, one at a time. Without recordings the bundled
-motorway is simulated. Prints a table in Markdown.
+Every threshold of the default preset is changed by -20 % and +20 %, one at a time. Without recordings, two of the
+bundled motorway are simulated. Prints a table in Markdown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 
@@ -28,28 +29,32 @@ ORDER = tuple(Intention)
 
 
 def counts(scenes: Sequence[tuple[Recording, Surroundings]], settings: LabelSettings) -> Counter[Intention]:
-    """Events of each intention in all recordings."""
-    return Counter(e.intention for recording, around in scenes for e in label(recording, settings, around).events)
+    """Return the number of events of each intention in all recordings."""
+    return Counter(
+        event.intention
+        for recording, surroundings in scenes
+        for event in label(recording, settings, surroundings).events
+    )
 
 
-def moved(settings: LabelSettings, section: str, name: str, factor: float) -> LabelSettings:
-    """The settings with one value of one section multiplied; without a section, one of their own."""
+def changed(settings: LabelSettings, section: str, name: str, factor: float) -> LabelSettings:
+    """Return the settings with one value of a section multiplied; of the settings themselves if section is empty."""
     if not section:
         return settings.model_copy(update={name: getattr(settings, name) * factor})
-    part: Settings = getattr(settings, section)
-    return settings.model_copy(update={section: part.model_copy(update={name: getattr(part, name) * factor})})
+    values: Settings = getattr(settings, section)
+    return settings.model_copy(update={section: values.model_copy(update={name: getattr(values, name) * factor})})
 
 
 def thresholds(settings: LabelSettings) -> Iterator[tuple[str, str, float]]:
-    """Section, name and value of every number in the settings."""
+    """Yield section, name and value of every threshold in the settings."""
     yield "", "width_s", settings.width_s
-    for section in ("lane_change", "overtake", "hard_brake", "hard_accel", "evasive_swerve", "following"):
+    for section in settings.active_detectors():
         for name, value in getattr(settings, section).model_dump().items():
             yield section, name, value
 
 
 def table(recordings: Sequence[Recording]) -> str:
-    """One line a threshold: the counts at -20 % and +20 %, where they differ from the default's."""
+    """Return one line for each threshold: the counts at -20 % and +20 %, where they differ from the default ones."""
     scenes = [(recording, Surroundings(recording)) for recording in recordings]
     base = LabelSettings()
     default = counts(scenes, base)
@@ -59,7 +64,7 @@ def table(recordings: Sequence[Recording]) -> str:
         "| (as defined) | | " + " | ".join(str(default[i]) for i in ORDER) + " |",
     ]
     for section, name, value in thresholds(base):
-        low, high = (counts(scenes, moved(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
+        low, high = (counts(scenes, changed(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
         cells = [f"{low[i]} / {high[i]}" if {low[i], high[i]} != {default[i]} else "" for i in ORDER]
         lines.append(f"| {f'{section}.{name}'.lstrip('.')} | {value:g} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

@@ -1,11 +1,12 @@
-"""From a recording to its events: every detector, and what takes precedence where definitions overlap.
+"""From a recording to its events: runs the detectors and settles precedence where definitions overlap.
 
 Precedence, in this order:
 
-1. An evasive swerve takes in the lane changes whose crossing lies within it: a swerve that ends in the next lane, or
-   pokes across a marking and returns, is a swerve and nothing else.
-2. A left lane change by which the vehicle ahead was overtaken is an overtake. For another vehicle than the one ahead
-   `labeling.samples.candidates` asks again: an overtake is about the pair. The return stays a right lane change.
+1. An evasive swerve takes in the lane changes and overtakes whose crossing lies within it. A swerve that ends in the
+   next lane, or that crosses a marking and returns, is a swerve and nothing else.
+2. A left lane change by which the vehicle ahead is overtaken is an overtake: of two events of one crossing, the later
+   detector's counts. The return stays a right lane change. `labeling.samples.candidates` asks again for the UV of each
+   sample, because an overtake is about a pair.
 3. Everything else keeps its own event: a brake during a lane change or a swerve is two events.
 4. Following is where none of these is near.
 """
@@ -13,69 +14,43 @@ Precedence, in this order:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, Self
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
-from isacsim.settings import Settings
-from isacsim.traffic.recording import Recording, Track
-from labeling.detectors.evasive_swerve import EvasiveSwerve, EvasiveSwerveSettings
-from labeling.detectors.following import Following, FollowingSettings
-from labeling.detectors.hard_accel import HardAccel, HardAccelSettings
-from labeling.detectors.hard_brake import HardBrake, HardBrakeSettings
-from labeling.detectors.lane_change import LaneChange, LaneChangeSettings
-from labeling.detectors.overtake import Overtake, OvertakeSettings
-from labeling.intentions import Event, Intention
-from labeling.road.road_motion import RoadMotion, road_motion, slope
+from isacsim.errors import InputError
+from isacsim.traffic.recording import Recording
+from labeling.detectors.lane_change import LaneChangeDetector
+from labeling.detectors.protocol import Detector, VehicleView, vehicle_view
+from labeling.detectors.settings import LabelSettings
+from labeling.intentions import LANE_CHANGES, Event, Intention
+from labeling.road.road_motion import RoadMotion, slope
 from labeling.road.surroundings import Surroundings
 
 Origin = Literal["natural", "stimulated"]
 
 CAR_MPS2, CAR_MPS3 = 9.0, 25.0
-"""What a passenger car can do: acceleration, m/s2, and its change, m/s3."""
+"""The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
 MIN_TRACK_S = 1.0
-"""Shorter tracks hold no event that could be told."""
-PRESET = "isac-1"
-"""Name and version of the default definitions. Other defaults are another preset."""
+"""Shorter tracks are skipped: no event fits in."""
+COMMAND_REACH_S = 1.0
+"""A command counts as a cause of an event up to this long before its onset, s."""
 
-
-class LabelSettings(Settings):
-    """What counts as each intention. `preset` names the set of values: other values need another name.
-
-    width_s is one of the definitions, since the thresholds are for motion so smoothed: what is sensed may be
-    conditioned otherwise (`isacsim.traffic.motion.MotionSettings`), and the events stay the same.
-    """
-
-    preset: str = Field(PRESET, min_length=1, description="name and version of these definitions")
-    width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the conditioning kernel, s")
-    lane_change: LaneChangeSettings = LaneChangeSettings()
-    overtake: OvertakeSettings = OvertakeSettings()
-    hard_brake: HardBrakeSettings = HardBrakeSettings()
-    hard_accel: HardAccelSettings = HardAccelSettings()
-    evasive_swerve: EvasiveSwerveSettings = EvasiveSwerveSettings()
-    following: FollowingSettings = FollowingSettings()
-
-    @model_validator(mode="after")
-    def _truly_named(self) -> Self:
-        changed = [n for n, f in type(self).model_fields.items() if n != "preset" and getattr(self, n) != f.default]
-        if self.preset == PRESET and changed:
-            raise ValueError(
-                f"{changed[0]} is not that of preset {PRESET}; give these definitions a preset name of their own"
-            )
-        return self
+_CROSSING = (*LANE_CHANGES, Intention.OVERTAKE)
 
 
 @dataclass(frozen=True)
 class Labels:
     """The events of one recording.
 
-    events: after precedence, by onset. changes: of each vehicle all its completed lane changes in order, those within
-    swerves and overtakes too. jumps: of each vehicle the times of steps that are no motion, s. counts: of what is not
-    an event: crossings that were `dithering` or `cut_off` by the track's end, lane changes `within_swerve`, and
-    vehicles whose conditioned motion goes `beyond_car`, over 9 m/s2 or 25 m/s3, which their driver model alone does.
+    events: after precedence, by onset. changes: for each vehicle all its completed lane changes in order, including
+    those within swerves and overtakes. jumps: for each vehicle the times of steps that are not motion, s.
+    counts: what is not an event. Crossings that were `dithering`, or `cut_off` by the end of the track; lane changes
+    `within_swerve`; and vehicles whose conditioned motion is `beyond_car`, over 9 m/s2 or 25 m/s3, which only a driver
+    model can do.
     """
 
     settings: LabelSettings
@@ -85,82 +60,94 @@ class Labels:
     counts: dict[str, int]
 
     def of(self, intention: Intention) -> list[Event]:
-        """The events of one intention, by onset."""
+        """Return the events of one intention, by onset."""
         return [event for event in self.events if event.intention is intention]
 
 
-def label(recording: Recording, settings: LabelSettings, around: Surroundings | None = None) -> Labels:
+def label(recording: Recording, settings: LabelSettings, surroundings: Surroundings | None = None) -> Labels:
     """Find all events of a recording.
 
-    around: the recording's surroundings, where the caller has them already.
-    Commands are not looked at: `origin` tells provenance afterwards.
+    surroundings: of the recording, if already at hand. Commands play no part; `origin` looks up provenance afterwards.
+    Raises InputError where a selected detector returns an event that it may not return.
     """
-    around = Surroundings(recording) if around is None else around
+    surroundings = Surroundings(recording) if surroundings is None else surroundings
+    lane_changes = LaneChangeDetector(settings.lane_change)
+    detectors = {name: d for name, d in settings.active_detectors().items() if not isinstance(d, LaneChangeDetector)}
     events: list[Event] = []
     changes: dict[str, tuple[Event, ...]] = {}
     jumps: dict[str, tuple[float, ...]] = {}
     counts: Counter[str] = Counter(dithering=0, cut_off=0, within_swerve=0, beyond_car=0)
-    lane_change = LaneChange(settings.lane_change)
     for track in recording.tracks.values():
         if len(track) * recording.step_s < MIN_TRACK_S:
             continue
-        motion = road_motion(recording, track, around.graph, settings.width_s)
-        jumps[track.vehicle] = motion.jumps
-        changes[track.vehicle] = tuple(lane_change.detect(motion))
-        crossings = lane_change.crossings(motion)
-        counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off, beyond_car=beyond_car(motion))
-        own = _events_of(around, track, motion, changes[track.vehicle], settings)
-        events += own
-        kept = sum(event.intention in _CROSSING for event in own)
-        counts["within_swerve"] += len(changes[track.vehicle]) - kept
-    events.sort(key=lambda e: (e.onset, e.vehicle, e.intention))
+        view = vehicle_view(recording, track.vehicle, surroundings, settings.width_s)
+        view = replace(view, lane_changes=tuple(lane_changes.detect(view)))
+        vehicle_events = _events_of(view, detectors, settings)
+        events += vehicle_events
+        changes[track.vehicle] = view.lane_changes
+        jumps[track.vehicle] = view.motion.jumps
+        crossings = lane_changes.crossings(view.motion)
+        within_swerve = len(view.lane_changes) - len(outside_swerves(view.lane_changes, vehicle_events))
+        counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off, within_swerve=within_swerve)
+        counts.update(beyond_car=beyond_car(view.motion))
+    events.sort(key=lambda event: (event.onset, event.vehicle, event.intention))
     return Labels(settings, tuple(events), changes, jumps, dict(counts))
 
 
+def _events_of(view: VehicleView, detectors: Mapping[str, Detector], settings: LabelSettings) -> list[Event]:
+    """Return all events of one vehicle after precedence. view: with its lane changes."""
+    events = [change for change in view.lane_changes if change.intention not in settings.replaced]
+    for name, detector in detectors.items():
+        detected = list(detector.detect(replace(view, events=tuple(events))))
+        if name in settings.detectors:
+            _check(name, detector, view, detected)
+        else:
+            detected = [event for event in detected if event.intention not in settings.replaced]
+        events = settled(events, detected)
+    return events
+
+
+def settled(earlier: Sequence[Event], detected: Sequence[Event]) -> list[Event]:
+    """Return the events of one vehicle after precedence.
+
+    earlier: those of the detectors before, settled. detected: those of the next detector.
+    """
+    judged = {event.commit for event in detected if event.intention in _CROSSING}
+    kept = [event for event in earlier if event.intention not in _CROSSING or event.commit not in judged]
+    return outside_swerves([*kept, *detected], [*kept, *detected])
+
+
+def outside_swerves(events: Sequence[Event], others: Sequence[Event]) -> list[Event]:
+    """Return the events without the lane changes and overtakes whose crossing lies within a swerve among the others."""
+    spans = [(other.onset, other.end) for other in others if other.intention is Intention.EVASIVE_SWERVE]
+    return [
+        event
+        for event in events
+        if event.intention not in _CROSSING or not any(onset <= event.commit <= end for onset, end in spans)
+    ]
+
+
+def _check(name: str, detector: Detector, view: VehicleView, events: Sequence[Event]) -> None:
+    """Raise InputError where a selected detector returns an event that it may not return."""
+    for event in events:
+        if event.vehicle != view.vehicle or event.intention not in detector.finds:
+            wrong = f"an event {event.intention!r} of vehicle {event.vehicle!r} for vehicle {view.vehicle!r}"
+        elif not (isfinite(event.onset) and isfinite(event.end) and event.onset <= event.commit <= event.end):
+            wrong = f"an event with onset {event.onset}, commit {event.commit} and end {event.end}"
+        else:
+            continue
+        raise InputError(f"detector {name}: returned {wrong}; fix the detector")
+
+
 def beyond_car(motion: RoadMotion) -> bool:
-    """Whether a vehicle ever accelerates by more than 9 m/s2 or changes that by more than 25 m/s3."""
-    along, across = motion.a, motion.aq
+    """Return whether a vehicle ever accelerates by more than 9 m/s2, or changes that by more than 25 m/s3."""
     step_s = float(motion.times[1] - motion.times[0])
-    jerk = np.hypot(slope(along, step_s), slope(across, step_s))
-    return bool(np.hypot(along, across).max() > CAR_MPS2 or jerk.max() > CAR_MPS3)
-
-
-_CROSSING = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE)
-
-
-def _events_of(
-    around: Surroundings, track: Track, motion: RoadMotion, changes: Sequence[Event], settings: LabelSettings
-) -> list[Event]:
-    """All events of one vehicle, precedence settled."""
-    swerves = EvasiveSwerve(settings.evasive_swerve).detect(
-        motion, lambda time: threatened(around, track.vehicle, motion, time, settings.evasive_swerve.threat_ttc_s)
-    )
-    # The whole history of lane changes decides on an overtake, also those that a swerve takes in.
-    left = Overtake(settings.overtake).detect(around, changes)
-    right = [change for change in changes if change.intention is Intention.RIGHT_LANE_CHANGE]
-    events = [*swerves, *outside(swerves, [*left, *right])]
-    events += HardBrake(settings.hard_brake).detect(motion)
-    events += HardAccel(settings.hard_accel).detect(motion)
-    return events + Following(settings.following).detect(around, motion, events)
-
-
-def outside(swerves: Sequence[Event], changes: Sequence[Event]) -> list[Event]:
-    """The lane changes whose crossing does not lie within one of the swerves."""
-    return [c for c in changes if not any(s.onset <= c.commit <= s.end for s in swerves)]
-
-
-def threatened(around: Surroundings, vehicle: str, motion: RoadMotion, time: float, ttc_s: float) -> bool:
-    """Whether a vehicle would reach the one ahead of it within `ttc_s` at the present speeds."""
-    speed = float(np.interp(time, motion.times, motion.v))
-    leader = around.leader(vehicle, time, ttc_s * speed)
-    if leader is None:
-        return False
-    track = around.recording.tracks[leader.vehicle]
-    closing = speed - float(track.speed[around.step(time) - track.first_step])
-    return closing > 0 and leader.gap_m <= ttc_s * closing
+    jerk = np.hypot(slope(motion.a, step_s), slope(motion.aq, step_s))
+    return bool(np.hypot(motion.a, motion.aq).max() > CAR_MPS2 or jerk.max() > CAR_MPS3)
 
 
 def origin(recording: Recording, event: Event) -> Origin:
-    """Provenance: `stimulated` when the vehicle was under command at any time from 1 s before onset to the end."""
-    own = recording.commands_to.get(event.vehicle, [])
-    return "stimulated" if any(c.start <= event.end and c.end >= event.onset - 1.0 for c in own) else "natural"
+    """Return `stimulated` if the vehicle was under command at any time from 1 s before onset to the end."""
+    earliest = event.onset - COMMAND_REACH_S
+    commands = recording.commands_to.get(event.vehicle, [])
+    return "stimulated" if any(c.start <= event.end and c.end >= earliest for c in commands) else "natural"

@@ -1,4 +1,4 @@
-"""The seven intentions, their numbers on disk, and the event that carries one."""
+"""The seven intentions, their numbers on disk, and the event: one labelled maneuver."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import IntEnum
 
 
 class Intention(IntEnum):
-    """An intention; the value is the dataset's `label`, the lower-case name its `intention`."""
+    """An intention. Its value is the `label` in a dataset, its lower-case name the `intention`."""
 
     HARD_BRAKE = 0
     LEFT_LANE_CHANGE = 1
@@ -19,28 +19,32 @@ class Intention(IntEnum):
 
     @property
     def text(self) -> str:
+        """The name in datasets and reports, such as `hard_brake`."""
         return self.name.lower()
 
 
-KNOWN = tuple(i for i in Intention if i is not Intention.FOLLOWING)
+KNOWN = tuple(intention for intention in Intention if intention is not Intention.FOLLOWING)
 """The six intentions that predictors are trained on; `following` is the unknown class."""
 
 LANE_CHANGES = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE)
 
 PULLING_OUT = (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)
-"""What a left lane change can turn out to be."""
+"""The intentions of a vehicle that moves out to the left: what a left lane change can turn out to be."""
 
 
 @dataclass(frozen=True)
 class Event:
     """One labelled maneuver of one vehicle.
 
-    onset: first motion; commit: marking crossed, threshold reached, or lateral peak; end: all s of simulation time.
-    peak: the value that defines it, m/s2: acceleration along the road (braking negative), or across it (left positive).
-    other: the vehicle it is about (the one overtaken, the leader followed), if any.
-    motion_end: until when the vehicle's own motion belongs to the event, s: `end`, but for an overtake the end of the
-        pulling-out, since an overtake ends with the return.
-    mark: why a lane change is neither a plain one nor an overtake, if so (see `labeling.detectors.overtake`).
+    onset: first motion, traced back from the commit, s of simulation time.
+    commit: the maneuver is decided, s: the marking is crossed, the threshold or the lateral peak reached.
+    end: the maneuver is over, s.
+    peak: the acceleration that defines it, m/s2: along the road (negative for braking), or across it (left positive).
+    other: the vehicle that it refers to (the one overtaken, the leader followed), if any.
+    motion_end: when the motion that belongs to the event ends, s, where that is before `end`: an overtake ends with the
+    return, its motion with the pulling-out.
+    mark: why the event becomes no sample, if so; for example, a left lane change that passed a vehicle and did not
+    return (see `labeling.detectors.overtake`).
     """
 
     vehicle: str
@@ -55,4 +59,5 @@ class Event:
 
     @property
     def busy_until(self) -> float:
+        """When the motion that belongs to the event ends, s."""
         return self.end if self.motion_end is None else self.motion_end

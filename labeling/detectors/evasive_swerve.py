@@ -2,92 +2,129 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from isacsim.settings import Settings
 from labeling.detectors.lane_change import moving_span
-from labeling.detectors.threshold_crossings import last_below, spells
+from labeling.detectors.protocol import VehicleView
+from labeling.detectors.threshold_crossings import intervals_above, last_below
 from labeling.intentions import Event, Intention
 from labeling.road.road_motion import RoadMotion
 
-Threat = Callable[[float], bool]
-"""Whether something ahead threatens the vehicle at an instant, s."""
-
 
 class EvasiveSwerveSettings(Settings):
-    """What counts as evasive. Drivers swerve at 0.3-0.7 g; avoiding an obstacle takes 2.5-7 m/s2."""
+    """Thresholds of an evasive swerve. Drivers swerve at 0.3-0.7 g; avoiding an obstacle takes 2.5-7 m/s2."""
 
-    threshold_mps2: float = Field(3.0, gt=0.0, le=12.0, description="least lateral acceleration, m/s2")
-    reversal_mps2: float = Field(1.5, gt=0.0, le=12.0, description="least lateral acceleration the other way, m/s2")
-    reversal_s: float = Field(2.5, gt=0.0, le=10.0, description="longest time between the two peaks, s")
-    aside_m: float = Field(0.4, gt=0.0, le=5.0, description="least distance moved aside, m")
-    return_m: float = Field(0.8, ge=0.0, le=5.0, description="how near to where it left a vehicle has to come back, m")
-    return_s: float = Field(5.0, gt=0.0, le=30.0, description="longest time from the lateral peak to the return, s")
-    threat_ttc_s: float = Field(4.0, gt=0.0, le=20.0, description="time to collision that makes a leader a threat, s")
+    threshold_mps2: float = Field(3.0, gt=0.0, le=12.0, description="minimum lateral acceleration, m/s2")
+    reversal_mps2: float = Field(
+        1.5, gt=0.0, le=12.0, description="minimum lateral acceleration to the other side, m/s2"
+    )
+    reversal_s: float = Field(2.5, gt=0.0, le=10.0, description="maximum time between the two peaks, s")
+    aside_m: float = Field(0.4, gt=0.0, le=5.0, description="minimum distance moved aside, m")
+    return_m: float = Field(
+        0.8, ge=0.0, le=5.0, description="maximum distance from the former lateral position after a return, m"
+    )
+    return_s: float = Field(5.0, gt=0.0, le=30.0, description="maximum time from the lateral peak to the return, s")
+    threat_ttc_s: float = Field(
+        4.0, gt=0.0, le=20.0, description="time to collision up to which a leader is a threat, s"
+    )
     motion_mps: float = Field(0.2, gt=0.0, le=2.0, description="lateral speed of the first motion, m/s")
-    rest_mps2: float = Field(0.5, ge=0.0, le=4.0, description="lateral acceleration that is not yet the swerve's, m/s2")
+    rest_mps2: float = Field(
+        0.5, ge=0.0, le=4.0, description="lateral acceleration below which the swerve has not begun, m/s2"
+    )
 
 
 @dataclass(frozen=True)
-class EvasiveSwerve:
-    """The vehicle jerks aside: a lateral acceleration of at least `threshold_mps2`, turned round within `reversal_s`.
+class EvasiveSwerveDetector:
+    """Finds evasive swerves: the vehicle jerks aside, and either returns or had a threat ahead.
 
-    It moves at least `aside_m` aside, and either there is a threat ahead (a leader it would reach within `threat_ttc_s`
-    at the present speeds) or it comes back to within `return_m` of where it left.
-    onset: the lateral speed passes `motion_mps`, and the acceleration `rest_mps2`, traced back from its threshold;
-    commit: the outward motion ends (the lateral peak); end: the return is complete, or the commit where there is none.
-    peak: the first peak of lateral acceleration, m/s2, left positive.
-    Fails where: what is evaded is no vehicle and the driver stays aside (no threat is seen); a racing driver's lane
-    change.
+    Its lateral acceleration reaches `threshold_mps2` and, within `reversal_s`, `reversal_mps2` to the other side. It
+    moves at least `aside_m` aside. It then comes back to within `return_m` of its former lateral position, starting
+    within `return_s`; or there is a threat ahead at the onset, a leader that it would reach within `threat_ttc_s` at
+    the present speeds.
+
+    onset: the lateral speed exceeds `motion_mps` and the lateral acceleration `rest_mps2`, traced back from the
+    threshold.
+    commit: the motion aside ends, at the lateral peak.
+    end: the motion back ends; the commit where there is none.
+    peak: the first peak of the lateral acceleration, m/s2, left positive.
+
+    Fails where the driver evades something other than a vehicle and stays aside (no threat is seen), and where a driver
+    changes lanes as sharply as in a race.
+
+    A vehicle jerks 1.2 m aside and comes back:
+
+    >>> from labeling.detectors.protocol import vehicle_view
+    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> evading = ScriptedVehicle("tv", lateral=[(10, 0.0), (10.8, 1.2), (12, 1.2), (12.8, 0.0)])
+    >>> view = vehicle_view(straight_road(evading), "tv")
+    >>> [swerve] = EvasiveSwerveDetector(EvasiveSwerveSettings()).detect(view)
+    >>> swerve.intention.text, round(swerve.commit, 1), round(swerve.end, 1), round(swerve.peak, 1)
+    ('evasive_swerve', 11.0, 13.0, 4.0)
     """
+
+    settings_type: ClassVar[type[Settings]] = EvasiveSwerveSettings
+    finds: ClassVar[tuple[Intention, ...]] = (Intention.EVASIVE_SWERVE,)
 
     settings: EvasiveSwerveSettings
 
-    def detect(self, motion: RoadMotion, threatened: Threat) -> list[Event]:
-        """The swerves of one vehicle, in order. threatened: asked at an onset, where the vehicle did not return."""
-        s = self.settings
-        peaks = [(start, stop, 1.0) for start, stop in spells(motion.times, motion.aq, s.threshold_mps2)]
-        peaks += [(start, stop, -1.0) for start, stop in spells(motion.times, -motion.aq, s.threshold_mps2)]
-        found: list[Event] = []
+    def detect(self, view: VehicleView) -> list[Event]:
+        """Return the swerves of one vehicle, in order of onset."""
+        motion, threshold = view.motion, self.settings.threshold_mps2
+        peaks = [(start, stop, 1.0) for start, stop in intervals_above(motion.times, motion.aq, threshold)]
+        peaks += [(start, stop, -1.0) for start, stop in intervals_above(motion.times, -motion.aq, threshold)]
+        swerves: list[Event] = []
         for start, stop, sign in sorted(peaks):
-            if found and start <= found[-1].end:
+            if swerves and start <= swerves[-1].end:
                 continue
-            event = self._swerve(motion, start, stop, sign, threatened)
-            if event is not None:
-                found.append(event)
-        return found
+            swerve = self._swerve(view, start, stop, sign)
+            if swerve is not None:
+                swerves.append(swerve)
+        return swerves
 
-    def _swerve(self, motion: RoadMotion, start: float, stop: float, sign: float, threatened: Threat) -> Event | None:
-        """The swerve whose first peak of acceleration lies between start and stop, if it is one."""
-        s = self.settings
+    def _swerve(self, view: VehicleView, start: float, stop: float, sign: float) -> Event | None:
+        """Return the swerve whose first peak of acceleration lies between start and stop, s, if it is one."""
+        s, motion = self.settings, view.motion
         outward = (motion.times >= start) & (motion.times <= stop)
-        back = (motion.times > stop) & (motion.times <= stop + s.reversal_s)
-        if not outward.any() or not back.any() or (-sign * motion.aq[back]).max() < s.reversal_mps2:
+        reversal = (motion.times > stop) & (motion.times <= stop + s.reversal_s)
+        if not outward.any() or not reversal.any() or (-sign * motion.aq[reversal]).max() < s.reversal_mps2:
             return None
         if any(start - 1.0 <= jump <= stop + 1.0 for jump in motion.jumps):
             return None
         onset, commit = moving_span(motion, sign, stop, s.motion_mps, 0.0)
-        # A vehicle may be moving that way already, changing lanes: the swerve begins with its acceleration.
+        # The vehicle may already be moving to that side in a lane change: the swerve begins with its acceleration.
         onset = max(onset, last_below(motion.times, sign * motion.aq, s.rest_mps2, start) or onset)
-        left_from = motion.lateral_at(onset)
-        if sign * (motion.lateral_at(commit) - left_from) < s.aside_m:
+        former_m = motion.lateral_at(onset)
+        if sign * (motion.lateral_at(commit) - former_m) < s.aside_m:
             return None
-        end = self._returned(motion, sign, commit, left_from)
-        if end is None and not threatened(onset):
+        end = self._return_end(motion, sign, commit, former_m)
+        if end is None and not is_threatened(view, onset, s.threat_ttc_s):
             return None
         peak = float(sign * (sign * motion.aq[outward]).max())
-        return Event(motion.vehicle, Intention.EVASIVE_SWERVE, onset, commit, commit if end is None else end, peak)
+        return Event(view.vehicle, Intention.EVASIVE_SWERVE, onset, commit, commit if end is None else end, peak)
 
-    def _returned(self, motion: RoadMotion, sign: float, commit: float, left_from: float) -> float | None:
-        """When the motion back ends that brings the vehicle to within `return_m`, s; None where there is none."""
+    def _return_end(self, motion: RoadMotion, sign: float, commit: float, former_m: float) -> float | None:
+        """Return when the motion back to within `return_m` of the former position ends, s, or None without a return."""
         s = self.settings
-        for start, stop in spells(motion.times, -sign * motion.vq, s.motion_mps):
+        for start, stop in intervals_above(motion.times, -sign * motion.vq, s.motion_mps):
             if commit <= start <= commit + s.return_s:
                 back = (motion.times >= start) & (motion.times <= stop)
-                if np.abs(motion.q[back] - left_from).min(initial=np.inf) <= s.return_m:
+                if np.abs(motion.q[back] - former_m).min(initial=np.inf) <= s.return_m:
                     return stop
         return None
+
+
+def is_threatened(view: VehicleView, time: float, ttc_s: float) -> bool:
+    """Return whether a vehicle would reach its leader within `ttc_s` at the speeds of an instant `time`, s."""
+    surroundings = view.surroundings
+    speed = float(np.interp(time, view.motion.times, view.motion.v))
+    leader = surroundings.leader(view.vehicle, time, ttc_s * speed)
+    if leader is None:
+        return False
+    track = surroundings.recording.tracks[leader.vehicle]
+    closing = speed - float(track.speed[surroundings.step(time) - track.first_step])
+    return closing > 0 and leader.gap_m <= ttc_s * closing

@@ -6,95 +6,113 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
 
 from isacsim.settings import Settings
+from labeling.detectors.protocol import VehicleView
 from labeling.intentions import Event, Intention
 from labeling.road.road_motion import RoadMotion
-from labeling.road.surroundings import Surroundings
 
 
 class FollowingSettings(Settings):
-    """What counts as following, and how densely such windows are taken."""
+    """Thresholds of following, and how densely events are placed in it."""
 
-    headway_s: float = Field(3.0, gt=0.0, le=10.0, description="greatest gap to the leader over own speed, s")
-    clear_s: float = Field(10.0, ge=0.0, le=60.0, description="no other event this long before and after, s")
+    headway_s: float = Field(3.0, gt=0.0, le=10.0, description="maximum gap to the leader divided by the speed, s")
+    clear_s: float = Field(10.0, ge=0.0, le=60.0, description="no other event for this long before and after, s")
     before_s: float = Field(2.6, ge=0.0, le=30.0, description="the leader is followed from this long before, s")
-    after_s: float = Field(2.4, ge=0.0, le=30.0, description="until this long after, s")
-    check_s: float = Field(0.5, gt=0.0, le=5.0, description="interval at which that is looked at, s")
-    spacing_s: float = Field(10.0, gt=0.0, le=600.0, description="least time between two windows of one vehicle, s")
+    after_s: float = Field(2.4, ge=0.0, le=30.0, description="the leader is followed until this long after, s")
+    check_s: float = Field(0.5, gt=0.0, le=5.0, description="interval at which the leader is checked, s")
+    spacing_s: float = Field(10.0, gt=0.0, le=600.0, description="minimum time between two events of one vehicle, s")
 
 
 @dataclass(frozen=True)
-class Following:
-    """The vehicle keeps its lane behind one leader within `headway_s`, and nothing else happens for `clear_s` around.
+class FollowingDetector:
+    """Finds following: the vehicle keeps its lane behind one leader, and nothing else happens around that time.
 
-    The leader is the same vehicle from `before_s` before to `after_s` after, always within `headway_s`. onset and
-    commit: the instant around which this holds; end: `after_s` later. peak: the acceleration of greatest size
-    meanwhile, m/s2.
-    other: the leader. The vehicle has to be on the road for all of `clear_s` before and after: what happened before
-    it was seen is not known.
-    Fails where: the leader is in another lane (a zip merge), or is not in the recording.
+    The leader is the same vehicle from `before_s` before an instant to `after_s` after it, always within `headway_s`.
+    No other event of the vehicle and no crossing of a marking lies within `clear_s`, and the vehicle is on the road
+    for all of that time, because what it did before it was seen is not known.
+
+    onset, commit: the instant. end: `after_s` later.
+    peak: the acceleration of largest magnitude meanwhile, m/s2.
+    other: the leader.
+
+    Fails where the leader is in another lane (a zip merge), and where it is missing from the recording.
+
+    A vehicle follows another one at 30 m/s, 55 m behind:
+
+    >>> from labeling.detectors.protocol import vehicle_view
+    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> recording = straight_road(ScriptedVehicle("tv"), ScriptedVehicle("uv", start_m=60.0))
+    >>> events = FollowingDetector(FollowingSettings()).detect(vehicle_view(recording, "tv"))
+    >>> [(event.onset, event.other) for event in events]
+    [(10.0, 'uv'), (20.0, 'uv'), (30.0, 'uv')]
     """
+
+    settings_type: ClassVar[type[Settings]] = FollowingSettings
+    finds: ClassVar[tuple[Intention, ...]] = (Intention.FOLLOWING,)
 
     settings: FollowingSettings
 
-    def detect(self, around: Surroundings, motion: RoadMotion, others: Sequence[Event]) -> list[Event]:
-        """The windows of one vehicle, at least `spacing_s` apart. others: all its other events.
+    def detect(self, view: VehicleView) -> list[Event]:
+        """Return the events of one vehicle, at least `spacing_s` apart.
 
-        Instants are whole multiples of `check_s`, so that all vehicles are looked at together.
+        Instants are whole multiples of `check_s`, so that the surroundings of all vehicles are evaluated at the same
+        steps.
         """
-        s = self.settings
-        first = _down(float(motion.times[0]) / s.check_s)
-        checked = np.arange(first, _up(float(motion.times[-1]) / s.check_s) + 1)
-        within = (s.headway_s * np.interp(checked * s.check_s, motion.times, motion.v)).tolist()
+        s, motion = self.settings, view.motion
+        first = _round_down(float(motion.times[0]) / s.check_s)
+        checks = np.arange(first, _round_up(float(motion.times[-1]) / s.check_s) + 1)
+        within_m = (s.headway_s * np.interp(checks * s.check_s, motion.times, motion.v)).tolist()
 
         @cache
-        def leader(k: int) -> str | None:
-            """The vehicle followed at an instant within the headway."""
-            ahead = around.leader(motion.vehicle, k * s.check_s, within[k - first])
-            return None if ahead is None else ahead.vehicle
+        def leader_at(k: int) -> str | None:
+            """Return the vehicle within the headway at check k."""
+            leader = view.surroundings.leader(view.vehicle, k * s.check_s, within_m[k - first])
+            return None if leader is None else leader.vehicle
 
-        found: list[Event] = []
+        events: list[Event] = []
         earliest = -np.inf
-        for start, stop in self._clear(motion, others):
-            for k in range(_up(max(start, earliest) / s.check_s), _down(stop / s.check_s) + 1):
+        for start, stop in self._clear_intervals(motion, view.events):
+            for k in range(_round_up(max(start, earliest) / s.check_s), _round_down(stop / s.check_s) + 1):
                 time = k * s.check_s
-                span = range(_up((time - s.before_s) / s.check_s), _down((time + s.after_s) / s.check_s) + 1)
-                followed = leader(k) if time >= earliest else None
-                if followed is not None and all(leader(j) == followed for j in span):
-                    found.append(self._event(motion, time, followed))
+                span = range(
+                    _round_up((time - s.before_s) / s.check_s), _round_down((time + s.after_s) / s.check_s) + 1
+                )
+                leader = leader_at(k) if time >= earliest else None
+                if leader is not None and all(leader_at(j) == leader for j in span):
+                    events.append(self._event(motion, time, leader))
                     earliest = time + s.spacing_s
-        return found
+        return events
 
     def _event(self, motion: RoadMotion, time: float, leader: str) -> Event:
         s = self.settings
-        inside = motion.a[(motion.times >= time - s.before_s) & (motion.times <= time + s.after_s)]
-        peak = float(inside[np.abs(inside).argmax()]) if len(inside) else 0.0
+        during = motion.a[(motion.times >= time - s.before_s) & (motion.times <= time + s.after_s)]
+        peak = float(during[np.abs(during).argmax()]) if len(during) else 0.0
         return Event(motion.vehicle, Intention.FOLLOWING, time, time, time + s.after_s, peak, leader)
 
-    def _clear(self, motion: RoadMotion, others: Sequence[Event]) -> list[tuple[float, float]]:
-        """The stretches in which no other event, and no end of the track, is within `clear_s`."""
-        # Room for the leader's check, also where the settings clear less than that.
-        before, after = (
-            max(self.settings.clear_s, self.settings.before_s),
-            max(self.settings.clear_s, self.settings.after_s),
-        )
-        start, stretches = float(motion.times[0]) + before, []
-        crossed = [(crossing.time, crossing.time) for crossing in motion.crossings]
-        for onset, end in sorted([(event.onset, event.end) for event in others] + crossed):
-            stretches.append((start, onset - after))
+    def _clear_intervals(self, motion: RoadMotion, events: Sequence[Event]) -> list[tuple[float, float]]:
+        """Return the intervals in which no other event, and no end of the track, is within `clear_s`."""
+        s = self.settings
+        # The leader is checked over before_s and after_s even where clear_s is shorter.
+        before, after = max(s.clear_s, s.before_s), max(s.clear_s, s.after_s)
+        start, intervals = float(motion.times[0]) + before, []
+        crossings = [(crossing.time, crossing.time) for crossing in motion.crossings]
+        for onset, end in sorted([(event.onset, event.end) for event in events] + crossings):
+            intervals.append((start, onset - after))
             start = max(start, end + before)
-        stretches.append((start, float(motion.times[-1]) - after))
-        return [(a, b) for a, b in stretches if b >= a]
+        intervals.append((start, float(motion.times[-1]) - after))
+        return [(start, stop) for start, stop in intervals if stop >= start]
 
 
-def _up(ratio: float) -> int:
-    """The next whole number, rounding errors aside."""
+def _round_up(ratio: float) -> int:
+    """Round up to a whole number, tolerating rounding errors."""
     return ceil(ratio - 1e-6)
 
 
-def _down(ratio: float) -> int:
+def _round_down(ratio: float) -> int:
+    """Round down to a whole number, tolerating rounding errors."""
     return floor(ratio + 1e-6)

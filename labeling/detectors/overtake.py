@@ -1,122 +1,148 @@
-"""Overtakes: what a left lane change was for, seen from what followed."""
+"""Overtakes: what a left lane change was for, judged by what followed it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from isacsim.settings import Settings
+from labeling.detectors.protocol import VehicleView
 from labeling.intentions import Event, Intention
 from labeling.road.surroundings import Surroundings
 
 Verdict = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
 
 SAMPLE_S = 0.1
-"""Interval at which the gap between two vehicles is looked at, s."""
+"""Interval at which the gap between two vehicles is sampled, s."""
 
 
 class OvertakeSettings(Settings):
-    """What counts as one: divert, pass, return."""
+    """Thresholds of an overtake: pull out, pass, return."""
 
     horizon_s: float = Field(
-        30.0, gt=0.0, le=300.0, description="longest time from the pulling-out's onset to the return, s"
+        30.0, gt=0.0, le=300.0, description="maximum time from the onset of pulling out to the return, s"
     )
     before_onset_s: float = Field(
-        1.0, ge=0.0, le=10.0, description="when the vehicle ahead is looked up, before onset, s"
+        1.0, ge=0.0, le=10.0, description="how long before onset the vehicle ahead is looked up, s"
     )
-    look_ahead_m: float = Field(100.0, gt=0.0, le=500.0, description="how far ahead, m")
+    look_ahead_m: float = Field(100.0, gt=0.0, le=500.0, description="maximum gap to the vehicle ahead, m")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a left change meant for another vehicle. returned: when the overtaking one is back ahead of it, s."""
+    """What a left lane change meant for another vehicle.
+
+    returned: when the overtaking vehicle is back ahead of it, s; None without an overtake.
+    """
 
     verdict: Verdict
     returned: float | None = None
 
 
 @dataclass(frozen=True)
-class Overtake:
-    """The vehicle changes left, its rear passes the other's front, and it changes right, back ahead of the other.
+class OvertakeDetector:
+    """Finds overtakes: the vehicle changes left, its rear passes the other's front, and it changes back to the right.
 
-    All within `horizon_s` of the pulling-out's onset. It is about the pair: the same left change can overtake one
-    vehicle and not another. The other is ahead when the pulling-out begins. Back means over as many markings to the
-    right as there were crossed to the left since.
-    onset, commit, peak: the pulling-out's. end: the returning vehicle's centre crosses back; motion_end: the
-    pulling-out's end. Verdicts otherwise: `not_passed` a plain left lane change (it returned without having passed, or
-    had not passed within the horizon); `passed_did_not_return`; `unresolved` (the vehicle left the road or the
-    recording ended within the horizon, with neither known).
-    Fails where: the other turns off unpassed (not passed); the passing is done on a road's oncoming lane.
+    The return is within `horizon_s` of the onset of pulling out, and crosses as many markings to the right as were
+    crossed to the left since. The other vehicle is ahead when the pulling-out begins. An overtake is about a pair: the
+    same left lane change can overtake one vehicle and not another. `detect` judges it for the vehicle ahead in the lane
+    that is left, within `look_ahead_m`; `labeling.samples.candidates` asks again for the UV of each sample.
+
+    onset, commit, peak: those of the pulling-out.
+    end: the returning vehicle's centre crosses back. motion_end: the end of the pulling-out.
+
+    Every other left lane change stays one. It carries a mark, and becomes no sample, where the other vehicle was passed
+    without a return within `horizon_s` (`passed_did_not_return`), and where the vehicle left the road or the recording
+    ended within `horizon_s` with the outcome open (`unresolved`).
+
+    Fails where the other vehicle turns off before it is passed (it counts as not passed), and where the passing is done
+    in the oncoming lane, which belongs to another edge.
+
+    A vehicle pulls out at 10 s, passes a slower one, and returns at 24 s:
+
+    >>> from dataclasses import replace
+    >>> from labeling.detectors.lane_change import LaneChangeDetector, LaneChangeSettings
+    >>> from labeling.detectors.protocol import vehicle_view
+    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> fast = ScriptedVehicle("tv", speed=32.0, lateral=[(10, 0.0), (14, 3.2), (24, 3.2), (28, 0.0)])
+    >>> slow = ScriptedVehicle("uv", speed=24.0, start_m=120.0)
+    >>> view = vehicle_view(straight_road(fast, slow), "tv")
+    >>> lane_changes = LaneChangeDetector(LaneChangeSettings()).detect(view)
+    >>> [overtake] = OvertakeDetector(OvertakeSettings()).detect(replace(view, lane_changes=tuple(lane_changes)))
+    >>> overtake.intention.text, overtake.other, round(overtake.commit, 1), round(overtake.end, 1)
+    ('overtake', 'uv', 12.0, 26.0)
     """
+
+    settings_type: ClassVar[type[Settings]] = OvertakeSettings
+    finds: ClassVar[tuple[Intention, ...]] = (Intention.OVERTAKE,)
 
     settings: OvertakeSettings
 
-    def detect(self, around: Surroundings, changes: Sequence[Event]) -> list[Event]:
-        """The left changes among the completed lane changes of one vehicle, told apart by the vehicle ahead of them.
-
-        changes: all completed lane changes of the vehicle, in order. Returns one event a left change: an overtake, or
-        the left change with its mark.
-        """
-        found = []
-        for change in changes:
+    def detect(self, view: VehicleView) -> list[Event]:
+        """Return one event for each left lane change: an overtake, or the lane change with its mark."""
+        events = []
+        for change in view.lane_changes:
             if change.intention is Intention.LEFT_LANE_CHANGE:
-                other = self.ahead(around, change)
-                outcome = Outcome("not_passed") if other is None else self.outcome(around, changes, change, other)
-                found.append(self.judged(change, other, outcome))
-        return found
+                other = self.vehicle_ahead(view.surroundings, change)
+                outcome = Outcome("not_passed")
+                if other is not None:
+                    outcome = self.outcome(view.surroundings, view.lane_changes, change, other)
+                events.append(self.judged(change, other, outcome))
+        return events
 
     def judged(self, change: Event, other: str | None, outcome: Outcome) -> Event:
-        """A left change as what it turned out to be."""
+        """Return a left lane change as what it turned out to be for another vehicle."""
         if outcome.verdict == "overtaken" and outcome.returned is not None:
             return replace(
                 change, intention=Intention.OVERTAKE, end=outcome.returned, motion_end=change.end, other=other
             )
         return change if outcome.verdict == "not_passed" else replace(change, mark=outcome.verdict, other=other)
 
-    def ahead(self, around: Surroundings, change: Event) -> str | None:
-        """The vehicle ahead in the lane that a change leaves."""
+    def vehicle_ahead(self, surroundings: Surroundings, change: Event) -> str | None:
+        """Return the vehicle ahead in the lane that a lane change leaves, or None if there is none."""
         time = change.onset - self.settings.before_onset_s
-        if not around.has(change.vehicle, time, change.commit):
+        if not surroundings.has(change.vehicle, time, change.commit):
             time = change.onset
-        leader = around.leader(change.vehicle, time, self.settings.look_ahead_m)
+        leader = surroundings.leader(change.vehicle, time, self.settings.look_ahead_m)
         return None if leader is None else leader.vehicle
 
-    def outcome(self, around: Surroundings, changes: Sequence[Event], change: Event, other: str) -> Outcome:
-        """What one left change meant for another vehicle.
+    def outcome(self, surroundings: Surroundings, changes: Sequence[Event], change: Event, other: str) -> Outcome:
+        """Return what one left lane change meant for another vehicle.
 
-        changes: all completed lane changes of the changing vehicle, in order.
+        changes: all completed lane changes of the changing vehicle, in order of crossing.
         """
-        track = around.recording.tracks[change.vehicle]
-        last = float(around.recording.times(track)[-1])
+        track = surroundings.recording.tracks[change.vehicle]
+        last_seen = float(surroundings.recording.times(track)[-1])
         horizon = change.onset + self.settings.horizon_s
-        back = self._back(changes, change)
-        returned = back is not None and back <= horizon
-        until = min(horizon, last) if back is None else min(horizon, last, back)
-        passed = self._passes(around, change, other, until)
-        if returned:
-            return Outcome("overtaken", back) if passed else Outcome("not_passed")
-        if last < horizon:
+        return_time = _return_time(changes, change)
+        until = min(horizon, last_seen) if return_time is None else min(horizon, last_seen, return_time)
+        passed = _passes(surroundings, change, other, until)
+        if return_time is not None and return_time <= horizon:
+            return Outcome("overtaken", return_time) if passed else Outcome("not_passed")
+        if last_seen < horizon:
             return Outcome("unresolved")
         return Outcome("passed_did_not_return" if passed else "not_passed")
 
-    def _back(self, changes: Sequence[Event], change: Event) -> float | None:
-        """When the vehicle is back across as many markings as it crossed from this change on, s."""
-        level = 0
-        for later in changes:
-            if later.commit >= change.commit:
-                level += 1 if later.intention is Intention.LEFT_LANE_CHANGE else -1
-                if level <= 0:
-                    return later.commit
-        return None
 
-    def _passes(self, around: Surroundings, change: Event, other: str, until: float) -> bool:
-        """Whether the other was ahead at the onset and is behind the vehicle's rear when last seen up to an instant."""
-        length = around.recording.tracks[change.vehicle].length_m
-        times = np.append(np.arange(change.onset, until, SAMPLE_S), until)
-        gaps = around.gaps(change.vehicle, other, times)
-        seen = gaps[~np.isnan(gaps)]
-        return bool(len(seen) and not np.isnan(gaps[0]) and gaps[0] > 0 and seen[-1] < -length)
+def _return_time(changes: Sequence[Event], change: Event) -> float | None:
+    """Return when the vehicle has crossed back as many markings as it crossed from this change on, s."""
+    markings_out = 0
+    for later in changes:
+        if later.commit >= change.commit:
+            markings_out += 1 if later.intention is Intention.LEFT_LANE_CHANGE else -1
+            if markings_out <= 0:
+                return later.commit
+    return None
+
+
+def _passes(surroundings: Surroundings, change: Event, other: str, until: float) -> bool:
+    """Return whether another vehicle is ahead at onset, and behind this one's rear when last seen up to `until`, s."""
+    length = surroundings.recording.tracks[change.vehicle].length_m
+    times = np.append(np.arange(change.onset, until, SAMPLE_S), until)
+    gaps = surroundings.gaps(change.vehicle, other, times)
+    seen = gaps[~np.isnan(gaps)]
+    return bool(len(seen) and not np.isnan(gaps[0]) and gaps[0] > 0 and seen[-1] < -length)

@@ -16,7 +16,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.motion import MotionSettings
 from isacsim.traffic.simulation import TrafficSettings
-from labeling.events import LabelSettings
+from labeling.detectors.settings import LabelSettings
 from labeling.samples.candidates import RecordSettings
 from labeling.samples.uv_choice import PairSettings
 

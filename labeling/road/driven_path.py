@@ -1,4 +1,4 @@
-"""Positions along the road that a vehicle drives, for itself and for others on it."""
+"""Positions along the road that a vehicle drives: its own, and those of other vehicles on that road."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from isacsim.traffic.recording import Track
 from labeling.road.lane_graph import LaneGraph
 
 BEYOND_M = 300.0
-"""How far a path is carried on before a track's first edge and after its last one, m."""
+"""How far a path extends before the first edge of a track and after its last one, m."""
 
 
 def segments(track: Track) -> list[tuple[int, int, int]]:
-    """The stretches of a track on one lane: first row, row after the last, lane."""
+    """Return the stretches of a track on one lane each: first row, row after the last, lane."""
     cuts = [0, *(np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1).tolist(), len(track)]
     return [(a, b, int(track.lane[a])) for a, b in pairwise(cuts) if b > a]
 
 
 class Path:
-    """The edges a vehicle drives, in order, each with its station: the distance from the start of the first one.
+    """The edges that a vehicle drives, in order, with stations: distances from the start of the first edge, m.
 
-    A lane is on the path when its edge is driven, when it joins two driven edges, or when it leads up to the first or
-    on from the last within `BEYOND_M`. Lanes that leave the path or end in it are not: they are other roads.
+    A lane is on the path if its edge is driven, if it joins two driven edges, or if it leads up to the first one or
+    continues the last one within `BEYOND_M`. Lanes that leave the path or merge into it are other roads.
     """
 
     def __init__(self, track: Track, graph: LaneGraph) -> None:
@@ -51,7 +51,7 @@ class Path:
         self._bases.append(base)
 
     def _all_stations(self) -> dict[int, list[tuple[float, float]]]:
-        """Of each lane on the path, for each time it is driven: the station of its start, m, and metres a metre."""
+        """Return for each lane on the path, for each visit: the station of its start, m, and the scale along it."""
         graph, stations = self._graph, defaultdict(list)
         for edge, lane, base in zip(self._edges, self._lanes, self._bases, strict=True):
             for k in graph.on_edge[edge]:
@@ -64,7 +64,7 @@ class Path:
         return dict(stations)
 
     def _add_joints(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], j: int) -> None:
-        """Junction lanes that are not driven themselves but lie beside the one that is."""
+        """Add the junction lanes beside the one that is driven between edges j and j + 1."""
         graph = self._graph
         start = self._bases[j] + graph.lanes[self._lanes[j]].length_m
         onward = set(self._edges[j + 1 : j + 4])
@@ -78,7 +78,7 @@ class Path:
                         stations[s].append((start, scale))
 
     def _extend(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], ahead: bool) -> None:
-        """Lanes onward from the last edge, or leading up to the first."""
+        """Add the lanes that continue the last edge, or that lead up to the first one."""
         graph, at = self._graph, -1 if ahead else 0
         edge, base = self._edges[at], self._bases[at]
         end = base + graph.lanes[self._lanes[at]].length_m if ahead else base
@@ -97,16 +97,16 @@ class Path:
                         onward[n] = start + graph.lanes[n].length_m if ahead else start
             front = onward
 
-    def own(self, track: Track, rows: IntArray) -> Array:
-        """Stations of the vehicle whose path this is, at rows of its track, m, shape (n,)."""
+    def driver_stations(self, track: Track, rows: IntArray) -> Array:
+        """Return the stations of the vehicle whose path this is, at rows (n,) of its track, m, shape (n,)."""
         visit = np.searchsorted(self._starts, track.first_step + rows, side="right") - 1
         return np.asarray(np.array(self._bases)[visit] + track.lane_pos[rows])
 
-    def of(self, track: Track, rows: IntArray, near: Array) -> Array:
-        """Stations of another vehicle at rows of its track, m, shape (n,); NaN where it is off the path.
+    def other_stations(self, track: Track, rows: IntArray, near: Array) -> Array:
+        """Return the stations of another vehicle at rows (n,) of its track, m, shape (n,); NaN where off the path.
 
-        near: stations of the path's own vehicle at the same instants, m, shape (n,): of an edge driven several times,
-        the visit that puts the two nearest to each other counts.
+        near: stations of the path's driver at the same times, m, shape (n,). On an edge that is driven several times,
+        the visit that puts the two vehicles closest together counts.
         """
         result = np.full(len(rows), np.nan)
         lanes = track.lane[rows]

@@ -1,4 +1,4 @@
-"""How the lanes of a network hang together: which continues which, and what lies beside what."""
+"""How the lanes of a network are connected: which lane continues which, and which lie side by side."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from functools import lru_cache
 from isacsim.scenarios.lane import Lane
 
 MAX_SKIPPED = 6
-"""Lanes that a vehicle may pass within one step: junction lanes can be centimetres long."""
+"""Maximum number of lanes that a vehicle passes within one step: junction lanes can be centimetres long."""
 
 
 @dataclass(frozen=True)
 class LaneStep:
-    """How a vehicle got from one lane to another between two rows.
+    """How a vehicle gets from one lane to another between two rows of its track.
 
-    shift_m: how far left the new centre line lies of the old one, m. levels: markings crossed, left positive.
+    shift_m: offset of the new centre line from the old one, m, left positive. levels: markings crossed, left
+    positive.
     """
 
     shift_m: float
@@ -24,7 +25,7 @@ class LaneStep:
 
 
 class LaneGraph:
-    """Successors, predecessors and neighbours of lanes, by their position in the recording's list."""
+    """Successors, predecessors and neighbours of lanes; a lane is named by its position in the given list."""
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
         self.lanes = lanes
@@ -42,7 +43,7 @@ class LaneGraph:
         self.steps = lru_cache(maxsize=None)(self._steps)
 
     def across(self, a: int, b: int) -> float:
-        """Distance from the centre line of lane a to that of lane b of the same edge, m, left positive."""
+        """Return the offset of the centre line of lane b from that of lane a on the same edge, m, left positive."""
         beside = self.on_edge[self.lanes[a].edge]
         i, j = beside.index(a), beside.index(b)
         low, high = min(i, j), max(i, j)
@@ -51,7 +52,7 @@ class LaneGraph:
         return distance if j >= i else -distance
 
     def chain(self, a: int, b: int) -> float | None:
-        """Length of the lanes between the end of lane a and the start of lane b downstream, m; None if unconnected."""
+        """Return the length of the lanes from the end of lane a to the start of lane b, m; None if unconnected."""
         reached: dict[int, float] = {a: 0.0}
         for _ in range(MAX_SKIPPED):
             onward: dict[int, float] = {}
@@ -64,21 +65,21 @@ class LaneGraph:
         return None
 
     def link(self, a: int, b: int) -> float | None:
-        """As `chain`, from any lane of a's edge to any of b's."""
+        """Return the same as `chain`, from any lane on the edge of a to any lane on the edge of b."""
         pairs = ((i, j) for i in self.on_edge[self.lanes[a].edge] for j in self.on_edge[self.lanes[b].edge])
         return next((length for i, j in pairs if (length := self.chain(i, j)) is not None), None)
 
     def _steps(self, a: int, b: int) -> tuple[LaneStep, ...]:
-        """The ways to get from lane a to lane b in one step, fewest markings first; none if they are unconnected.
+        """Return the possible steps from lane a to lane b, fewest markings first; none if they are unconnected.
 
-        On one edge: across the markings between. Onto another edge: straight on along a's successors, or with a change
-        of lane at the same instant, before the edge's end or after it.
+        On one edge: across the markings in between. Onto another edge: straight on along the successors of a, or with
+        a lane change in the same step, before or after the end of the edge.
         """
         lane_a, lane_b = self.lanes[a], self.lanes[b]
         if lane_a.edge == lane_b.edge:
             return (LaneStep(self.across(a, b), lane_b.index - lane_a.index),)
-        found = set(self._onward(a, b))
-        return tuple(sorted(found, key=lambda step: (abs(step.levels), step.shift_m)))
+        steps = set(self._onward(a, b))
+        return tuple(sorted(steps, key=lambda step: (abs(step.levels), step.shift_m)))
 
     def _onward(self, a: int, b: int) -> Iterator[LaneStep]:
         if self.chain(a, b) is not None:

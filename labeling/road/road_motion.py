@@ -1,7 +1,7 @@
-"""The motion of a vehicle along and across its road, conditioned: what the detectors see.
+"""The conditioned motion of a vehicle along and across its road: the input of the detectors.
 
-Lateral motion is measured from the lane's centre line and carried on over markings and edge changes, so that a curve,
-a junction, a renumbering of lanes or another place on the map leaves it as it is.
+Lateral motion is measured from the lane's centre line and continued over markings and edge changes. A curve, a
+junction, another numbering of lanes, or another place on the map therefore does not change it.
 """
 
 from __future__ import annotations
@@ -15,23 +15,26 @@ from isacsim.arrays import Array
 from isacsim.traffic.recording import Recording, Track
 from labeling.road.lane_graph import LaneGraph, LaneStep
 
+WIDTH_S = 0.15
+"""Default standard deviation of the conditioning kernel, s."""
 GRID_S = 0.05
-"""Longest interval of the motion's samples, s. Conditioned motion holds nothing above 3 Hz."""
+"""Maximum sampling interval of the motion, s. Conditioned motion contains nothing above 3 Hz."""
 JUMP_MPS = 5.0
-"""A lateral step faster than this is no motion of a vehicle, m/s."""
+"""A lateral step faster than this is not motion of a vehicle but a jump of the simulator, m/s."""
 PLANE_JUMP_M = 0.3
-"""Where the position in the plane moves by this much more than the speed says, m, SUMO has shifted the vehicle: lanes
-of one edge share one length, so that a lane change on an edge that is partly bent moves the vehicle along it."""
+"""Where the position in the plane moves by this much more than the speed explains, SUMO has shifted the vehicle, m.
+All lanes of an edge share one length, so a lane change on a partly bent edge moves the vehicle along it."""
 REACH = 5.0
-"""Half-width of the kernel in standard deviations."""
+"""Half-width of the kernel, in standard deviations."""
 
 
 @dataclass(frozen=True)
 class Crossing:
     """The vehicle's centre crosses one marking.
 
-    time: of the first row beyond it, s. marking: its number, counted leftwards from the right edge of the lane the
-    track starts in. left: the way it is crossed. at_m: its lateral position in the vehicle's `RoadMotion.q`, m.
+    time: of the first row beyond the marking, s. marking: its number; 0 is the left marking of the lane in which the
+    track starts, and numbers increase to the left. left: whether it is crossed from right to left. at_m: the lateral
+    position of the marking on the scale of `RoadMotion.q`, m.
     """
 
     time: float
@@ -42,12 +45,14 @@ class Crossing:
 
 @dataclass(frozen=True)
 class RoadMotion:
-    """Conditioned motion of one vehicle, sampled at most every `GRID_S`, arrays of shape (n,).
+    """Conditioned motion of the front bumper centre of one vehicle, evenly sampled, arrays of shape (n,).
 
-    times: s of simulation time. v, a: speed and acceleration along the road, m/s, m/s2.
-    q, vq, aq: lateral position from the centre line of the lane the track starts in, lateral speed and acceleration,
-    m, m/s, m/s2, left positive. crossings: of markings, in order. jumps: times of steps that are no motion, s.
-    until: of the track's last row, s, up to `GRID_S` after the last sample.
+    times: simulation time, s, at intervals of at most `GRID_S`.
+    v, a: speed and acceleration along the road, m/s, m/s2.
+    q, vq, aq: lateral position, speed and acceleration, m, m/s, m/s2, left positive; the position is measured from the
+    centre line of the lane in which the track starts.
+    crossings: of markings, in order. jumps: times of steps that are not motion, s. until: time of the last row of the
+    track, s, up to `GRID_S` after the last sample.
     """
 
     vehicle: str
@@ -62,12 +67,15 @@ class RoadMotion:
     until: float
 
     def lateral_at(self, time: float) -> float:
-        """Lateral position at an instant, m."""
+        """Return the lateral position at a time (s), m."""
         return float(np.interp(time, self.times, self.q))
 
 
 def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: float) -> RoadMotion:
-    """The road-relative motion of one track. width_s: standard deviation of the conditioning kernel, s."""
+    """Return the motion of one track relative to its road.
+
+    graph: of the recording's lanes. width_s: standard deviation of the conditioning kernel, s.
+    """
     times = recording.times(track)
     lateral, crossings, jumps = _lateral(track, graph, times, recording.step_s)
     every = max(1, int(GRID_S / recording.step_s + 1e-6))
@@ -90,9 +98,9 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
 
 
 def _decimate(values: Array, sigma: float, every: int) -> Array:
-    """Every `every`-th of the Gaussian-smoothed rows; sigma in rows. Ends are continued by point reflection."""
+    """Return every `every`-th row of the Gaussian-smoothed values; sigma in rows. Ends are point-reflected."""
     reach = int(np.ceil(REACH * sigma))
-    # Padded so that a row to keep lies under the centre of every `every`-th position of the kernel.
+    # Pad so that the rows to keep coincide with the kernel centres that the decimation keeps.
     before = reach + -2 * reach % every
     padded = np.pad(values, (before, reach), mode="reflect", reflect_type="odd")
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
@@ -102,7 +110,10 @@ def _decimate(values: Array, sigma: float, every: int) -> Array:
 
 
 def slope(values: Array, step_s: float) -> Array:
-    """Time derivative by central differences of fourth order, second order at the ends; shape (n,)."""
+    """Return the time derivative of evenly sampled values, shape (n,), in their unit per second.
+
+    Central differences of fourth order, of second order next to the ends, and one-sided at the ends.
+    """
     if len(values) < 5:
         return np.gradient(values, step_s) if len(values) > 1 else np.zeros_like(values)
     inner = (8 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12 * step_s)
@@ -116,7 +127,7 @@ def slope(values: Array, step_s: float) -> Array:
 
 
 def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tuple[Array, list[Crossing], list[float]]:
-    """Lateral position over markings and edges, m, the markings crossed and the jumps left in it."""
+    """Return the lateral position over markings and edges, m; the markings crossed; and the times of jumps, s."""
     rows = np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1
     shifts = np.zeros(len(rows))
     crossings: list[Crossing] = []
@@ -127,7 +138,7 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
         change = float(track.lane_lat[row] - track.lane_lat[row - 1])
         step = _likeliest(graph.steps(a, b), change)
         same_edge = graph.lanes[a].edge == graph.lanes[b].edge
-        # Where an edge ends the centre line itself may be offset: that is the road's, not the vehicle's, motion.
+        # Where an edge ends, the centre line may be offset: that is the road's shape, not the vehicle's motion.
         continued = step is not None and (same_edge or abs(change + step.shift_m) <= limit)
         shifts[n] = step.shift_m if step is not None and continued else -change
         if step is not None:
@@ -145,12 +156,12 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
 
 
 def _plane_jumps(track: Track, times: Array, step_s: float) -> list[float]:
-    """Times at which the position in the plane moves further than the vehicle, s."""
+    """Return the times at which the position in the plane moves further than the vehicle drives, s."""
     moved = np.hypot(np.diff(track.x), np.diff(track.y))
     driven = step_s * np.maximum(track.speed[1:], track.speed[:-1])
     return [float(times[k + 1]) for k in np.flatnonzero(moved - driven > max(PLANE_JUMP_M, JUMP_MPS * step_s))]
 
 
 def _likeliest(steps: tuple[LaneStep, ...], change_m: float) -> LaneStep | None:
-    """Of several ways onto a lane the one with the least lateral jump; the one over fewest markings if equal."""
+    """Return the step onto a lane with the smallest lateral jump; of equal ones that over the fewest markings."""
     return min(steps, key=lambda step: round(abs(change_m + step.shift_m), 2), default=None)

@@ -1,4 +1,4 @@
-"""Who is around a vehicle: leaders, gaps along the road and relations, from the recording alone."""
+"""Who is around a vehicle: leaders, gaps along the road, and relative places, from the recording alone."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ Relation = Literal["ahead", "behind", "left", "right"]
 
 @dataclass(frozen=True)
 class Leader:
-    """The next vehicle ahead in the lane. gap_m: from the front bumper to the leader's rear bumper, m."""
+    """The next vehicle ahead in the lane. gap_m: from the follower's front bumper to the leader's rear bumper, m."""
 
     vehicle: str
     gap_m: float
 
 
 class Surroundings:
-    """Positions of vehicles relative to each other in one recording."""
+    """Positions of the vehicles of one recording relative to each other.
+
+    graph: of the recording's lanes, if already at hand.
+    """
 
     def __init__(self, recording: Recording, graph: LaneGraph | None = None) -> None:
         self.recording = recording
@@ -41,26 +44,26 @@ class Surroundings:
         self._driven = lru_cache(maxsize=256)(self._new_driven)
 
     def step(self, time: float) -> int:
-        """The recording's step nearest to an instant."""
+        """Return the step of the recording nearest to a time (s)."""
         return round(time / self.recording.step_s)
 
     def present(self, time: float) -> list[Track]:
-        """The vehicles on the road at an instant."""
+        """Return the tracks of the vehicles on the road at a time (s)."""
         step = self.step(time)
         return [self._tracks[k] for k in np.flatnonzero((self._first <= step) & (step < self._after))]
 
     def has(self, vehicle: str, start: float, end: float) -> bool:
-        """Whether a vehicle is on the road from start to end, s."""
+        """Return whether a vehicle is on the road from start to end, s."""
         track = self.recording.tracks.get(vehicle)
         if track is None:
             return False
         return track.first_step <= self.step(start) and self.step(end) < track.first_step + len(track)
 
     def leader(self, vehicle: str, time: float, within_m: float) -> Leader | None:
-        """The next vehicle ahead in the lane and the lanes that continue it, its rear within `within_m`.
+        """Return the next vehicle ahead in the lane and in the lanes that continue it, or None if there is none.
 
-        Where the lane forks, the branch is taken that the vehicle itself drives later, or every branch if it drives
-        none.
+        time: s, at which the vehicle is on the road. within_m: maximum gap, m. Where the lane forks, the search
+        follows the branch that the vehicle itself drives later, or every branch if it drives none of them.
         """
         track, step = self.recording.tracks[vehicle], self.step(time)
         row = step - track.first_step
@@ -80,7 +83,7 @@ class Surroundings:
                     best = Leader(other.vehicle, gap)
             else:
                 end = start + self.graph.lanes[k].length_m
-                # A long vehicle's front can be further than its rear: look on by the longest one's length.
+                # Search on by the length of the longest vehicle: its front may be beyond within_m, its rear within.
                 if end <= within_m + 30.0:
                     onward = [s for s in self._onward(vehicle, k) if s not in seen]
                     seen.update(onward)
@@ -88,9 +91,9 @@ class Surroundings:
         return best
 
     def gaps(self, vehicle: str, other: str, times: Array) -> Array:
-        """How far the other's front bumper is ahead of the vehicle's along the road the vehicle drives, m, shape (n,).
+        """Return how far another vehicle's front bumper is ahead of this one's along the driven road, m, shape (n,).
 
-        NaN where either is absent or the other is on another road.
+        times: s, shape (n,). NaN where either vehicle is absent, or the other one is on another road.
         """
         track, second = self.recording.tracks[vehicle], self.recording.tracks[other]
         steps = np.rint(np.asarray(times) / self.recording.step_s).astype(np.int64)
@@ -98,14 +101,15 @@ class Surroundings:
         both = (rows >= 0) & (rows < len(track)) & (other_rows >= 0) & (other_rows < len(second))
         result = np.full(len(steps), np.nan)
         path = self._path(vehicle)
-        own = path.own(track, rows[both])
-        result[both] = path.of(second, other_rows[both], own) - own
+        stations = path.driver_stations(track, rows[both])
+        result[both] = path.other_stations(second, other_rows[both], stations) - stations
         return result
 
     def relation(self, vehicle: str, other: str, time: float) -> Relation | None:
-        """Where another vehicle is; None if it is not on the vehicle's road.
+        """Return where another vehicle is at a time (s), or None if it is not on this vehicle's road.
 
-        Ahead and behind are in the vehicle's lane and the lanes that continue it; else left or right of it.
+        `ahead` and `behind` are in the vehicle's lane and the lanes that continue it; all others are `left` or
+        `right`.
         """
         gap = float(self.gaps(vehicle, other, np.array([time]))[0])
         if np.isnan(gap):
@@ -122,7 +126,7 @@ class Surroundings:
         return int(track.lane[self.step(time) - track.first_step])
 
     def _lanes_across(self, upstream: int, downstream: int) -> int:
-        """How many lanes left of the upstream lane's continuation the downstream lane is; 0 where it continues it."""
+        """Return how many lanes the downstream lane lies left of the continuation of the upstream one."""
         lanes, front = self.graph.lanes, {upstream}
         for _ in range(20):
             beside = [k for k in front if lanes[k].edge == lanes[downstream].edge]
@@ -140,8 +144,8 @@ class Surroundings:
 
     def _onward(self, vehicle: str, lane: int) -> list[int]:
         successors = list(self.graph.successors[lane])
-        mine = [s for s in successors if self.graph.lanes[s].edge in self._driven(vehicle)]
-        return mine or successors
+        driven = [s for s in successors if self.graph.lanes[s].edge in self._driven(vehicle)]
+        return driven or successors
 
     def _sorted_into_lanes(self, step: int) -> dict[int, list[tuple[float, int]]]:
         in_lanes: dict[int, list[tuple[float, int]]] = defaultdict(list)

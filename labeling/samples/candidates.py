@@ -1,10 +1,10 @@
-"""Which events become samples: the pair, the place of the record, and what is left out and why."""
+"""Which events become samples: the pair, the placement of the record, and what is left out for which reason."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 from pydantic import Field, model_validator
@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.traffic.recording import Recording
-from labeling.detectors.overtake import Overtake
+from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
 from labeling.intentions import PULLING_OUT, Event, Intention
 from labeling.road.surroundings import Relation, Surroundings
@@ -23,33 +23,36 @@ class RecordSettings(Settings):
     """The piece of a TV-UV pair around an event that is stored."""
 
     duration_s: float = Field(5.0, gt=0.0, le=60.0, description="length of a record, s")
-    before_onset_s: float = Field(2.6, ge=0.0, le=60.0, description="of it before onset, s")
+    before_onset_s: float = Field(2.6, ge=0.0, le=60.0, description="part of the record before onset, s")
     tv_rate_hz: float = Field(400.0, gt=0.0, le=10_000.0, description="sensing rate of the TV, Hz")
     uv_rate_hz: float = Field(100.0, gt=0.0, le=10_000.0, description="reporting rate of the UV, Hz")
-    jitter_s: float = Field(0.2, ge=0.0, le=10.0, description="the record is shifted by up to this, either way, s")
+    jitter_s: float = Field(0.2, ge=0.0, le=10.0, description="maximum random shift of the record, either way, s")
     margin_s: float = Field(
-        0.8, ge=0.0, le=5.0, description="both tracks reach beyond the record by this, s: conditioning looks around"
+        0.8,
+        ge=0.0,
+        le=5.0,
+        description="both tracks extend beyond the record by this, for the conditioning kernel, s",
     )
     alone_before_s: float = Field(
-        0.5, ge=0.0, le=30.0, description="no other event of the TV from this before onset, s"
+        0.5, ge=0.0, le=30.0, description="no other event of the TV from this long before onset, s"
     )
-    alone_after_s: float = Field(2.4, ge=0.0, le=30.0, description="to this after it, s")
+    alone_after_s: float = Field(2.4, ge=0.0, le=30.0, description="no other event of the TV until this long after, s")
 
     @model_validator(mode="after")
     def _holds_onset(self) -> Self:
         if self.before_onset_s - self.jitter_s < 0 or self.before_onset_s + self.jitter_s > self.duration_s:
             raise ValueError(
-                f"onset, {self.before_onset_s:g} s into the record, jittered by {self.jitter_s:g} s, can fall outside"
-                f" its {self.duration_s:g} s; lower jitter_s"
+                f"the onset, {self.before_onset_s:g} s into a record of {self.duration_s:g} s, can fall outside it with"
+                f" a shift of {self.jitter_s:g} s; lower jitter_s"
             )
         return self
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A sample before it is sensed: the pair, its label, and when the record starts, s of simulation time.
+    """A sample before it is sensed: the pair, the label, and the times of the event, s of simulation time.
 
-    relation: where the UV was, seen from the TV, when it was chosen.
+    t_start: start of the record. relation: where the UV was, seen from the TV, when it was chosen.
     """
 
     tv: str
@@ -65,10 +68,10 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Candidates:
-    """The samples that a recording offers, by onset, and how many events were left out, by reason.
+    """The samples that a recording offers, by onset, and the number of events that were left out, by reason.
 
-    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `passed_did_not_return`, `unresolved`, `tv_outside_track`,
-    `uv_outside_track`, `jump` (a lateral step within the record that is no motion of a vehicle).
+    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the
+    record that is not motion of a vehicle), and the marks of events, such as `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -80,53 +83,52 @@ def candidates(
     labels: Labels,
     pairs: PairSettings,
     record: RecordSettings,
-    around: Surroundings | None = None,
+    surroundings: Surroundings | None = None,
 ) -> Candidates:
-    """The samples of a recording. around: its surroundings, where the caller has them already."""
-    around = Surroundings(recording) if around is None else around
-    of_vehicle: dict[str, list[Event]] = {}
+    """Return the candidate samples of a recording. surroundings: of the recording, if already at hand."""
+    surroundings = Surroundings(recording) if surroundings is None else surroundings
+    by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
-        of_vehicle.setdefault(event.vehicle, []).append(event)
+        by_vehicle.setdefault(event.vehicle, []).append(event)
     samples: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for event in labels.events:
-        found = _candidate(around, labels, event, of_vehicle[event.vehicle], pairs, record)
-        if isinstance(found, Candidate):
-            samples.append(found)
+        candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record)
+        if isinstance(candidate, Candidate):
+            samples.append(candidate)
         else:
-            left_out[found] += 1
+            left_out[candidate] += 1
     return Candidates(tuple(samples), dict(sorted(left_out.items())))
 
 
 def _candidate(
-    around: Surroundings,
+    surroundings: Surroundings,
     labels: Labels,
     event: Event,
-    own_events: Sequence[Event],
+    vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
 ) -> Candidate | str:
-    """The sample of an event, or why there is none."""
-    recording = around.recording
+    """Return the sample of an event, or the reason why there is none."""
+    recording = surroundings.recording
     if not may_be_tv(recording.tracks[event.vehicle], pairs):
         return "tv_kind"
-    if ambiguous(event, own_events, record):
+    if ambiguous(event, vehicle_events, record):
         return "ambiguous"
     start = record_start(recording, event, record)
     span = (start - record.margin_s, start + record.duration_s + record.margin_s)
-    if not around.has(event.vehicle, *span):
+    if not surroundings.has(event.vehicle, *span):
         return "tv_outside_track"
-    pair = choose_uv(around, event.vehicle, event.onset, pairs)
+    pair = choose_uv(surroundings, event.vehicle, event.onset, pairs)
     if pair is None:
         return "no_uv"
-    if not around.has(pair.uv, *span):
+    if not surroundings.has(pair.uv, *span):
         return "uv_outside_track"
     if any(span[0] <= t <= span[1] for vehicle in (event.vehicle, pair.uv) for t in labels.jumps.get(vehicle, ())):
         return "jump"
-    if event.intention in PULLING_OUT:
-        event = _for_pair(around, labels, event, pair.uv)
-        if event.mark is not None:
-            return event.mark
+    event = for_pair(surroundings, labels, event, pair.uv)
+    if event.mark is not None:
+        return event.mark
     return Candidate(
         tv=event.vehicle,
         uv=pair.uv,
@@ -140,24 +142,34 @@ def _candidate(
     )
 
 
-def _for_pair(around: Surroundings, labels: Labels, event: Event, uv: str) -> Event:
-    """A left change as what it was for this UV."""
-    changes = labels.changes[event.vehicle]
-    change = next(c for c in changes if c.commit == event.commit)
-    overtake = Overtake(labels.settings.overtake)
-    return overtake.judged(change, uv, overtake.outcome(around, changes, change, uv))
+def for_pair(surroundings: Surroundings, labels: Labels, event: Event, uv: str) -> Event:
+    """Return an event as what it is for a UV: a left lane change may overtake one vehicle and not another.
+
+    Where a selected detector replaces one of the two, its overtake of another vehicle than the UV is a left lane change
+    and every other event stays what it is (see `labeling.detectors.protocol.Detector`).
+    """
+    if event.intention not in PULLING_OUT:
+        return event
+    if labels.settings.replaced.isdisjoint(PULLING_OUT):
+        changes = labels.changes[event.vehicle]
+        change = next(change for change in changes if change.commit == event.commit)
+        overtake = OvertakeDetector(labels.settings.overtake)
+        return overtake.judged(change, uv, overtake.outcome(surroundings, changes, change, uv))
+    if event.intention is Intention.OVERTAKE and event.other not in (None, uv):
+        return replace(event, intention=Intention.LEFT_LANE_CHANGE, end=event.busy_until, other=None, motion_end=None)
+    return event
 
 
-def ambiguous(event: Event, own_events: Sequence[Event], record: RecordSettings) -> bool:
-    """Whether another event of the same vehicle is under way between shortly before onset and the record's end.
+def ambiguous(event: Event, vehicle_events: Sequence[Event], record: RecordSettings) -> bool:
+    """Return whether another event of the same vehicle is under way from shortly before onset to the record's end.
 
-    Under way is from an event's onset to the end of its motion; an overtake's only while it pulls out.
+    An event is under way from its onset to the end of its motion; an overtake only while it pulls out.
     """
     start, end = event.onset - record.alone_before_s, event.onset + record.alone_after_s
-    return any(other is not event and other.onset <= end and other.busy_until >= start for other in own_events)
+    return any(other is not event and other.onset <= end and other.busy_until >= start for other in vehicle_events)
 
 
 def record_start(recording: Recording, event: Event, record: RecordSettings) -> float:
-    """When the record of an event starts, s, a whole millisecond. The jitter does not depend on the class."""
+    """Return when the record of an event starts, s, a whole millisecond. The shift is independent of the class."""
     draw = stream("jitter", recording.scenario, recording.seed, event.vehicle, round(event.onset * 1000)).uniform(-1, 1)
     return round(event.onset - record.before_onset_s + record.jitter_s * float(draw), 3)

@@ -1,4 +1,4 @@
-"""Which connected vehicle (UV) meets a target vehicle (TV)."""
+"""The choice of the connected vehicle (UV) that is paired with a target vehicle (TV)."""
 
 from __future__ import annotations
 
@@ -14,19 +14,25 @@ from labeling.road.surroundings import Relation, Surroundings
 
 
 class PairSettings(Settings):
-    """Who is connected, who may be a target, and where the UV of a sample is looked for."""
+    """Which vehicles are connected, which may be targets, and where the UV of a sample is searched."""
 
     connected_share: float = Field(1.0, ge=0.0, le=1.0, description="share of vehicles that are connected")
-    before_onset_s: float = Field(1.0, ge=0.0, le=10.0, description="when the UV is chosen, before onset, s")
-    range_m: float = Field(100.0, gt=0.0, le=500.0, description="greatest distance between TV and UV then, m")
-    fall_back: bool = Field(False, description="whether the nearest connected vehicle stands in for a missing leader")
-    tv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be targets; absent: all")
-    uv_kinds: tuple[str, ...] | None = Field(None, description="vehicle classes that may be connected; absent: all")
+    before_onset_s: float = Field(1.0, ge=0.0, le=10.0, description="how long before onset the UV is chosen, s")
+    range_m: float = Field(100.0, gt=0.0, le=500.0, description="maximum distance between TV and UV at that time, m")
+    fall_back: bool = Field(False, description="use the nearest connected vehicle where there is no connected leader")
+    tv_kinds: tuple[str, ...] | None = Field(None, description="SUMO vehicle classes that may be targets; absent: all")
+    uv_kinds: tuple[str, ...] | None = Field(
+        None, description="SUMO vehicle classes that may be connected; absent: all"
+    )
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A UV for a TV. relation: where the UV is, from the TV, when chosen. gap_m: its front ahead of the TV's, m."""
+    """A TV and its UV.
+
+    relation: where the UV is, seen from the TV, when it is chosen. gap_m: how far its front bumper is ahead of the TV's
+    along the road at that time, m.
+    """
 
     tv: str
     uv: str
@@ -35,7 +41,7 @@ class Pair:
 
 
 def connected(recording: Recording, track: Track, settings: PairSettings) -> bool:
-    """Whether a vehicle is connected. A vehicle that is so at one share is so at every greater one."""
+    """Return whether a vehicle is connected. One that is connected at some share is so at every larger share."""
     if settings.uv_kinds is not None and track.kind not in settings.uv_kinds:
         return False
     draw = stream("connected", recording.scenario, recording.seed, track.vehicle).random()
@@ -43,44 +49,45 @@ def connected(recording: Recording, track: Track, settings: PairSettings) -> boo
 
 
 def may_be_tv(track: Track, settings: PairSettings) -> bool:
-    """Whether a vehicle may be a target."""
+    """Return whether a vehicle may be a target."""
     return settings.tv_kinds is None or track.kind in settings.tv_kinds
 
 
-def around_tv(around: Surroundings, tv: str, time: float, settings: PairSettings) -> list[Pair]:
-    """All connected vehicles on the TV's carriageway within range at an instant, nearest first."""
-    recording = around.recording
-    own = recording.tracks[tv]
-    row = around.step(time) - own.first_step
-    found: list[tuple[float, Pair]] = []
-    for track in around.present(time):
-        k = around.step(time) - track.first_step
-        distance = float(np.hypot(track.x[k] - own.x[row], track.y[k] - own.y[row]))
-        if track is own or distance > settings.range_m or not connected(recording, track, settings):
+def around_tv(surroundings: Surroundings, tv: str, time: float, settings: PairSettings) -> list[Pair]:
+    """Return all connected vehicles on the TV's carriageway within range at a time (s), nearest first."""
+    recording = surroundings.recording
+    tv_track = recording.tracks[tv]
+    row = surroundings.step(time) - tv_track.first_step
+    pairs: list[tuple[float, Pair]] = []
+    for track in surroundings.present(time):
+        k = surroundings.step(time) - track.first_step
+        distance = float(np.hypot(track.x[k] - tv_track.x[row], track.y[k] - tv_track.y[row]))
+        if track is tv_track or distance > settings.range_m or not connected(recording, track, settings):
             continue
-        relation = around.relation(tv, track.vehicle, time)
+        relation = surroundings.relation(tv, track.vehicle, time)
         if relation is not None:
-            gap = float(around.gaps(tv, track.vehicle, np.array([time]))[0])
-            found.append((distance, Pair(tv, track.vehicle, relation, gap)))
-    return [pair for _, pair in sorted(found, key=lambda item: (item[0], item[1].uv))]
+            gap = float(surroundings.gaps(tv, track.vehicle, np.array([time]))[0])
+            pairs.append((distance, Pair(tv, track.vehicle, relation, gap)))
+    return [pair for _, pair in sorted(pairs, key=lambda item: (item[0], item[1].uv))]
 
 
-def choose_uv(around: Surroundings, tv: str, onset: float, settings: PairSettings) -> Pair | None:
-    """The UV of a sample, by one rule for every intention.
+def choose_uv(surroundings: Surroundings, tv: str, onset: float, settings: PairSettings) -> Pair | None:
+    """Return the UV of a sample, by one rule for every intention, or None if there is none.
 
-    The leader in the TV's lane `before_onset_s` before onset, if it is connected and within range; else the nearest
-    connected vehicle on the same carriageway, unless `fall_back` is off; None where there is none, or the TV is not on
-    the road yet. Without a leader nothing can be overtaken: with the fallback, where the UV is tells that much.
+    onset: of the TV's event, s. The UV is the leader in the TV's lane `before_onset_s` before onset, if it is connected
+    and within range. Otherwise it is the nearest connected vehicle on the same carriageway if `fall_back` is on; that
+    gives something away, because a TV without a leader has nothing to overtake. A TV that is not on the road yet has no
+    UV.
     """
     time = onset - settings.before_onset_s
-    if not around.has(tv, time, time):
+    if not surroundings.has(tv, time, time):
         return None
-    leader = around.leader(tv, time, settings.range_m)
+    leader = surroundings.leader(tv, time, settings.range_m)
     if leader is not None:
-        track = around.recording.tracks[leader.vehicle]
-        if connected(around.recording, track, settings):
+        track = surroundings.recording.tracks[leader.vehicle]
+        if connected(surroundings.recording, track, settings):
             return Pair(tv, leader.vehicle, "ahead", leader.gap_m + track.length_m)
     if not settings.fall_back:
         return None
-    nearest = around_tv(around, tv, time, settings)
+    nearest = around_tv(surroundings, tv, time, settings)
     return nearest[0] if nearest else None

@@ -1,15 +1,15 @@
-"""Precedence, provenance, and what the pass over a recording as a whole must keep."""
+"""Precedence, provenance, and properties of the events of a whole recording."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from isacsim.traffic.recording import Command, Recording
 from labeling.detectors.evasive_swerve import EvasiveSwerveSettings
-from labeling.events import LabelSettings, label, origin
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label, origin
 from labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
 
@@ -18,8 +18,8 @@ SETTINGS = LabelSettings()
 
 
 def kinds(recording: Recording, vehicle: str = "tv") -> list[str]:
-    events = label(recording, SETTINGS).events
-    return [e.intention.text for e in events if e.vehicle == vehicle and e.intention is not Intention.FOLLOWING]
+    events = [event for event in label(recording, SETTINGS).events if event.vehicle == vehicle]
+    return [event.intention.text for event in events if event.intention is not Intention.FOLLOWING]
 
 
 def test_a_swerve_that_pokes_across_a_marking_is_a_swerve_alone() -> None:
@@ -38,7 +38,7 @@ def test_a_swerve_that_ends_in_the_next_lane_is_a_swerve_alone() -> None:
 
 @pytest.mark.parametrize(("gap_m", "threatened"), [(75.0, True), (85.0, False)])
 def test_a_threat_is_a_leader_within_four_seconds_of_collision(gap_m: float, threatened: bool) -> None:
-    """20 m/s faster: 80 m between bumpers at the onset, about 10.2 s, are four seconds."""
+    """At 20 m/s more than the leader, 80 m between bumpers at the onset, about 10.2 s, are four seconds."""
     tv = Drive("tv", 0.0, 30.0, sweep(10.0, 2.0, WIDTH_M), 30.0)
     recording = record(ROAD, tv, Drive("slow", gap_m + 5.0 + 10.2 * 20.0, 10.0, duration_s=60.0))
     assert ("evasive_swerve" in kinds(recording)) is threatened
@@ -57,7 +57,7 @@ def test_a_brake_during_a_swerve_keeps_both() -> None:
 
 
 def busy(commands: tuple[Command, ...] = ()) -> Recording:
-    """Every intention once or more."""
+    """Traffic with every intention at least once."""
     out_and_back = total(sweep(12.0, 4.0, WIDTH_M), sweep(24.0, 4.0, -WIDTH_M))
     evades = total(WIDTH_M, sweep(20.0, 1.2, 1.2), sweep(21.5, 1.2, -1.2))
     return record(
@@ -74,15 +74,15 @@ def busy(commands: tuple[Command, ...] = ()) -> Recording:
 
 def test_every_intention_is_found_in_one_recording() -> None:
     events = label(busy(), SETTINGS).events
-    assert {e.intention for e in events} == set(Intention) - {Intention.LEFT_LANE_CHANGE}
-    assert [e.onset for e in events] == sorted(e.onset for e in events)
-    assert all(e.onset <= e.commit <= e.end for e in events)
+    assert {event.intention for event in events} == set(Intention) - {Intention.LEFT_LANE_CHANGE}
+    assert [event.onset for event in events] == sorted(event.onset for event in events)
+    assert all(event.onset <= event.commit <= event.end for event in events)
 
 
 COMMANDS = (Command("brakes", "hard_brake", 19.5, 23.0), Command("uv", "slow_vehicle", 0.0, 60.0))
 
 
-def test_labels_do_not_look_at_commands_and_survive_the_disk(tmp_path: Path) -> None:
+def test_labels_do_not_depend_on_commands_and_survive_the_disk(tmp_path: Path) -> None:
     recording = busy(COMMANDS)
     recording.save(tmp_path / "made.npz")
     events = label(recording, SETTINGS).events
@@ -90,13 +90,13 @@ def test_labels_do_not_look_at_commands_and_survive_the_disk(tmp_path: Path) -> 
     assert label(replace(recording, commands=()), SETTINGS).events == events
 
 
-def test_origin_is_told_by_the_vehicle_s_own_commands() -> None:
+def test_origin_follows_from_the_commands_to_the_same_vehicle() -> None:
     recording = busy(COMMANDS)
-    events = label(recording, SETTINGS).events
-    told = {(e.vehicle, e.intention): origin(recording, e) for e in events if e.intention is not Intention.FOLLOWING}
-    assert told["brakes", Intention.HARD_BRAKE] == "stimulated"
-    assert told["brakes", Intention.HARD_ACCEL] == "natural"
-    assert told["tv", Intention.OVERTAKE] == "natural"
+    maneuvers = [event for event in label(recording, SETTINGS).events if event.intention is not Intention.FOLLOWING]
+    origins = {(event.vehicle, event.intention): origin(recording, event) for event in maneuvers}
+    assert origins["brakes", Intention.HARD_BRAKE] == "stimulated"
+    assert origins["brakes", Intention.HARD_ACCEL] == "natural"
+    assert origins["tv", Intention.OVERTAKE] == "natural"
 
 
 @pytest.mark.parametrize(
@@ -109,25 +109,18 @@ def test_origin_reaches_from_a_second_before_onset_to_the_end(start: float, end:
 
 
 def test_thinned_to_20_hz_the_events_are_the_same() -> None:
-    fine, coarse = (label(r, SETTINGS).events for r in (busy(), thinned(busy(), 5)))
-    assert [(e.vehicle, e.intention, e.other) for e in fine] == [(e.vehicle, e.intention, e.other) for e in coarse]
-    for a, b in zip(fine, coarse, strict=True):
-        assert (b.onset, b.commit, b.end) == pytest.approx((a.onset, a.commit, a.end), abs=0.1)
-        assert b.peak == pytest.approx(a.peak, abs=0.1)
+    events_at_100_hz = label(busy(), SETTINGS).events
+    events_at_20_hz = label(thinned(busy(), 5), SETTINGS).events
+    for fine, coarse in zip(events_at_100_hz, events_at_20_hz, strict=True):
+        assert (coarse.vehicle, coarse.intention, coarse.other) == (fine.vehicle, fine.intention, fine.other)
+        assert (coarse.onset, coarse.commit, coarse.end) == pytest.approx((fine.onset, fine.commit, fine.end), abs=0.1)
+        assert coarse.peak == pytest.approx(fine.peak, abs=0.1)
 
 
 def test_thresholds_are_settings() -> None:
-    loose = LabelSettings(preset="mine", evasive_swerve=EvasiveSwerveSettings(threshold_mps2=9.0))
-    assert label(busy(), loose).of(Intention.EVASIVE_SWERVE) == []
-    assert label(busy(), loose).settings.preset == "mine"
-
-
-def test_a_preset_s_name_stands_for_its_values() -> None:
-    assert LabelSettings.model_validate(LabelSettings().model_dump(mode="json")) == LabelSettings()
-    for changed in ({"width_s": 0.2}, {"hard_brake": {"hold_s": 0.4}}):
-        with pytest.raises(ValidationError, match="not that of preset isac-1"):
-            LabelSettings.model_validate(changed)
-        assert LabelSettings.model_validate({"preset": "mine", **changed}) != LabelSettings()
+    strict = LabelSettings(preset="strict", evasive_swerve=EvasiveSwerveSettings(threshold_mps2=9.0))
+    assert label(busy(), strict).of(Intention.EVASIVE_SWERVE) == []
+    assert label(busy(), strict).settings.preset == "strict"
 
 
 def test_a_vehicle_seen_for_a_moment_has_no_events() -> None:
@@ -139,7 +132,7 @@ def test_a_vehicle_seen_for_a_moment_has_no_events() -> None:
     ("brake", "over_s", "beyond"), [(8.0, 0.5, 0), (11.0, 1.0, 1), (8.5, 0.01, 0), (14.0, 0.01, 1)]
 )
 def test_motion_beyond_what_a_car_can_do_is_counted(brake: float, over_s: float, beyond: int) -> None:
-    """More than 9 m/s2 held; or set in at once: a step of a through the kernel is a / (0.15 s sqrt(2 pi)) = 2.7 a."""
+    """Too much is more than 9 m/s2, or a step: the kernel turns a step of a into a jerk of a / (0.15 s sqrt(2 pi))."""
     t = np.arange(0.0, 12.01, 0.01)
     acceleration = -np.interp(t, [4.0, 4.0 + over_s, 5.0 + over_s, 5.0 + 2 * over_s], [0.0, brake, brake, 0.0])
     speed = 30.0 + np.concatenate([[0.0], np.cumsum(acceleration[1:] + acceleration[:-1]) * 0.005])

@@ -1,6 +1,7 @@
-"""Recordings made by hand: roads with edges, junction lanes, renumbering and curves, and vehicles on scripted paths.
+"""Recordings made by hand: roads with edges, junction lanes, renumbered lanes and curves, and scripted vehicles.
 
-A road is described along s (m from its start) and across it in slots of one lane width, 0 the base lane, left positive.
+A road is described along s, m from its start, and across it in slots of one lane width: 0 is the base lane, left is
+positive. For a straight road without edges, see `labeling.road.straight_road`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ STEP_S = 0.01
 
 @dataclass(frozen=True)
 class Stretch:
-    """An edge: its length, m, and its slots from rightmost to leftmost. A junction's own edge when `internal`."""
+    """An edge: its length, m, and its slots from right to left. internal: whether it is inside a junction."""
 
     length_m: float
     slots: tuple[int, ...] = (0, 1, 2)
@@ -29,7 +30,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Road:
-    """Stretches one after the other, on an arc of `curvature` (1/m, left positive), turned and shifted on the map."""
+    """Consecutive stretches on an arc of `curvature` (1/m, left positive) from `origin` (m) with `heading` (rad)."""
 
     stretches: tuple[Stretch, ...] = (Stretch(5000.0),)
     curvature: float = 0.0
@@ -47,7 +48,7 @@ class Road:
         return f"{self.edge(n)}_{self.stretches[n].slots.index(slot)}"
 
     def xy(self, s: Array, y: Array) -> tuple[Array, Array]:
-        """Places at s along the base lane and y left of it, m."""
+        """Return map positions at s along the base lane and y left of it, m."""
         c = self.curvature
         turned = self.heading + c * s
         if c:
@@ -78,7 +79,7 @@ class Road:
         length_m: float = 5.0,
         kind: str = "passenger",
     ) -> Track:
-        """A vehicle whose front bumper is at (s, y), shapes (n,)."""
+        """Return the track of a vehicle whose front bumper is at (s, y), m, shapes (n,)."""
         number = {lane.id: k for k, lane in enumerate(self.lanes())}
         n = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, len(self.stretches) - 1)
         slot = np.floor(y / WIDTH_M + 0.5).astype(int)
@@ -89,12 +90,14 @@ class Road:
         )
 
     def recording(self, *tracks: Track, commands: Sequence[Command] = (), step_s: float = STEP_S) -> Recording:
-        return Recording("made", 7, step_s, self.lanes(), {track.vehicle: track for track in tracks}, tuple(commands))
+        return Recording(
+            "scripted", 7, step_s, self.lanes(), {track.vehicle: track for track in tracks}, tuple(commands)
+        )
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A scripted vehicle: when it drives, from where, how fast, and where across the road.
+    """A scripted vehicle: when it drives, from where, how fast, and its lateral position.
 
     speed, lateral: functions of time (s, arrays) to m/s and m left of the base lane.
     """
@@ -118,12 +121,12 @@ class Drive:
 
 
 def record(road: Road, *drives: Drive, commands: Sequence[Command] = (), step_s: float = STEP_S) -> Recording:
-    """The recording of vehicles driving a road."""
+    """Return the recording of scripted vehicles on a road."""
     return road.recording(*(drive.on(road, step_s) for drive in drives), commands=commands, step_s=step_s)
 
 
 def sweep(start: float, duration: float, distance: float) -> Callable[[Array], Array]:
-    """A move aside by `distance` (m) from `start` on (s): a sine of acceleration, its peak 2 pi distance / T^2."""
+    """A move aside by `distance` (m) from `start` (s) on: a sine of acceleration, peak 2 pi distance / duration^2."""
 
     def move(t: Array) -> Array:
         u = np.clip((t - start) / duration, 0.0, 1.0)
@@ -133,7 +136,7 @@ def sweep(start: float, duration: float, distance: float) -> Callable[[Array], A
 
 
 def ramps(*corners: tuple[float, float]) -> Callable[[Array], Array]:
-    """A signal that is linear between corners (time, value)."""
+    """A signal that is linear between corners (time in s, value)."""
     at, values = zip(*corners, strict=True)
     return lambda t: np.asarray(np.interp(t, at, values))
 
@@ -144,7 +147,7 @@ def total(*parts: Callable[[Array], Array] | float) -> Callable[[Array], Array]:
 
 
 def thinned(recording: Recording, every: int) -> Recording:
-    """The same recording with every `every`-th step alone."""
+    """Return the recording with only every `every`-th step."""
     tracks = {}
     for name, track in recording.tracks.items():
         skip = -track.first_step % every

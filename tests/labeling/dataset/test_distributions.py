@@ -11,38 +11,38 @@ from labeling.intentions import Intention
 @settings(max_examples=25, deadline=None)
 @given(angle=st.floats(0, 2 * np.pi), peak=st.floats(-9, 9), across=st.floats(-6, 6), onset=st.integers(0, 90))
 def test_peaks_are_along_and_across_the_driving_direction(angle: float, peak: float, across: float, onset: int) -> None:
-    """A vehicle that drives one way, accelerating at one instant after onset, and harder before it."""
+    """A vehicle drives straight on, and accelerates in one row after the onset, and harder in one before it."""
     along, left = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     truth = np.zeros((1, 6, 100), np.float32)
     truth[0, 2:4] = 30.0 * along[:, None]
     truth[0, 4:6, 95] = peak * along + across * left
     if onset > 0:
         truth[0, 4:6, onset - 1] = 50.0 * along + 50.0 * left
-    found = _peaks(truth, np.array([onset]))
-    np.testing.assert_allclose(np.concatenate(found), [peak, across], atol=1e-4)
+    peaks = _peaks(truth, np.array([onset]))
+    np.testing.assert_allclose(np.concatenate(peaks), [peak, across], atol=1e-4)
 
 
-def test_a_class_on_few_seeds_is_told_and_an_absent_one_is_not() -> None:
-    found = {"hard_brake": {"seeds": 12}, "overtake": {"seeds": 3}, "following": {"seeds": 0}}
-    assert too_few_seeds(found) == ["overtake"]
+def test_a_class_from_few_seeds_is_named_and_an_absent_one_is_not() -> None:
+    by_intention = {"hard_brake": {"seeds": 12}, "overtake": {"seeds": 3}, "following": {"seeds": 0}}
+    assert too_few_seeds(by_intention) == ["overtake"]
 
 
 def test_the_warning_names_the_classes_that_cannot_be_split() -> None:
     """Four seeds cannot hold one for each side of 60, 20 and 20 %, five can."""
     seeds = {"hard_brake": {"seeds": 5}, "overtake": {"seeds": 4}, "following": {"seeds": 0}}
-    found = {"lost": [], "samples": 9, "short": [], "distributions": seeds}
-    assert faults(found) == ["too few seeds to split into training, validation and test: overtake"]
-    assert faults({**found, "distributions": {"overtake": {"seeds": 5}}}) == []
+    summary = {"lost": [], "samples": 9, "short": [], "distributions": seeds}
+    assert faults(summary) == ["too few seeds to split into training, validation and test: overtake"]
+    assert faults({**summary, "distributions": {"overtake": {"seeds": 5}}}) == []
 
 
 def shown(episodes: int) -> list[list[str]]:
-    """The cells of the table of episodes, each with as many samples of every intention as its seed."""
+    """The cells of the table of episodes; every episode has as many samples of every intention as its seed says."""
     by_seed = {f"my-road-{seed}": seed for seed in range(1, episodes + 1)}
-    each = {"by_scenario": {"my-road": sum(by_seed.values())}, "by_seed": by_seed}
+    counts = {"by_scenario": {"my-road": sum(by_seed.values())}, "by_seed": by_seed}
     console = Console(width=80)
-    with console.capture() as said:
-        console.print(_episodes_table({intention.text: each for intention in Intention}))
-    lines = [line for line in said.get().splitlines() if "my-road" in line]
+    with console.capture() as output:
+        console.print(_episodes_table({intention.text: counts for intention in Intention}))
+    lines = [line for line in output.get().splitlines() if "my-road" in line]
     return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
 
 

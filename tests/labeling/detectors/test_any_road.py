@@ -1,4 +1,4 @@
-"""The same driving gives the same events on any road: wherever it lies, bends, and is cut into edges and lanes."""
+"""The same driving gives the same events on any road, wherever it is, bends, and is cut into edges and lanes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacsim.traffic.recording import Recording
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, total
 
@@ -25,23 +26,24 @@ DRIVES = (
 CUTS = st.lists(
     st.tuples(st.sampled_from([0.4, 7.0, 60.0, 250.0]), st.integers(0, 1), st.integers(0, 1)), min_size=1, max_size=6
 )
-"""Of each edge: its length, m, and how many lanes it has to the right and to the left of the three that are driven."""
+"""For each edge: its length, m, and its number of lanes to the right and to the left of the three that are driven."""
 
 
-def found(recording: Recording) -> tuple[list[tuple[str, Intention, str | None]], np.ndarray]:
-    """Who did what, about whom, in the order of vehicles and onsets, and of each the three times, s, and peak, m/s2."""
-    events = sorted(label(recording, LabelSettings()).events, key=lambda e: (e.vehicle, e.intention, e.onset))
-    return [(e.vehicle, e.intention, e.other) for e in events], np.array(
-        [(e.onset, e.commit, e.end, e.peak) for e in events]
+def labelled(recording: Recording) -> tuple[list[tuple[str, Intention, str | None]], np.ndarray]:
+    """The events by vehicle and onset: vehicle, intention and other; and the three times, s, and the peak, m/s2."""
+    events = sorted(
+        label(recording, LabelSettings()).events, key=lambda event: (event.vehicle, event.intention, event.onset)
     )
+    numbers = np.array([(event.onset, event.commit, event.end, event.peak) for event in events])
+    return [(event.vehicle, event.intention, event.other) for event in events], numbers
 
 
-PLAIN, PLAIN_NUMBERS = found(record(Road(), *DRIVES))
+PLAIN, PLAIN_NUMBERS = labelled(record(Road(), *DRIVES))
 
 
 def test_on_a_straight_road_of_one_edge_every_maneuver_is_found_once() -> None:
-    done = {(vehicle, intention.text) for vehicle, intention, _ in PLAIN if intention is not Intention.FOLLOWING}
-    assert done == {
+    maneuvers = {(vehicle, intention.text) for vehicle, intention, _ in PLAIN if intention is not Intention.FOLLOWING}
+    assert maneuvers == {
         ("tv", "overtake"), ("tv", "right_lane_change"), ("brakes", "hard_brake"), ("brakes", "hard_accel"),
         ("evades", "evasive_swerve"), ("leads", "right_lane_change"),
     }  # fmt: skip
@@ -58,12 +60,12 @@ def test_on_a_straight_road_of_one_edge_every_maneuver_is_found_once() -> None:
 def test_the_same_driving_gives_the_same_events_on_any_road(
     cuts: list[tuple[float, int, int]], joints: float, curvature: float, heading: float, origin: tuple[float, float]
 ) -> None:
-    """Turned and shifted, bent, cut into edges with or without junction lanes, with lanes that begin and end beside."""
+    """Roads turned, shifted, bent, cut into edges with or without junction lanes, with lanes that begin and end."""
     stretches = []
     for length, right, left in [*cuts, *cuts, (6000.0, 0, 0)]:
         stretches.append(Stretch(length, tuple(range(-right, 3 + left))))
         if joints:
             stretches.append(Stretch(joints, (0, 1, 2), internal=True))
-    events, numbers = found(record(Road(tuple(stretches), curvature, heading, origin), *DRIVES))
+    events, numbers = labelled(record(Road(tuple(stretches), curvature, heading, origin), *DRIVES))
     assert events == PLAIN
     assert numbers == pytest.approx(PLAIN_NUMBERS, abs=0.05)

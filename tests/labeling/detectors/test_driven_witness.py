@@ -1,7 +1,7 @@
-"""Maneuvers that vehicles were seen to drive, commanded ones and overtakes, against their labels.
+"""Maneuvers that vehicles drove, commanded ones and overtakes, compared with their labels.
 
-Minutes long. What counts as driven is told from raw states by other means than the detectors': plain differences over
-0.2 s, positions in the plane, no conditioning. Prints what it counts.
+Takes minutes. What a vehicle drove is determined from raw states by other means than those of the detectors: plain
+differences over 0.2 s and positions in the plane, without conditioning. Prints the counts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Command, Recording, Track
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import LANE_CHANGES, Event, Intention
 
 pytestmark = pytest.mark.slow
@@ -33,10 +34,10 @@ def longest(mask: np.ndarray, step_s: float) -> float:
 
 
 def moved_so(recording: Recording, command: Command) -> Intention | None:
-    """What the raw states show of a commanded maneuver, with some room to the definitions.
+    """The intention that the raw states show of a commanded maneuver, with some margin to the definitions.
 
-    A lane change counts if it is the only one from 1.5 s before the command to its end: what crosses back over a
-    marking that was crossed a moment before undoes a change, and a command has driven it no further.
+    A lane change counts if it is the only one from 1.5 s before the command to its end. Crossing back over a marking
+    that was crossed a moment before only undoes a change.
     """
     track = recording.tracks[command.vehicle]
     times = recording.times(track)
@@ -72,9 +73,9 @@ RATES = ManeuverSettings(
 
 
 def test_what_was_commanded_and_driven_is_labelled() -> None:
-    """Recall of stimulated maneuvers, and that none is taken for another intention along or across the road."""
+    """Stimulated maneuvers are found, and none is taken for another intention along or across the road."""
     wanted: dict[Intention, int] = defaultdict(int)
-    found: dict[Intention, int] = defaultdict(int)
+    labelled: dict[Intention, int] = defaultdict(int)
     misses, wrong = [], []
     for seed in range(101, 105):
         recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), RATES)
@@ -85,29 +86,29 @@ def test_what_was_commanded_and_driven_is_labelled() -> None:
                 continue
             wanted[intention] += 1
             events = during(labels, command)
-            got = {e.intention for e in events}
+            intentions = {event.intention for event in events}
             fits = {intention, Intention.OVERTAKE} if intention is LEFT else {intention}
-            found[intention] += bool(fits & got)
-            said = f"{seed} {command} {sorted(i.text for i in got)}"
-            if not fits & got:
-                misses.append(said)
-            kin = (LATERAL if intention in LATERAL else LONGITUDINAL) - fits
-            if any(e.intention in kin and not really(recording, e) for e in events):
-                wrong.append(said)
-    print("\n" + "\n".join(f"{i.text}: {found[i]} of {n}" for i, n in wanted.items()))
+            labelled[intention] += bool(fits & intentions)
+            line = f"{seed} {command} {sorted(i.text for i in intentions)}"
+            if not fits & intentions:
+                misses.append(line)
+            related = (LATERAL if intention in LATERAL else LONGITUDINAL) - fits
+            if any(event.intention in related and not really(recording, event) for event in events):
+                wrong.append(line)
+    print("\n" + "\n".join(f"{i.text}: {labelled[i]} of {n}" for i, n in wanted.items()))
     print("missed:", *misses or ["none"], "wrong:", *wrong or ["none"], sep="\n")
     assert {*LONGITUDINAL, *LATERAL} - {Intention.OVERTAKE} == set(wanted)
-    assert all(n >= 100 and found[i] >= 0.99 * n for i, n in wanted.items())
+    assert all(n >= 100 and labelled[i] >= 0.99 * n for i, n in wanted.items())
     assert not wrong
 
 
 def during(labels: Labels, command: Command) -> list[Event]:
-    """What the commanded vehicle was found to commit to meanwhile."""
+    """The events of the commanded vehicle whose commit lies within the command."""
     return [e for e in labels.events if e.vehicle == command.vehicle and command.start <= e.commit <= command.end]
 
 
 def really(recording: Recording, event: Event) -> bool:
-    """Whether the raw speed shows a brake or an acceleration from its commit on: drivers do more than is commanded."""
+    """Whether the raw speed shows a brake or an acceleration after its commit: drivers do more than is commanded."""
     track = recording.tracks[event.vehicle]
     n = round(0.1 / recording.step_s)
     accel = (track.speed[2 * n :] - track.speed[: -2 * n]) / (2 * n * recording.step_s)
@@ -152,13 +153,13 @@ def along(recording: Recording, track: Track, other: Track, time: float) -> floa
 def overtaken(recording: Recording, track: Track) -> list[tuple[float, str]]:
     """Plain overtakes by raw geometry: one lane out, past the vehicle next in the lane, one lane back within 27 s.
 
-    The other is next in the lane from 4 s to 1 s before the crossing: one that leaves the lane itself meanwhile is not
-    what the vehicle pulled out for, though it may be passed, and another may be next by then.
+    The other vehicle is next in the lane from 4 s to 1 s before the crossing. One that leaves the lane meanwhile is not
+    the reason for pulling out, although it may be passed, and another may be next by then.
     """
-    changes, found = flips(recording, track), []
+    changes, overtakes = flips(recording, track), []
     start, end = recording.times(track)[[0, -1]]
     for (out, first), (back, second) in pairwise(changes):
-        # From within its own lane: one that waits at the marking may be alongside already, and then overtakes nobody.
+        # It starts within its lane: a vehicle that waits at the marking may already be alongside.
         row = round((out - 4.0) / recording.step_s) - track.first_step
         alone = abs(track.lane_lat[max(row, 0)]) < 0.5 and all(
             time in (out, back) or min(abs(time - out), abs(time - back)) > 5.0 for time, _ in changes
@@ -167,25 +168,25 @@ def overtaken(recording: Recording, track: Track) -> list[tuple[float, str]]:
         if (first, second) != (1, -1) or not (alone and seen and 2.0 < back - out < 27.0):
             continue
         ahead = [next_in_lane(recording, track, out - before) for before in (4.0, 3.0, 2.0, 1.0)]
-        other = ahead[0] if all(each is ahead[0] for each in ahead) else None
+        other = ahead[0] if all(track_ahead is ahead[0] for track_ahead in ahead) else None
         gap = None if other is None else along(recording, track, other, out - 4.0)
         later = None if other is None else along(recording, track, other, back)
         if other is not None and gap is not None and gap < 60.0 and later is not None and later < -track.length_m - 2.0:
-            found.append((out, other.vehicle))
-    return found
+            overtakes.append((out, other.vehicle))
+    return overtakes
 
 
 def test_overtakes_seen_in_the_plane_are_labelled() -> None:
-    """Drivers' own and commanded ones, by positions in the plane, without the network's connections."""
+    """Commanded and other overtakes, by positions in the plane, without the connections of the network."""
     total, misses = 0, []
     for seed in range(201, 215):
         recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), ManeuverSettings())
         events = label(recording, LabelSettings()).of(Intention.OVERTAKE)
-        told = {(e.vehicle, round(e.commit, 2), e.other) for e in events}
+        labelled = {(e.vehicle, round(e.commit, 2), e.other) for e in events}
         for track in recording.tracks.values():
             for out, other in overtaken(recording, track):
                 total += 1
-                if (track.vehicle, round(out, 2), other) not in told:
+                if (track.vehicle, round(out, 2), other) not in labelled:
                     misses.append(f"{seed} {track.vehicle} at {out:.2f} past {other}")
     print(f"\novertake: {total - len(misses)} of {total}", *misses, sep="\n")
     assert total >= 100

@@ -1,3 +1,5 @@
+"""Evasive swerves: their times, and what is not one."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -5,26 +7,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detectors.evasive_swerve import EvasiveSwerve, EvasiveSwerveSettings
+from labeling.detectors.evasive_swerve import EvasiveSwerveDetector, EvasiveSwerveSettings
+from labeling.detectors.protocol import VehicleView, vehicle_view
 from labeling.intentions import Event, Intention
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.road_motion import RoadMotion, road_motion
 from tests.support.drives import WIDTH_M, Drive, Road, record, sweep, total
 
-DETECTOR = EvasiveSwerve(EvasiveSwerveSettings())
+DETECTOR = EvasiveSwerveDetector(EvasiveSwerveSettings())
 
 
-def motion(lateral: object) -> RoadMotion:
-    recording = record(Road(), Drive("tv", lateral=lateral, duration_s=30.0))
-    return road_motion(recording, recording.tracks["tv"], LaneGraph(recording.lanes), 0.15)
+def view(lateral: object, threat: bool = False) -> VehicleView:
+    """A vehicle at 30 m/s, 300 m from its start at 10 s. threat: whether another one stands still at 370 m."""
+    standing = [Drive("standing", 370.0, 0.0, duration_s=30.0)] if threat else []
+    return vehicle_view(record(Road(), Drive("tv", lateral=lateral, duration_s=30.0), *standing), "tv")
 
 
 def swerves(lateral: object, threat: bool = False) -> list[Event]:
-    return DETECTOR.detect(motion(lateral), lambda time: threat)
+    return DETECTOR.detect(view(lateral, threat))
 
 
 def conditioned(peak: float, duration: float) -> float:
-    """A sine's peak behind the kernel of 0.15 s."""
+    """The peak of a sine of that period behind the kernel of 0.15 s."""
     return float(peak * np.exp(-((2 * np.pi / duration * 0.15) ** 2) / 2))
 
 
@@ -43,7 +45,7 @@ def test_out_and_back_is_one_swerve(distance: float, peak: float, hold: float, l
     assert abs(event.peak) == pytest.approx(conditioned(peak, duration), rel=0.12)
 
 
-def test_an_ordinary_lane_change_is_no_swerve_even_under_threat() -> None:
+def test_an_ordinary_lane_change_is_not_a_swerve_even_under_threat() -> None:
     assert swerves(sweep(10.0, 4.0, WIDTH_M), threat=True) == []
 
 
@@ -60,26 +62,25 @@ def test_a_hard_move_to_the_next_lane_is_a_swerve_only_under_threat() -> None:
     assert event.end == event.commit == pytest.approx(12.0, abs=0.3)
 
 
-def test_a_return_that_stays_too_far_aside_is_none() -> None:
-    move = total(sweep(10.0, 1.3, 1.5), sweep(12.0, 1.0, -0.5))
-    assert swerves(move) == []
+def test_a_return_that_stays_too_far_aside_does_not_count() -> None:
+    assert swerves(total(sweep(10.0, 1.3, 1.5), sweep(12.0, 1.0, -0.5))) == []
     assert len(swerves(total(sweep(10.0, 1.3, 1.5), sweep(12.0, 1.2, -0.9)))) == 1
 
 
-def test_a_twitch_goes_too_little_aside() -> None:
-    twitch = total(sweep(10.0, 0.5, 0.35), sweep(10.5, 0.5, -0.35))
-    peak = np.abs(motion(twitch).aq).max()
-    loose = EvasiveSwerve(EvasiveSwerveSettings(aside_m=0.1, threshold_mps2=float(peak) * 0.8))
-    assert loose.detect(motion(twitch), lambda time: True)
-    strict = EvasiveSwerve(EvasiveSwerveSettings(threshold_mps2=float(peak) * 0.8))
-    assert strict.detect(motion(twitch), lambda time: True) == []
+def test_a_twitch_does_not_go_far_enough_aside() -> None:
+    twitch = view(total(sweep(10.0, 0.5, 0.35), sweep(10.5, 0.5, -0.35)), threat=True)
+    threshold = float(np.abs(twitch.motion.aq).max()) * 0.8
+    loose = EvasiveSwerveSettings(aside_m=0.1, threshold_mps2=threshold)
+    assert EvasiveSwerveDetector(loose).detect(twitch)
+    assert EvasiveSwerveDetector(EvasiveSwerveSettings(threshold_mps2=threshold)).detect(twitch) == []
 
 
-def test_a_late_reversal_is_none() -> None:
-    """Thrown aside fast, and let out slowly."""
+def test_a_late_reversal_does_not_count() -> None:
+    """The vehicle jerks aside and straightens out slowly."""
     lateral = lambda t: np.where(t < 10, 0.0, 3.0 * (1 - np.exp(-np.clip(t - 10, 0, None) / 1.5)))  # noqa: E731
-    assert np.abs(motion(lateral).aq).max() > 3.0
-    assert swerves(lateral, threat=True) == []
+    slow = view(lateral, threat=True)
+    assert np.abs(slow.motion.aq).max() > 3.0
+    assert DETECTOR.detect(slow) == []
 
 
 def test_a_second_swing_belongs_to_the_swerve() -> None:
@@ -87,8 +88,8 @@ def test_a_second_swing_belongs_to_the_swerve() -> None:
     assert event.end == pytest.approx(12.8, abs=0.3)
 
 
-def test_a_jump_of_the_simulator_is_no_swerve() -> None:
-    jumped = motion(lambda t: np.where((t > 10) & (t < 11.5), 0.9, 0.0))
-    assert np.abs(jumped.aq).max() > 3.0
-    assert DETECTOR.detect(jumped, lambda time: True) == []
-    assert DETECTOR.detect(replace(jumped, jumps=()), lambda time: True) != []
+def test_a_jump_of_the_simulator_is_not_a_swerve() -> None:
+    jumped = view(lambda t: np.where((t > 10) & (t < 11.5), 0.9, 0.0), threat=True)
+    assert np.abs(jumped.motion.aq).max() > 3.0
+    assert DETECTOR.detect(jumped) == []
+    assert DETECTOR.detect(replace(jumped, motion=replace(jumped.motion, jumps=()))) != []

@@ -6,18 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacsim.arrays import Array
-from labeling.detectors.hard_accel import HardAccel, HardAccelSettings
-from labeling.detectors.hard_brake import HardBrake, HardBrakeSettings
+from labeling.detectors.hard_accel import HardAccelDetector, HardAccelSettings
+from labeling.detectors.hard_brake import HardBrakeDetector, HardBrakeSettings
+from labeling.detectors.protocol import Detector, vehicle_view
 from labeling.intentions import Event, Intention
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.road_motion import road_motion
 from tests.support.drives import Drive, Road, record
 
-BRAKE, ACCEL = HardBrake(HardBrakeSettings()), HardAccel(HardAccelSettings())
+BRAKE, ACCEL = HardBrakeDetector(HardBrakeSettings()), HardAccelDetector(HardAccelSettings())
 
 
-def events(detector: HardBrake | HardAccel, *corners: tuple[float, float], start: float = 35.0) -> list[Event]:
-    """What a detector finds where acceleration is linear between corners (s, m/s2)."""
+def events(detector: Detector, *corners: tuple[float, float], start: float = 35.0) -> list[Event]:
+    """The events that a detector finds where the acceleration is linear between corners (s, m/s2)."""
 
     def speed(t: Array) -> Array:
         fine = np.arange(0.0, 40.0, 0.001)
@@ -25,7 +24,7 @@ def events(detector: HardBrake | HardAccel, *corners: tuple[float, float], start
         return np.asarray(np.interp(t, fine, start + np.cumsum(accel) * 0.001))
 
     recording = record(Road(), Drive("tv", speed=speed, duration_s=38.0))
-    return detector.detect(road_motion(recording, recording.tracks["tv"], LaneGraph(recording.lanes), 0.15))
+    return detector.detect(vehicle_view(recording, "tv"))
 
 
 @given(peak=st.floats(4.5, 9.0), rise=st.floats(0.3, 1.5), hold=st.floats(0.8, 2.0))
@@ -40,19 +39,20 @@ def test_times_of_a_brake_with_a_trapezoid_of_deceleration(peak: float, rise: fl
     assert event.onset < event.commit < event.end
 
 
-@pytest.mark.parametrize(("peak", "hold", "found"), [(3.9, 2.0, 0), (4.2, 2.0, 1), (6.0, 0.2, 0), (6.0, 0.6, 1)])
-def test_a_brake_needs_the_deceleration_and_the_time(peak: float, hold: float, found: int) -> None:
-    assert len(events(BRAKE, (10, 0), (10.1, -peak), (10.1 + hold, -peak), (10.2 + hold, 0))) == found
+@pytest.mark.parametrize(("peak", "hold", "number"), [(3.9, 2.0, 0), (4.2, 2.0, 1), (6.0, 0.2, 0), (6.0, 0.6, 1)])
+def test_a_brake_needs_the_deceleration_and_the_time(peak: float, hold: float, number: int) -> None:
+    assert len(events(BRAKE, (10, 0), (10.1, -peak), (10.1 + hold, -peak), (10.2 + hold, 0))) == number
 
 
-@pytest.mark.parametrize(("peak", "hold", "found"), [(2.4, 3.0, 0), (2.7, 3.0, 1), (4.0, 0.7, 0), (4.0, 1.2, 1)])
-def test_an_acceleration_needs_the_size_and_the_time(peak: float, hold: float, found: int) -> None:
-    got = events(ACCEL, (10, 0), (10.1, peak), (10.1 + hold, peak), (10.2 + hold, 0), start=15.0)
-    assert len(got) == found
-    assert all(e.intention is Intention.HARD_ACCEL and e.peak == pytest.approx(peak, rel=0.05) for e in got)
+@pytest.mark.parametrize(("peak", "hold", "number"), [(2.4, 3.0, 0), (2.7, 3.0, 1), (4.0, 0.7, 0), (4.0, 1.2, 1)])
+def test_an_acceleration_needs_the_size_and_the_time(peak: float, hold: float, number: int) -> None:
+    accelerations = events(ACCEL, (10, 0), (10.1, peak), (10.1 + hold, peak), (10.2 + hold, 0), start=15.0)
+    assert len(accelerations) == number
+    assert all(event.intention is Intention.HARD_ACCEL for event in accelerations)
+    assert [event.peak for event in accelerations] == pytest.approx([peak] * number, rel=0.05)
 
 
-def test_a_brake_is_no_acceleration_and_the_other_way_round() -> None:
+def test_a_brake_is_not_an_acceleration_nor_an_acceleration_a_brake() -> None:
     assert events(ACCEL, (10, 0), (10.5, -6), (12, -6), (12.5, 0)) == []
     assert events(BRAKE, (10, 0), (10.5, 4.5), (13, 4.5), (13.5, 0), start=10.0) == []
 
@@ -68,8 +68,8 @@ def test_pumping_the_brake_is_one_event() -> None:
     assert event.end > 13.0
 
 
-def test_chatter_of_a_driver_model_is_no_brake() -> None:
-    """Deceleration that jumps between -4.5 and 2.6 m/s2 from one 0.1 s action step to the next."""
+def test_chatter_of_a_driver_model_is_not_a_brake() -> None:
+    """The acceleration jumps between -4.5 and 2.6 m/s2 from one 0.1 s action step to the next."""
     corners = []
     for k in range(60):
         value = -4.5 if k % 2 else 2.6

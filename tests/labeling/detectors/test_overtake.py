@@ -1,9 +1,12 @@
+"""Overtakes: the verdict on a left lane change, and which pair it is about."""
+
 import pytest
 
 from isacsim.traffic.recording import Recording
-from labeling.detectors.overtake import Overtake, OvertakeSettings
-from labeling.events import Labels, LabelSettings, label
-from labeling.intentions import Event, Intention
+from labeling.detectors.overtake import OvertakeDetector, OvertakeSettings
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
+from labeling.intentions import PULLING_OUT, Event, Intention
 from labeling.road.surroundings import Surroundings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
@@ -17,7 +20,7 @@ def traffic(
     uv_speed: float = 24.0,
     duration_s: float = 70.0,
 ) -> Recording:
-    """A vehicle that pulls out at 10 s, `gap` behind the front of a slower one, and returns later."""
+    """A vehicle pulls out at 10 s, its front `gap` m behind that of a slower one, and returns later."""
     lateral = sweep(10.0, 4.0, WIDTH_M)
     if returns_at is not None:
         lateral = total(lateral, sweep(returns_at, 4.0, -WIDTH_M))
@@ -30,7 +33,7 @@ def traffic(
 
 def pulling_out(recording: Recording) -> tuple[Event, Labels]:
     labels = label(recording, LabelSettings())
-    left = [e for e in labels.events if e.intention in (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)]
+    left = [event for event in labels.events if event.intention in PULLING_OUT]
     assert len(left) == 1
     return left[0], labels
 
@@ -41,11 +44,11 @@ def test_divert_pass_return_is_an_overtake_of_that_vehicle() -> None:
     assert event.other == "uv"
     assert event.commit == pytest.approx(12.0, abs=0.03)
     assert event.end == pytest.approx(22.0, abs=0.03)
-    assert event.busy_until == pytest.approx(13.6, abs=0.2)  # still slower than 0.2 m/s from there on
-    assert [e.commit for e in labels.of(Intention.RIGHT_LANE_CHANGE)] == [event.end]
+    assert event.busy_until == pytest.approx(13.6, abs=0.2)  # slower than 0.2 m/s from there on
+    assert [event.commit for event in labels.of(Intention.RIGHT_LANE_CHANGE)] == [event.end]
 
 
-def test_return_before_passing_is_a_left_change() -> None:
+def test_return_before_passing_is_a_left_lane_change() -> None:
     event, _ = pulling_out(traffic(returns_at=13.0))
     assert (event.intention, event.mark) == (Intention.LEFT_LANE_CHANGE, None)
 
@@ -56,7 +59,7 @@ def test_pass_without_return_in_time_is_marked(returns_at: float | None) -> None
     assert (event.intention, event.mark, event.other) == (Intention.LEFT_LANE_CHANGE, "passed_did_not_return", "uv")
 
 
-def test_no_pass_within_the_horizon_is_a_left_change() -> None:
+def test_no_pass_within_the_horizon_is_a_left_lane_change() -> None:
     event, _ = pulling_out(traffic(None, tv_speed=25.0, uv_speed=24.5))
     assert (event.intention, event.mark) == (Intention.LEFT_LANE_CHANGE, None)
 
@@ -68,25 +71,25 @@ def test_end_of_the_track_before_the_outcome_is_unresolved(duration_s: float) ->
 
 
 def test_passing_is_by_the_rear_over_the_front() -> None:
-    """Back in front with the own rear not yet past the other's front: on a return at that instant nothing is passed."""
+    """A vehicle that returns before its rear has passed the other's front has passed nothing."""
     recording = traffic(returns_at=14.6, gap=40.0)
-    around = Surroundings(recording)
     changes = label(recording, LabelSettings()).changes["tv"]
-    # Fronts are level at 10 + 40 / 8 = 15 s, the rear is past at 15.6 s; the return crosses at 16.6 s.
-    overtake = Overtake(OvertakeSettings())
-    assert overtake.outcome(around, changes, changes[0], "uv").verdict == "overtaken"
+    # The fronts are level at 10 + 40 / 8 = 15 s, the rear is past at 15.6 s; the return crosses at 16.6 s.
+    overtake = OvertakeDetector(OvertakeSettings())
+    assert overtake.outcome(Surroundings(recording), changes, changes[0], "uv").verdict == "overtaken"
     earlier = traffic(returns_at=13.4, gap=40.0)
     changes = label(earlier, LabelSettings()).changes["tv"]
     assert overtake.outcome(Surroundings(earlier), changes, changes[0], "uv").verdict == "not_passed"
 
 
-def test_it_is_about_the_pair() -> None:
-    """The same left change overtakes the slow vehicle and not the one far ahead, nor the one behind."""
+def test_an_overtake_is_about_the_pair() -> None:
+    """The same left lane change overtakes the slow vehicle, but not the one far ahead nor the one behind."""
     recording = traffic(returns_at=20.0)
     extra = record(ROAD, Drive("far", 400.0, 32.0), Drive("behind", -0.0, 20.0, lateral=2 * WIDTH_M))
-    recording = Recording("made", 7, 0.01, recording.lanes, {**extra.tracks, **recording.tracks})
-    around, changes = Surroundings(recording), label(recording, LabelSettings()).changes["tv"]
-    verdicts = {o: Overtake(OvertakeSettings()).outcome(around, changes, changes[0], o).verdict for o in extra.tracks}
+    recording = Recording("scripted", 7, 0.01, recording.lanes, {**extra.tracks, **recording.tracks})
+    surroundings, changes = Surroundings(recording), label(recording, LabelSettings()).changes["tv"]
+    overtake = OvertakeDetector(OvertakeSettings())
+    verdicts = {other: overtake.outcome(surroundings, changes, changes[0], other).verdict for other in extra.tracks}
     assert verdicts == {"far": "not_passed", "behind": "not_passed"}
 
 
@@ -97,6 +100,6 @@ def test_two_lanes_out_and_one_back_is_not_back() -> None:
     assert first.mark == "passed_did_not_return"
 
 
-def test_free_road_ahead_is_a_left_change() -> None:
+def test_free_road_ahead_is_a_left_lane_change() -> None:
     event, _ = pulling_out(record(ROAD, Drive("tv", 0.0, 32.0, sweep(10.0, 4.0, WIDTH_M), 20.0)))
     assert (event.intention, event.mark, event.other) == (Intention.LEFT_LANE_CHANGE, None, None)

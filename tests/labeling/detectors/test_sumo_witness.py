@@ -1,6 +1,6 @@
-"""Lane changes against SUMO's own account of them, and one recording at two sampling rates.
+"""Lane changes compared with SUMO's own output, and one recording at two sampling rates.
 
-Minutes long: ten minutes of every bundled scenario. Prints what it counts.
+Takes minutes: ten simulated minutes of every bundled scenario. Prints the counts.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from isacsim.scenarios.scenario import bundled, load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import Event, Intention
 from tests.support.drives import thinned
 
@@ -41,11 +42,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class Change:
-    """A lane change by SUMO's account. time: of the first recorded state in the new lane, s.
+    """A lane change in SUMO's output. time: of the first recorded state in the new lane, s.
 
-    fate: `completed`, the centre stays across its marking for a second; `poke`, it comes back over it before; `return`,
-    that coming back; `cut_off`, the vehicle leaves, or the recording ends, before the second is over.
-    across_s: how long it stayed.
+    fate: `completed`, the centre stays across the marking for a second; `poke`, it crosses back before that; `return`,
+    that crossing back; `cut_off`, the vehicle leaves, or the recording ends, before the second is over.
+    across_s: how long the centre stays across.
     """
 
     vehicle: str
@@ -69,31 +70,31 @@ def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def accounts(output: Path, recording: Recording) -> list[Change]:
-    """SUMO's changes of recorded vehicles in the recorded time, from its output alone but for when tracks end."""
-    told: dict[str, list[tuple[float, bool]]] = defaultdict(list)
+    """The lane changes in SUMO's output, of recorded vehicles while they are recorded."""
+    reported: dict[str, list[tuple[float, bool]]] = defaultdict(list)
     for entry in ET.parse(output).getroot().iter("change"):
         vehicle = entry.get("id", "")
         # SUMO names the instant before the step that brings the vehicle over.
         time = float(entry.get("time", "nan")) + recording.step_s
         track = recording.tracks.get(vehicle)
         if track is not None and recording.times(track)[0] + 1e-6 < time < recording.times(track)[-1] + 1e-6:
-            told[vehicle].append((time, int(entry.get("dir", "0")) > 0))
-    found = []
-    for vehicle, changes in told.items():
+            reported[vehicle].append((time, int(entry.get("dir", "0")) > 0))
+    result = []
+    for vehicle, changes in reported.items():
         end = float(recording.times(recording.tracks[vehicle])[-1])
         of_marking: dict[int, list[tuple[float, bool]]] = defaultdict(list)
         level = 0
         for time, left in sorted(changes):
             of_marking[level if left else level - 1].append((time, left))
             level += 1 if left else -1
-        for own in of_marking.values():
-            found += [Change(vehicle, *each) for each in fates(own, end)]
-    return sorted(found, key=lambda change: (change.vehicle, change.time))
+        for crossings in of_marking.values():
+            result += [Change(vehicle, *fate) for fate in fates(crossings, end)]
+    return sorted(result, key=lambda change: (change.vehicle, change.time))
 
 
 def fates(changes: list[tuple[float, bool]], end: float) -> list[tuple[float, bool, Fate, float]]:
-    """What became of each crossing (time, leftwards) of one marking by one vehicle, whose track ends at `end`, s."""
-    found: list[tuple[float, bool, Fate, float]] = []
+    """The fate of each crossing (time, leftwards) of one marking by one vehicle, whose track ends at `end`, s."""
+    result: list[tuple[float, bool, Fate, float]] = []
     settled_left = not changes[0][1]
     for k, (time, left) in enumerate(changes):
         last = k + 1 == len(changes)
@@ -105,36 +106,36 @@ def fates(changes: list[tuple[float, bool]], end: float) -> list[tuple[float, bo
             fate, settled_left = "completed", left
         elif last:
             fate = "cut_off"
-        found.append((time, left, fate, across))
-    return found
+        result.append((time, left, fate, across))
+    return result
 
 
-def test_lane_changes_against_sumo_s_own_account(scene: Scene) -> None:
-    """Every change of SUMO's is a labelled event or has its reason not to be one, and no event is without a change."""
+def test_lane_changes_against_sumo_s_own_output(scene: Scene) -> None:
+    """Every change in SUMO's output is labelled or has a reason not to be, and every event has its change."""
     recording, labels = scene.recording, scene.labels
-    told = accounts(scene.output, recording)
+    reported = accounts(scene.output, recording)
     matched: set[tuple[str, float]] = set()
     missed, labelled = [], []
-    for change in told:
-        hit = [
+    for change in reported:
+        matches = [
             (e.vehicle, e.commit)
             for e in labels.changes[change.vehicle]
             if abs(e.commit - change.time) < 0.06 and (e.intention is LEFT) is change.left
         ]
-        matched.update(hit)
-        if change.fate == "completed" and not hit:
+        matched.update(matches)
+        if change.fate == "completed" and not matches:
             missed.append(change)
-        if change.fate != "completed" and hit:
+        if change.fate != "completed" and matches:
             labelled.append(change)
-    events = {(e.vehicle, e.commit) for own in labels.changes.values() for e in own}
-    by_fate = {fate: [c for c in told if c.fate == fate] for fate in ("completed", "poke", "return", "cut_off")}
+    events = {(e.vehicle, e.commit) for changes in labels.changes.values() for e in changes}
+    by_fate = {fate: [c for c in reported if c.fate == fate] for fate in ("completed", "poke", "return", "cut_off")}
     dithering = by_fate["poke"] + by_fate["return"]
     most = max((c.across_s for c in by_fate["poke"]), default=0.0)
     print(
         f"\n{recording.scenario}: {len(by_fate['completed'])} completed, {len(missed)} missed,"
         f" {len(events - matched)} invented; {len(dithering)} dithering by"
         f" {len({c.vehicle for c in dithering})} vehicles: {len(by_fate['poke'])} back within {most:.2f} s and"
-        f" {len(by_fate['return'])} comings back, {len(labelled)} of them labelled; {len(by_fate['cut_off'])} cut off;"
+        f" {len(by_fate['return'])} crossings back, {len(labelled)} labelled; {len(by_fate['cut_off'])} cut off;"
         f" the labels' counts: {labels.counts}",
         *missed, *labelled, sep="\n",
     )  # fmt: skip
@@ -162,8 +163,8 @@ def band_left(track: Track, recording: Recording, event: Event) -> float | None:
 
 def test_onset_against_the_raw_lateral_position(scene: Scene) -> None:
     recording, errors = scene.recording, []
-    for own in scene.labels.changes.values():
-        for event in own:
+    for changes in scene.labels.changes.values():
+        for event in changes:
             left_at = band_left(recording.tracks[event.vehicle], recording, event)
             if left_at is not None:
                 errors.append(event.onset - left_at)
@@ -190,7 +191,7 @@ def times(event: Event) -> np.ndarray:
 def test_thinned_to_20_hz_the_events_are_the_same(scene: Scene) -> None:
     fine, coarse = scene.labels.events, label(thinned(scene.recording, 5), LabelSettings()).events
     lost, added = unmatched(fine, coarse), unmatched(coarse, fine)
-    maneuvers = [[e for e in each if e.intention is not Intention.FOLLOWING] for each in (fine, lost, added)]
+    maneuvers = [[e for e in events if e.intention is not Intention.FOLLOWING] for events in (fine, lost, added)]
     print(
         f"\n{scene.recording.scenario} at 100 and 20 Hz: {len(lost)} of {len(fine)} events unmatched,"
         f" {len(added)} of {len(coarse)} new; without following {len(maneuvers[1])} of {len(maneuvers[0])},"

@@ -1,3 +1,5 @@
+"""Motion relative to the road: the same for the same driving, whatever the road is like."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +23,7 @@ def motion_of(recording: Recording, vehicle: str = "tv") -> RoadMotion:
 
 @pytest.mark.parametrize(("step_s", "every"), [(0.01, 5), (0.012, 4), (0.05, 1), (0.08, 1)])
 def test_conditioning_is_that_of_the_motion_chain(step_s: float, every: int) -> None:
-    """The decimating filter against the one that conditions what is sensed."""
+    """The decimating filter agrees with the one that conditions sensed motion."""
     rng = np.random.default_rng(1)
     speed = 30 + np.cumsum(rng.normal(0, 0.05, 1003))
     recording = record(Road(), Drive("tv", duration_s=1002 * step_s, speed=lambda t: speed), step_s=step_s)
@@ -71,7 +73,7 @@ def test_the_same_driving_looks_the_same_on_any_road(
     origin: tuple[float, float],
     step: int,
 ) -> None:
-    """Curves, places on the map, edge splits, junction lanes, and lanes numbered anew because one more begins right."""
+    """Curves, places on the map, edge splits, junction lanes, and lanes renumbered where one begins on the right."""
     stretches = []
     for k, length in enumerate([*lengths, 3000.0]):
         slots = tuple(range(-renumber[k], 3))
@@ -80,13 +82,13 @@ def test_the_same_driving_looks_the_same_on_any_road(
             stretches.append(Stretch(5.0, (0, 1, 2), internal=True))
     road = Road(tuple(stretches), curvature, heading, origin)
     drive = Drive("tv", lateral=total(sweep(4.0, 5.0, WIDTH_M), sweep(14.0, 4.0, -WIDTH_M)), duration_s=25)
-    plain, found = motion_of(record(Road(), drive)), motion_of(record(road, drive, step_s=step * STEP_S))
-    assert [(c.left, c.marking) for c in found.crossings] == [(True, 0), (False, 0)]
-    assert np.allclose([c.time for c in found.crossings], [c.time for c in plain.crossings], atol=0.05)
-    assert [c.at_m for c in found.crossings] == pytest.approx([WIDTH_M / 2, WIDTH_M / 2])
-    assert not found.jumps
+    plain, motion = motion_of(record(Road(), drive)), motion_of(record(road, drive, step_s=step * STEP_S))
+    assert [(c.left, c.marking) for c in motion.crossings] == [(True, 0), (False, 0)]
+    assert np.allclose([c.time for c in motion.crossings], [c.time for c in plain.crossings], atol=0.05)
+    assert [c.at_m for c in motion.crossings] == pytest.approx([WIDTH_M / 2, WIDTH_M / 2])
+    assert not motion.jumps
     for name in ("q", "vq", "aq"):
-        values = np.interp(plain.times, found.times, getattr(found, name))
+        values = np.interp(plain.times, motion.times, getattr(motion, name))
         assert np.allclose(values, getattr(plain, name), atol=0.05), name
 
 
@@ -97,7 +99,7 @@ def by_lanes(lanes: tuple[Lane, ...], visits: list[tuple[int, float]], lat: list
     n = len(lane)
     x, y = np.arange(n) * 0.3, np.zeros(n)
     track = Track("tv", "passenger", 5.0, 1.8, 0, x, y, np.full(n, 30.0), lane, pos, np.repeat(lat, 100))
-    return motion_of(Recording("made", 1, STEP_S, lanes, {"tv": track}))
+    return motion_of(Recording("scripted", 1, STEP_S, lanes, {"tv": track}))
 
 
 SHAPE = np.zeros((2, 2))
@@ -113,7 +115,7 @@ def test_a_flip_in_the_very_step_of_an_edge_change_is_a_crossing() -> None:
 
 
 def test_a_flip_just_before_and_one_just_after_an_edge_change() -> None:
-    """Where only one of the two lanes goes on, and where only one of the two is led up to."""
+    """Only one of two lanes continues, or only one of two has a predecessor."""
     lanes = (
         Lane("a_0", "a", 0, WIDTH_M, 30.0, SHAPE, ("exit_0",)),
         Lane("a_1", "a", 1, WIDTH_M, 30.0, SHAPE, ("b_0",)),
@@ -128,7 +130,7 @@ def test_a_flip_just_before_and_one_just_after_an_edge_change() -> None:
         assert np.allclose(motion.q, 1.6)
 
 
-def test_centre_lines_that_do_not_meet_are_no_lateral_motion() -> None:
+def test_centre_lines_that_do_not_meet_are_not_lateral_motion() -> None:
     road = Road((Stretch(30.0), Stretch(100.0)))
     motion = by_lanes(road.lanes(), [(0, 0.0), (3, 0.0)], [0.1, -0.9])
     assert not motion.crossings
@@ -136,8 +138,8 @@ def test_centre_lines_that_do_not_meet_are_no_lateral_motion() -> None:
     assert np.allclose(motion.q, 0.1)
 
 
-def test_a_shift_along_the_road_is_told() -> None:
-    """SUMO moves a vehicle forward where it changes lanes on an edge that is partly bent."""
+def test_a_shift_along_the_road_is_a_jump() -> None:
+    """SUMO moves a vehicle forward where it changes lanes on a partly bent edge."""
     recording = record(Road(), Drive("tv", speed=lambda t: 30 + 0 * t, duration_s=5))
     track = recording.tracks["tv"]
     shifted = replace(track, x=track.x + np.where(np.arange(len(track)) >= 250, 0.6, 0.0))
@@ -146,13 +148,13 @@ def test_a_shift_along_the_road_is_told() -> None:
     assert not motion_of(recording).jumps
 
 
-def test_a_jump_within_a_lane_is_told() -> None:
+def test_a_step_within_a_lane_is_a_jump() -> None:
     motion = by_lanes(Road().lanes(), [(0, 0.0), (0, 30.0)], [0.0, 0.9])
     assert motion.jumps == pytest.approx((1.0,))
 
 
-def test_a_merge_and_a_fork_are_no_crossings() -> None:
-    """Two lanes that continue in one, and one that continues in two: the road moves sideways, not the vehicle."""
+def test_a_merge_and_a_fork_are_not_crossings() -> None:
+    """Two lanes continue in one, and one continues in two: the road moves sideways, not the vehicle."""
     lanes = (
         Lane("a_0", "a", 0, WIDTH_M, 30.0, SHAPE, ("b_0",)),
         Lane("a_1", "a", 1, WIDTH_M, 30.0, SHAPE, ("b_0",)),

@@ -1,3 +1,5 @@
+"""Gaps, leaders and relations between vehicles."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +16,7 @@ SPLIT = Road((Stretch(400.0), Stretch(8.0, internal=True), Stretch(300.0, (-1, 0
 @given(ahead=st.floats(-150.0, 150.0), begin=st.floats(0.0, 3.0), time=st.floats(4.0, 28.0))
 @settings(max_examples=30, deadline=None)
 def test_gap_along_the_road_is_the_distance_driven_apart(ahead: float, begin: float, time: float) -> None:
-    """Over edges, junction lanes and renumbered lanes; also before the first and after the last edge that is driven."""
+    """Over edges, junction lanes and renumbered lanes; also before the first and after the last driven edge."""
     recording = record(
         SPLIT,
         Drive("tv", 300.0, 28.0, lateral=sweep(5.0, 4.0, WIDTH_M), duration_s=30),
@@ -28,7 +30,7 @@ def test_gap_along_the_road_is_the_distance_driven_apart(ahead: float, begin: fl
 
 @pytest.mark.parametrize("ahead", [-280.0, -60.0, 60.0, 200.0, 500.0])
 def test_gap_reaches_beyond_the_edges_that_are_driven(ahead: float) -> None:
-    """The vehicle is seen on the third edge alone; the other is on one before or after it."""
+    """The vehicle is only on the third edge; the other one is on an edge before or after it."""
     recording = record(
         SPLIT, Drive("tv", 500.0, 20.0, duration_s=5.0), Drive("uv", 500.0 + ahead, 20.0, duration_s=5.0)
     )
@@ -40,8 +42,8 @@ def test_gap_over_junction_lanes_so_short_that_no_row_lies_on_them() -> None:
     joints = tuple(Stretch(1.2, internal=True) for _ in range(3))
     road = Road((Stretch(101.0), *joints, Stretch(2000.0)))
     fast = (Drive("tv", 0.0, 100.0, duration_s=5.0), Drive("uv", 250.0, 100.0, duration_s=5.0))
-    around = Surroundings(record(road, *fast, step_s=0.05))
-    assert np.allclose(around.gaps("tv", "uv", np.arange(0.0, 5.0, 0.05)), 250.0)
+    surroundings = Surroundings(record(road, *fast, step_s=0.05))
+    assert np.allclose(surroundings.gaps("tv", "uv", np.arange(0.0, 5.0, 0.05)), 250.0)
 
 
 def test_lanes_through_one_junction_on_edges_of_their_own_are_one_road() -> None:
@@ -65,10 +67,10 @@ def test_lanes_through_one_junction_on_edges_of_their_own_are_one_road() -> None
         )
 
     tracks = (track("tv", 20.0, (0, 2, 4)), track("uv", 50.0, (1, 3, 5)))
-    around = Surroundings(Recording("made", 1, 0.01, lanes, {t.vehicle: t for t in tracks}))
-    # Half through its 20 m of junction lane at 4 s, the other is half through the 10 m of the vehicle's own.
-    assert around.gaps("tv", "uv", np.array([4.0])) == pytest.approx([105.0 - 80.0])
-    assert around.gaps("tv", "uv", np.array([6.0])) == pytest.approx([20.0])
+    surroundings = Surroundings(Recording("scripted", 1, 0.01, lanes, {t.vehicle: t for t in tracks}))
+    # At 4 s the other vehicle is halfway along its junction lane of 20 m, which maps to halfway along the 10 m.
+    assert surroundings.gaps("tv", "uv", np.array([4.0])) == pytest.approx([105.0 - 80.0])
+    assert surroundings.gaps("tv", "uv", np.array([6.0])) == pytest.approx([20.0])
 
 
 def test_gap_is_unknown_where_the_other_is_absent() -> None:
@@ -85,13 +87,13 @@ def test_leader_is_the_next_in_the_lane_over_edges() -> None:
         Drive("next", 430.0, 20.0, length_m=12.0),
         Drive("far", 470.0, 20.0),
     )
-    around = Surroundings(recording)
-    leader = around.leader("tv", 0.0, 100.0)
+    surroundings = Surroundings(recording)
+    leader = surroundings.leader("tv", 0.0, 100.0)
     assert leader is not None
     assert (leader.vehicle, leader.gap_m) == ("next", pytest.approx(80.0 - 12.0))
-    assert around.leader("tv", 0.0, 60.0) is None
-    assert around.leader("far", 0.0, 100.0) is None
-    second = around.leader("next", 0.0, 100.0)
+    assert surroundings.leader("tv", 0.0, 60.0) is None
+    assert surroundings.leader("far", 0.0, 100.0) is None
+    second = surroundings.leader("next", 0.0, 100.0)
     assert second is not None
     assert second.vehicle == "far"
 
@@ -112,16 +114,16 @@ def fork() -> Recording:
         return Track(name, "passenger", 5.0, 1.8, 0, s, 0 * s, np.full(401, 10.0), lane, pos, 0 * s)
 
     tracks = (track("tv", 80.0, 1), track("exits", 105.0, 2), track("same", 120.0, 1))
-    return Recording("made", 1, 0.01, lanes, {t.vehicle: t for t in tracks})
+    return Recording("scripted", 1, 0.01, lanes, {t.vehicle: t for t in tracks})
 
 
 def test_at_a_fork_the_leader_is_on_the_branch_that_is_driven() -> None:
-    around = Surroundings(fork())
-    leader = around.leader("tv", 0.0, 100.0)
+    surroundings = Surroundings(fork())
+    leader = surroundings.leader("tv", 0.0, 100.0)
     assert leader is not None
     assert leader.vehicle == "same"
-    assert np.isnan(around.gaps("tv", "exits", np.array([0.0])))[0]
-    assert around.relation("tv", "exits", 0.0) is None
+    assert np.isnan(surroundings.gaps("tv", "exits", np.array([0.0])))[0]
+    assert surroundings.relation("tv", "exits", 0.0) is None
 
 
 @pytest.mark.parametrize(
@@ -145,6 +147,8 @@ def test_the_oncoming_carriageway_is_another_road() -> None:
     oncoming = Track(
         "twin", "passenger", 5.0, 1.8, 0, twin.x, twin.y + 4, twin.speed, twin.lane * 0 + 3, twin.lane_pos, twin.y
     )
-    around = Surroundings(Recording("made", 1, 0.01, tuple(back), {"tv": road.tracks["tv"], "twin": oncoming}))
-    assert around.relation("tv", "twin", 1.0) is None
-    assert around.leader("tv", 1.0, 100.0) is None
+    surroundings = Surroundings(
+        Recording("scripted", 1, 0.01, tuple(back), {"tv": road.tracks["tv"], "twin": oncoming})
+    )
+    assert surroundings.relation("tv", "twin", 1.0) is None
+    assert surroundings.leader("tv", 1.0, 100.0) is None

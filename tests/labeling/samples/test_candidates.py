@@ -1,3 +1,5 @@
+"""Which events become samples, with which times, and which are left out."""
+
 from dataclasses import fields, replace
 
 import numpy as np
@@ -7,7 +9,8 @@ from scipy import stats
 
 from isacsim.traffic import motion
 from isacsim.traffic.recording import Recording, Track
-from labeling.events import Labels, LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import Labels, label
 from labeling.intentions import Event, Intention
 from labeling.samples.candidates import Candidates, RecordSettings, ambiguous, candidates, record_start
 from labeling.samples.uv_choice import PairSettings
@@ -28,19 +31,20 @@ def lead(**changes: object) -> Drive:
 
 def test_a_brake_becomes_a_sample_with_its_times() -> None:
     recording = record(ROAD, Drive("tv", speed=BRAKE), lead(speed=BRAKE))
-    found = offered(recording)
-    (sample,) = [s for s in found.samples if s.intention is Intention.HARD_BRAKE]
+    result = offered(recording)
+    (sample,) = [sample for sample in result.samples if sample.intention is Intention.HARD_BRAKE]
     (event,) = [e for e in label(recording, LabelSettings()).of(Intention.HARD_BRAKE) if e.vehicle == "tv"]
     assert (sample.tv, sample.uv, sample.origin, sample.relation) == ("tv", "uv", "natural", "ahead")
     assert (sample.t_onset, sample.t_commit, sample.t_end) == (event.onset, event.commit, event.end)
     assert abs(sample.t_start - (event.onset - 2.6)) <= 0.2
-    assert found.left_out["tv_kind"] >= 1
+    assert result.left_out["tv_kind"] >= 1
 
 
 def test_following_ends_with_its_record() -> None:
-    found = offered(record(ROAD, Drive("tv"), lead()))
-    assert found.samples
-    assert all(s.t_end == pytest.approx(s.t_start + 5.0) and s.t_commit == s.t_onset for s in found.samples)
+    result = offered(record(ROAD, Drive("tv"), lead()))
+    assert result.samples
+    assert all(sample.t_end == pytest.approx(sample.t_start + 5.0) for sample in result.samples)
+    assert all(sample.t_commit == sample.t_onset for sample in result.samples)
 
 
 def test_left_out_and_why() -> None:
@@ -60,8 +64,8 @@ def test_the_record_and_the_kernel_s_reach_lie_within_the_track() -> None:
     enough = onset + 2.4 + 0.8
     for end, fits in ((enough + 0.02, True), (enough - 0.02, False)):
         recording = record(ROAD, Drive("tv", speed=BRAKE), lead(duration_s=round(end, 2)))
-        found = offered(recording, record_settings=exact)
-        assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
+        result = offered(recording, record_settings=exact)
+        assert (Intention.HARD_BRAKE in {sample.intention for sample in result.samples}) is fits
 
 
 def test_the_kernel_s_reach_before_the_record_lies_within_the_track() -> None:
@@ -69,9 +73,9 @@ def test_the_kernel_s_reach_before_the_record_lies_within_the_track() -> None:
     onset = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings()).events[0].onset
     for late, fits in ((-0.02, True), (0.02, False)):
         tv = Drive("tv", 500.0, BRAKE, begin_s=round(onset - 2.6 - 0.8 + late, 2))
-        found = offered(record(ROAD, tv, lead()), record_settings=exact)
-        assert (Intention.HARD_BRAKE in {s.intention for s in found.samples}) is fits
-        assert found.left_out.get("tv_outside_track", 0) == (not fits)
+        result = offered(record(ROAD, tv, lead()), record_settings=exact)
+        assert (Intention.HARD_BRAKE in {sample.intention for sample in result.samples}) is fits
+        assert result.left_out.get("tv_outside_track", 0) == (not fits)
 
 
 def pull_out(returns_at: float | None, duration_s: float = 60.0) -> Recording:
@@ -83,22 +87,22 @@ def pull_out(returns_at: float | None, duration_s: float = 60.0) -> Recording:
     )
 
 
-def test_overtake_and_left_change_by_what_became_of_the_pair() -> None:
-    assert Intention.OVERTAKE in {s.intention for s in offered(pull_out(20.0)).samples}
+def test_overtake_and_left_lane_change_by_the_outcome_for_the_pair() -> None:
+    assert Intention.OVERTAKE in {sample.intention for sample in offered(pull_out(20.0)).samples}
     never = offered(pull_out(None))
     assert never.left_out["passed_did_not_return"] == 1
-    assert not {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} & {s.intention for s in never.samples}
+    assert not {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} & {sample.intention for sample in never.samples}
     assert offered(pull_out(None, 30.0)).left_out["unresolved"] == 1
 
 
-def test_for_a_uv_that_is_not_passed_an_overtake_is_a_left_change() -> None:
+def test_for_a_uv_that_is_not_passed_an_overtake_is_a_left_lane_change() -> None:
     recording = pull_out(20.0)
     far = record(ROAD, Drive("far", 60.0, 33.0, 2 * WIDTH_M, kind="bus"))
-    both = Recording("made", 7, 0.01, recording.lanes, {**recording.tracks, **far.tracks})
+    both = Recording("scripted", 7, 0.01, recording.lanes, {**recording.tracks, **far.tracks})
     for kinds, expected in ((None, Intention.OVERTAKE), (("bus",), Intention.LEFT_LANE_CHANGE)):
         pairs = PairSettings(tv_kinds=("passenger",), uv_kinds=kinds, fall_back=True)
-        found = {s.intention for s in offered(both, pairs).samples}
-        assert found & {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} == {expected}
+        intentions = {sample.intention for sample in offered(both, pairs).samples}
+        assert intentions & {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} == {expected}
 
 
 @pytest.mark.parametrize(
@@ -119,7 +123,7 @@ def test_an_overtake_is_under_way_only_while_it_pulls_out() -> None:
     assert not ambiguous(event, [event, overtake], RECORD)
 
 
-def test_where_the_onset_lies_in_the_record_tells_nothing_of_the_class() -> None:
+def test_the_place_of_the_onset_in_the_record_is_independent_of_the_class() -> None:
     recording = record(ROAD, Drive("tv", duration_s=1.0))
     rng = np.random.default_rng(3)
     placed = {}
@@ -134,11 +138,11 @@ def test_where_the_onset_lies_in_the_record_tells_nothing_of_the_class() -> None
     assert len(set(same)) == 1
 
 
-def test_nothing_that_a_vehicle_signals_is_recorded_or_becomes_a_feature() -> None:
-    """What is stored of a vehicle's states is its motion, and what a record holds comes from its positions alone."""
+def test_no_signal_of_a_vehicle_is_recorded_or_becomes_a_feature() -> None:
+    """Only the motion of a vehicle is recorded, and features come from its positions alone."""
     facts = {"vehicle", "kind", "length_m", "width_m", "first_step"}
     states = {"x", "y", "speed", "lane", "lane_pos", "lane_lat"}
-    assert {each.name for each in fields(Track)} == facts | states
+    assert {column.name for column in fields(Track)} == facts | states
     recording = record(ROAD, Drive("tv", speed=BRAKE, lateral=sweep(20.5, 4.0, WIDTH_M)))
     track, times = recording.tracks["tv"], np.arange(10.0, 15.0, 0.0025)
     zeros = {name: np.zeros_like(getattr(track, name)) for name in states - {"x", "y"}}

@@ -1,4 +1,4 @@
-"""That who was picked as the UV tells nothing of the class: overtake against left change from the pair alone."""
+"""The choice of the UV does not give the class away: overtake or left lane change, from the pair alone."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,8 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import Candidate, RecordSettings, candidates
@@ -19,31 +20,29 @@ SEEDS = range(301, 309)
 RELATIONS = ("ahead", "behind", "left", "right")
 
 
-def geometry(around: Surroundings, sample: Candidate, before_s: float) -> list[float]:
-    """The pair a while before onset: where the UV is, how far along and across, and how fast relative to the TV."""
+def geometry(surroundings: Surroundings, sample: Candidate, before_s: float) -> list[float]:
+    """The pair some time before onset: the relation of the UV, the gap along the road, m, and the distance, m."""
     time = sample.t_onset - before_s
-    tv, uv = (around.recording.tracks[v] for v in (sample.tv, sample.uv))
-    row, other = (around.step(time) - track.first_step for track in (tv, uv))
-    gap = float(around.gaps(sample.tv, sample.uv, np.array([time]))[0])
+    tv, uv = (surroundings.recording.tracks[v] for v in (sample.tv, sample.uv))
+    row, other = (surroundings.step(time) - track.first_step for track in (tv, uv))
+    gap = float(surroundings.gaps(sample.tv, sample.uv, np.array([time]))[0])
     distance = float(np.hypot(uv.x[other] - tv.x[row], uv.y[other] - tv.y[row]))
     return [RELATIONS.index(sample.relation), gap, distance]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("fall_back", "limit"), [(False, 0.62), (True, 1.0)])
-def test_the_pairs_place_does_not_tell_an_overtake_from_a_left_change(fall_back: bool, limit: float) -> None:
+def test_the_place_of_the_uv_does_not_separate_overtakes_from_left_lane_changes(fall_back: bool, limit: float) -> None:
     """A tree on the pair's geometry 1 s before onset, cross-validated over seeds, stays near chance (AUC 0.5)."""
     rows, labels, groups = [], [], []
     for seed in SEEDS:
         recording = record(load("motorway"), seed, TrafficSettings(), ManeuverSettings())
-        around = Surroundings(recording)
-        found = candidates(
-            recording, label(recording, LabelSettings(), around), PairSettings(fall_back=fall_back), RecordSettings(),
-            around,
-        )  # fmt: skip
-        for sample in found.samples:
+        surroundings = Surroundings(recording)
+        events = label(recording, LabelSettings(), surroundings)
+        offered = candidates(recording, events, PairSettings(fall_back=fall_back), RecordSettings(), surroundings)
+        for sample in offered.samples:
             if sample.intention in (Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE):
-                rows.append(geometry(around, sample, 1.0))
+                rows.append(geometry(surroundings, sample, 1.0))
                 labels.append(sample.intention is Intention.OVERTAKE)
                 groups.append(seed)
     tree = HistGradientBoostingClassifier(max_iter=60, random_state=0)

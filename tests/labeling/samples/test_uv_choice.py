@@ -1,3 +1,5 @@
+"""Which vehicles are connected, and which of them is paired with a target."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,7 @@ ALL = PairSettings()
 
 
 def scene(**kinds: str) -> Recording:
-    """Seen from the TV: a leader 60 m ahead, a nearer vehicle 20 m behind to the left, a far one."""
+    """A TV with a leader 60 m ahead, a nearer vehicle 20 m behind to the left, and a far one."""
     return record(
         Road(),
         Drive("tv", 500.0, lateral=WIDTH_M, kind=kinds.get("tv", "passenger")),
@@ -44,10 +46,10 @@ def test_nobody_within_range() -> None:
 
 
 def test_all_around_nearest_first() -> None:
-    around = Surroundings(scene())
-    assert [p.uv for p in around_tv(around, "tv", 5.0, ALL)] == ["near", "leader"]
-    wide = around_tv(around, "tv", 5.0, PairSettings(range_m=200.0))
-    assert [(p.uv, p.relation) for p in wide] == [("near", "left"), ("leader", "ahead"), ("far", "right")]
+    surroundings = Surroundings(scene())
+    assert [pair.uv for pair in around_tv(surroundings, "tv", 5.0, ALL)] == ["near", "leader"]
+    wide = around_tv(surroundings, "tv", 5.0, PairSettings(range_m=200.0))
+    assert [(pair.uv, pair.relation) for pair in wide] == [("near", "left"), ("leader", "ahead"), ("far", "right")]
 
 
 @given(low=st.floats(0.0, 1.0), high=st.floats(0.0, 1.0))

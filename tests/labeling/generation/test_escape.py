@@ -1,4 +1,4 @@
-"""Nothing that a dataset or a study says leads out of the folder that is written."""
+"""Nothing in a dataset or a study can lead to files outside the folder that is written."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STUDY = small_study(seeds={"first": 1, "last": 2})
 
 
 @pytest.fixture
-def made(tmp_path: Path) -> Dataset:
+def dataset(tmp_path: Path) -> Dataset:
     (tmp_path / "road").mkdir()
     return generate(STUDY, tmp_path / "data", INLINE, source=ScriptedSource(tmp_path / "road"))
 
@@ -33,19 +33,19 @@ def rewritten(dataset: Dataset, old: str, new: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", ".hidden", "a/b", "a\\u0000b", "road\\n"])
-def test_a_scenario_cannot_be_named_out_of_the_folder(made: Dataset, name: str) -> None:
+def test_a_scenario_cannot_be_named_out_of_the_folder(dataset: Dataset, name: str) -> None:
     for old in ('"name": "road"', '"scenario": "road"', '"file": "road-1.parquet"'):
-        before = (made.path / "dataset.json").read_text()
+        before = (dataset.path / "dataset.json").read_text()
         key = old.partition(":")[0]
-        rewritten(made, old, f'{key}: "{name}"')
+        rewritten(dataset, old, f'{key}: "{name}"')
         with pytest.raises(InputError, match=r"dataset\.json: "):
-            Dataset.open(made.path)
-        (made.path / "dataset.json").write_text(before)
+            Dataset.open(dataset.path)
+        (dataset.path / "dataset.json").write_text(before)
 
 
-def test_a_shard_that_names_another_episode_is_refused(made: Dataset) -> None:
-    """By what stands within it, when the dataset is finished or sensed anew."""
-    path = made.shard_path(made.meta.shards[0])
+def test_a_shard_that_names_another_episode_is_refused(dataset: Dataset) -> None:
+    """The names inside the shard count, when the dataset is finished or sensed anew."""
+    path = dataset.shard_path(dataset.meta.shards[0])
     table = pq.read_table(path)
     for scenario, seed in (("../../evil", 1), ("road", 7)):
         stored = json.loads(table.schema.metadata[b"cosim.episode"]) | {"scenario": scenario, "seed": seed}
@@ -55,52 +55,52 @@ def test_a_shard_that_names_another_episode_is_refused(made: Dataset) -> None:
 
 
 @pytest.mark.parametrize("part", ["shards", "roads"])
-def test_a_folder_that_is_a_link_is_refused(made: Dataset, tmp_path: Path, part: str) -> None:
-    """What lies where the link leads is neither overwritten nor cleared away."""
-    (made.path / part).rename(tmp_path / "elsewhere")
+def test_a_folder_that_is_a_link_is_refused(dataset: Dataset, tmp_path: Path, part: str) -> None:
+    """Files that the link leads to are neither overwritten nor removed."""
+    (dataset.path / part).rename(tmp_path / "elsewhere")
     (tmp_path / "elsewhere/thesis.tex").write_text("years of work")
-    (made.path / part).symlink_to(tmp_path / "elsewhere")
+    (dataset.path / part).symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InputError, match=f"{part}: is a link"):
-        generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+        generate(STUDY, dataset.path, INLINE, source=ScriptedSource(tmp_path / "road"))
     assert (tmp_path / "elsewhere/thesis.tex").read_text() == "years of work"
 
 
 @pytest.mark.parametrize("file", ["dataset.json", "shards/road-1.parquet", "roads/road.parquet"])
-def test_a_file_that_is_a_link_is_replaced_and_not_followed(made: Dataset, tmp_path: Path, file: str) -> None:
-    (tmp_path / "foreign").write_bytes((made.path / file).read_bytes())
+def test_a_file_that_is_a_link_is_replaced_and_not_followed(dataset: Dataset, tmp_path: Path, file: str) -> None:
+    (tmp_path / "foreign").write_bytes((dataset.path / file).read_bytes())
     before = (tmp_path / "foreign").read_bytes()
-    (made.path / file).unlink()
-    (made.path / file).symlink_to(tmp_path / "foreign")
-    made.shard_path(made.meta.shards[1]).unlink()
+    (dataset.path / file).unlink()
+    (dataset.path / file).symlink_to(tmp_path / "foreign")
+    dataset.shard_path(dataset.meta.shards[1]).unlink()
     if file.startswith("shards"):
         (tmp_path / "foreign").write_bytes(before := b"no shard")
-    again = generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
-    assert again.digest == made.digest
+    again = generate(STUDY, dataset.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+    assert again.digest == dataset.digest
     assert (tmp_path / "foreign").read_bytes() == before
 
 
-def test_a_log_that_is_a_link_is_not_followed(made: Dataset, tmp_path: Path) -> None:
+def test_a_log_that_is_a_link_is_not_followed(dataset: Dataset, tmp_path: Path) -> None:
     (tmp_path / "foreign").write_text("mine\n")
-    (made.path / "log.jsonl").unlink()
-    (made.path / "log.jsonl").symlink_to(tmp_path / "foreign")
-    made.shard_path(made.meta.shards[1]).unlink()
+    (dataset.path / "log.jsonl").unlink()
+    (dataset.path / "log.jsonl").symlink_to(tmp_path / "foreign")
+    dataset.shard_path(dataset.meta.shards[1]).unlink()
     with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written"):
-        generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path / "road"))
+        generate(STUDY, dataset.path, INLINE, source=ScriptedSource(tmp_path / "road"))
     assert (tmp_path / "foreign").read_text() == "mine\n"
 
 
-def test_links_may_be_read(made: Dataset, tmp_path: Path) -> None:
-    """A dataset whose shards lie elsewhere is read, and sensed anew into a folder of its own."""
-    (made.path / "shards").rename(tmp_path / "elsewhere")
-    (made.path / "shards").symlink_to(tmp_path / "elsewhere")
+def test_links_may_be_read(dataset: Dataset, tmp_path: Path) -> None:
+    """A dataset whose shards are elsewhere is read, and sensed anew into a new folder."""
+    (dataset.path / "shards").rename(tmp_path / "elsewhere")
+    (dataset.path / "shards").symlink_to(tmp_path / "elsewhere")
     before = sorted((tmp_path / "elsewhere").iterdir())
-    anew = resense(Dataset.open(made.path), ResenseSettings(sensing=own_sensing(made)), tmp_path / "anew", INLINE)
-    assert len(anew) == len(made)
+    anew = resense(Dataset.open(dataset.path), ResenseSettings(sensing=own_sensing(dataset)), tmp_path / "anew", INLINE)
+    assert len(anew) == len(dataset)
     assert sorted((tmp_path / "elsewhere").iterdir()) == before
 
 
 @pytest.mark.parametrize("name", ["..toml", "...toml", "study.toml"])
-def test_a_study_s_name_is_no_way_out(tmp_path: Path, name: str) -> None:
+def test_a_study_s_name_cannot_lead_out_of_the_folder(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("")
     assert read_study(tmp_path / name).name == "study"
     (tmp_path / name).write_text('name = "../out"')

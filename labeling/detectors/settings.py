@@ -1,0 +1,135 @@
+"""The definitions of a study: the settings of the built-in detectors, and the detectors that it selects besides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import (
+    Field,
+    SerializeAsAny,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+
+from isacsim.settings import Settings
+from labeling.detectors.evasive_swerve import EvasiveSwerveSettings
+from labeling.detectors.following import FollowingSettings
+from labeling.detectors.hard_accel import HardAccelSettings
+from labeling.detectors.hard_brake import HardBrakeSettings
+from labeling.detectors.lane_change import LaneChangeSettings
+from labeling.detectors.overtake import OvertakeSettings
+from labeling.detectors.protocol import Detector
+from labeling.detectors.registry import DETECTORS
+from labeling.intentions import Intention
+from labeling.road.road_motion import WIDTH_S
+
+PRESET = "isac-1"
+"""Name and version of the default definitions. Other defaults need another name."""
+
+
+class LabelSettings(Settings):
+    """What counts as each intention.
+
+    preset: names this set of values; other values need another name. width_s: part of the definitions, because the
+    thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with another one
+    (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
+    One section for each built-in detector, under its name. detectors: further detectors that the study selects, each
+    with its settings; every one replaces the built-in definition of the intentions that it finds (see
+    `labeling.detectors.protocol.Detector`). Stored only where it is not empty.
+    """
+
+    preset: str = Field(PRESET, min_length=1, description="name and version of these definitions")
+    width_s: float = Field(WIDTH_S, gt=0.0, le=1.0, description="standard deviation of the conditioning kernel, s")
+    lane_change: LaneChangeSettings = LaneChangeSettings()
+    overtake: OvertakeSettings = OvertakeSettings()
+    hard_brake: HardBrakeSettings = HardBrakeSettings()
+    hard_accel: HardAccelSettings = HardAccelSettings()
+    evasive_swerve: EvasiveSwerveSettings = EvasiveSwerveSettings()
+    following: FollowingSettings = FollowingSettings()
+    detectors: dict[str, SerializeAsAny[Settings]] = Field({}, description="detectors to use besides the built-in ones")
+
+    @property
+    def replaced(self) -> frozenset[Intention]:
+        """The intentions whose built-in definition is replaced by a selected detector."""
+        return frozenset(intention for name in self.detectors for intention in DETECTORS[name].finds)
+
+    def active_detectors(self) -> dict[str, Detector]:
+        """Return the detectors of this study by name, in the order in which they run.
+
+        A built-in detector whose intentions are all replaced is absent. Those that find `following` come last.
+        """
+        sections = {name: getattr(self, name) for name in DETECTORS if name in type(self).model_fields}
+        sections = {
+            name: section for name, section in sections.items() if not self.replaced.issuperset(DETECTORS[name].finds)
+        }
+        sections |= {name: self.detectors[name] for name in DETECTORS if name in self.detectors}
+        in_order = sorted(sections, key=lambda name: Intention.FOLLOWING in DETECTORS[name].finds)
+        return {name: DETECTORS[name](sections[name]) for name in in_order}
+
+    @field_validator("detectors", mode="before")
+    @classmethod
+    def _read_selected(cls, value: object) -> object:
+        if not isinstance(value, Mapping):
+            return value
+        return {name: _read_section(cls, name, section) for name, section in value.items()}
+
+    @model_validator(mode="after")
+    def _one_definition_each(self) -> Self:
+        found_by: dict[Intention, str] = {}
+        for name in self.detectors:
+            for intention in DETECTORS[name].finds:
+                if intention in found_by:
+                    raise ValueError(
+                        f"detectors {found_by[intention]} and {name} both find {intention.text}; select one of them"
+                    )
+                found_by[intention] = name
+        return self
+
+    @model_validator(mode="after")
+    def _named_apart(self) -> Self:
+        changed = [n for n, f in type(self).model_fields.items() if n != "preset" and getattr(self, n) != f.default]
+        if self.preset == PRESET and changed:
+            raise ValueError(
+                f"{changed[0]} differs from preset {PRESET}; give these definitions a preset name of their own"
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_empty_selection(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = serialize(self)
+        if not self.detectors:
+            content.pop("detectors", None)
+        return content
+
+
+def _read_section(labels: type[LabelSettings], name: str, section: object) -> Settings:
+    """Return the settings of a selected detector. Raises ValueError for an unsuitable detector or wrong settings."""
+    DETECTORS.check(name)
+    if name in labels.model_fields:
+        raise ValueError(f"{name} is built in and always selected; its settings are in labels.{name}")
+    detector = DETECTORS[name]
+    if not _is_detector(detector):
+        raise ValueError(f"{name} is not a detector class with settings_type, finds and detect; fix its package")
+    try:
+        return detector.settings_type.model_validate(section)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        raise ValueError(f"{'.'.join(map(str, (name, *fault['loc'])))}: {fault['msg']}") from None
+
+
+def _is_detector(item: object) -> bool:
+    """Return whether an entry point of another package offers what `Detector` asks for."""
+    settings_type, finds = getattr(item, "settings_type", None), getattr(item, "finds", ())
+    return (
+        isinstance(item, type)
+        and isinstance(settings_type, type)
+        and issubclass(settings_type, Settings)
+        and isinstance(finds, tuple)
+        and len(finds) > 0
+        and all(isinstance(intention, Intention) for intention in finds)
+        and callable(getattr(item, "detect", None))
+    )

@@ -1,0 +1,58 @@
+"""The definitions of a study: what is stored of them, and how other detectors are selected."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from labeling.detectors.registry import DETECTORS
+from labeling.detectors.settings import LabelSettings
+from labeling.intentions import Intention
+
+STORED = (
+    '{"preset":"isac-1","width_s":0.15,'
+    '"lane_change":{"stay_s":1.0,"onset_mps":0.2,"pause_s":0.5},'
+    '"overtake":{"horizon_s":30.0,"before_onset_s":1.0,"look_ahead_m":100.0},'
+    '"hard_brake":{"threshold_mps2":4.0,"hold_s":0.5,"rest_mps2":0.5,"trace_back_s":3.0},'
+    '"hard_accel":{"threshold_mps2":2.5,"hold_s":1.0,"rest_mps2":0.5,"trace_back_s":3.0},'
+    '"evasive_swerve":{"threshold_mps2":3.0,"reversal_mps2":1.5,"reversal_s":2.5,"aside_m":0.4,"return_m":0.8,'
+    '"return_s":5.0,"threat_ttc_s":4.0,"motion_mps":0.2,"rest_mps2":0.5},'
+    '"following":{"headway_s":3.0,"clear_s":10.0,"before_s":2.6,"after_s":2.4,"check_s":0.5,"spacing_s":10.0}}'
+)
+"""The `labels` section of every dataset made with preset isac-1; fingerprints of datasets depend on it."""
+
+
+def test_the_default_definitions_are_stored_as_ever() -> None:
+    assert LabelSettings().model_dump_json() == STORED
+    assert LabelSettings.model_validate_json(STORED) == LabelSettings()
+
+
+def test_every_intention_has_one_built_in_definition() -> None:
+    defined = [intention for detector in LabelSettings().active_detectors().values() for intention in detector.finds]
+    assert sorted(defined) == sorted(Intention)
+
+
+def test_the_built_in_detectors_run_in_the_order_of_the_registry_with_their_sections() -> None:
+    settings = LabelSettings()
+    assert list(settings.active_detectors()) == list(DETECTORS)
+    for name, detector in DETECTORS.items():
+        assert type(getattr(settings, name)) is detector.settings_type
+
+
+def test_a_preset_s_name_stands_for_its_values() -> None:
+    for changed in ({"width_s": 0.2}, {"hard_brake": {"hold_s": 0.4}}):
+        with pytest.raises(ValidationError, match="differs from preset isac-1"):
+            LabelSettings.model_validate(changed)
+        assert LabelSettings.model_validate({"preset": "other", **changed}) != LabelSettings()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("hard_brakes", "unknown detector 'hard_brakes': did you mean hard_brake"),
+        ("hard_brake", r"hard_brake is built in and always selected; its settings are in labels\.hard_brake"),
+    ],
+)
+def test_only_other_detectors_can_be_selected(name: str, message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        LabelSettings.model_validate({"preset": "other", "detectors": {name: {}}})
