@@ -26,11 +26,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.motion_sources import SumoSource
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
-from labeling.generation.episode import SumoSource
 from labeling.generation.generate import generate
 from labeling.generation.log import Entry
 from labeling.generation.settings import DatasetStudy, SeedRange
@@ -62,6 +62,9 @@ class Repeated:
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         return replace(self.source.record(scenario, 1 + (seed - 1) % self.period), seed=seed)
+
+    def expected_cpu_s(self) -> float:
+        return self.source.expected_cpu_s()
 
 
 @dataclass(frozen=True)

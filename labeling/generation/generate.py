@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.motion_sources import MotionSource, motion_source
 from labeling.dataset.dataset import (
     SHARDS,
     Dataset,
@@ -26,7 +27,7 @@ from labeling.dataset.dataset import (
 )
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import Source, SumoSource, shard_of
+from labeling.generation.episode import shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
 from labeling.generation.folder import Progress, claimed, fingerprint, finish, standing, versions
 from labeling.generation.log import Entry, Note
@@ -38,7 +39,7 @@ def generate(
     out: Path,
     engine: Engine | None = None,
     progress: Progress | None = None,
-    source: Source | None = None,
+    source: MotionSource | None = None,
     tell: Callable[[str, Sequence[str]], None] | None = None,
     note: Note | None = None,
 ) -> Dataset:
@@ -46,12 +47,12 @@ def generate(
 
     engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
     progress: counts samples where the study asks for windows, episodes otherwise.
-    source: where motion comes from, SUMO when absent. tell: is given each scenario of
+    source: where motion comes from, the study's own when absent. tell: is given each scenario of
     whose configuration something is overridden, and those options.
     Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
     nothing can be written.
     """
-    source = source or SumoSource(study.traffic, study.maneuvers)
+    source = source or motion_source(study)
     scenarios = read_scenarios(study, source)
     started = describe(study, scenarios)
     with claimed(out, started):
@@ -107,7 +108,7 @@ def _make_missing(
 
 
 def _work(
-    study: DatasetStudy, source: Source, fingerprint: str, folder: Path, job: Job
+    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: Job
 ) -> Made | InputError | OutputError:
     """Make one episode's shard; runs in a worker. A fault that another try would not mend is returned."""
     try:
@@ -123,14 +124,14 @@ def _work(
 
 
 @lru_cache(maxsize=4)
-def _load(source: Source, where: str) -> Scenario:
+def _load(source: MotionSource, where: str) -> Scenario:
     """A worker reads a scenario once, not once an episode."""
     return source.load(where)
 
 
-def read_scenarios(study: DatasetStudy, source: Source | None = None) -> dict[str, Scenario]:
+def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> dict[str, Scenario]:
     """The study's scenarios, by where they are. InputError where one is at fault or two cannot be told apart."""
-    source = source or SumoSource(study.traffic, study.maneuvers)
+    source = source or motion_source(study)
     if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
         raise InputError(f"{again[0]} is named twice; name every scenario once")
     found = {_where(name): source.load(_where(name)) for name in study.scenarios}
