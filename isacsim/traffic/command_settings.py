@@ -47,7 +47,7 @@ class BrakeCommandSettings(Settings):
     """A commanded hard brake: deceleration rises, is held, falls, and the driver takes over again."""
 
     least_speed_mps: float = _setting(
-        14.0, "only faster vehicles brake, m/s", "chosen: slower ones reach floor_mps before the peak", ge=0.0, le=60.0
+        14.0, "only faster vehicles brake, m/s", "chosen: below, most brakes would be cut at floor_mps", ge=0.0, le=60.0
     )
     peak_mps2: Annotated[Range, within(0.5, 10.0)] = _setting(
         (4.8, 8.0),
@@ -81,7 +81,11 @@ class AccelCommandSettings(Settings):
         1.2, "added to that gap for each m/s of speed, s", "chosen: a usual headway remains", ge=0.0, le=60.0
     )
     fast_mps: float = _setting(
-        25.0, "from this speed on, fast_peak_mps2 applies, m/s", "chosen: engines give less at speed", ge=0.0, le=60.0
+        25.0,
+        "from this speed on, fast_peak_mps2 replaces peak_mps2, m/s",
+        "chosen: engines give less at speed",
+        ge=0.0,
+        le=60.0,
     )
     peak_mps2: Annotated[Range, within(0.5, 10.0)] = _setting(
         (3.0, 4.5),
@@ -95,13 +99,17 @@ class AccelCommandSettings(Settings):
         (5.0, 10.0), "jerk into the peak, m/s3", "chosen: the peak is reached within 0.3 to 0.9 s"
     )
     hold_s: Annotated[Range, within(0.0, 30.0)] = _setting(
-        (1.4, 2.6), "time at the peak, s", "chosen: long enough to tell from a gear change"
+        (1.4, 2.6), "time at the peak, s", "chosen: the speed grows by 5 to 16 m/s in all"
     )
     fall_mps3: Annotated[Range, within(0.5, LARGEST_MPS3)] = _setting(
         (4.0, 8.0), "jerk out of the peak, m/s3", "chosen: drivers ease off gently"
     )
     top_mps: float = _setting(
-        44.0, "the command ends at this speed, m/s", "chosen: 158 km/h, above all speed limits", ge=0.0, le=100.0
+        44.0,
+        "the command ends at this speed, m/s",
+        "chosen: faster than any bundled driver wants to be",
+        ge=0.0,
+        le=100.0,
     )
     closing_per_s: float = _setting(
         0.05,
@@ -186,7 +194,7 @@ class SwerveCommandSettings(Settings):
         (4.5, 6.0), "largest lateral acceleration, m/s2", "driving experiments: 0.3 to 0.7 g"
     )
     hold_s: Annotated[Range, within(0.0, 10.0)] = _setting(
-        (0.0, 0.6), "time aside before moving back, s", "chosen: most drivers return at once"
+        (0.0, 0.6), "time aside before moving back, s", "chosen: out and back in one motion"
     )
 
 
@@ -197,7 +205,7 @@ class SlowVehicleCommandSettings(Settings):
         15.0, "only faster vehicles slow down, m/s", "chosen: slower ones disturb already", ge=0.0, le=60.0
     )
     speed_share: Annotated[Range, within(0.1, 1.0)] = _setting(
-        (0.65, 0.8), "speed while slow, as a share of the speed before", "measured: enough for others to overtake"
+        (0.65, 0.8), "speed while slow, as a share of the speed before", "measured: others overtake vehicles this slow"
     )
     slow_s: Annotated[Range, within(0.0, 600.0)] = _setting(
         (20.0, 40.0), "time at that speed, s", "chosen: longer than an overtake of 10 to 20 s"
@@ -243,10 +251,12 @@ class ClosedRampEndCommandSettings(Settings):
     """A disturbance: a vehicle stops, as `StopInLaneCommandSettings` says, before the end of a lane that ends."""
 
     before_end_share: Annotated[Range, within(0.0, 1.0)] = _setting(
-        (0.05, 0.5), "where it stops: distance to the lane's end over reach_m", "chosen: an end that is closed early"
+        (0.05, 0.5),
+        "where it stops: distance to the lane's end, as a share of reach_m",
+        "chosen: an end that is closed early",
     )
     reach_m: float = _setting(
-        250.0, "last part of the lane that stops fall into, at most the lane, m", "chosen", gt=0.0, le=5000.0
+        250.0, "length of the lane's last part, or the lane if shorter, m", "chosen: a usual ramp", gt=0.0, le=5000.0
     )
     stand_s: Annotated[Range, within(0.0, 600.0)] = _setting(
         (20.0, 60.0), "time at a standstill, s", "chosen: several vehicles have to merge before it"

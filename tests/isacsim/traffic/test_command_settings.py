@@ -34,7 +34,7 @@ def test_every_setting_has_a_unit_a_description_and_a_source() -> None:
             assert name.endswith(UNITS), f"{section}.{name}"
             assert field.description, f"{section}.{name}"
             assert isinstance(extra, dict), f"{section}.{name}"
-            assert str(extra["source"]).startswith(("chosen", "measured: ", "driving experiments: ")), (
+            assert str(extra["source"]).startswith(("chosen: ", "measured: ", "driving experiments: ")), (
                 f"{section}.{name}"
             )
 
