@@ -14,7 +14,7 @@ from rich.console import Console
 from isacsim.errors import InputError
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.making import Made
+    from isacsim.scenarios.making import NewScenario
     from labeling.dataset.dataset import Dataset
     from labeling.generation.log import Note
     from models.studies.study import Study
@@ -118,7 +118,7 @@ def _size(number: int) -> str:
     return f"{number / 1e6:.0f} MB" if number < 2e9 else f"{number / 1e9:.1f} GB"
 
 
-def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:
+def show_scenario(made: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """What a scenario was made of. Returns it as plain values."""
     if made.overridden:
         tell_of(console)(source, made.overridden)

@@ -210,9 +210,7 @@ class SlowVehicleCommandSettings(Settings):
     slow_s: Annotated[Range, within(0.0, 600.0)] = _setting(
         (20.0, 40.0), "time at that speed, s", "chosen: longer than an overtake of 10 to 20 s"
     )
-    deceleration_mps2: float = _setting(
-        1.0, "deceleration, m/s2", "chosen: below every label's threshold", ge=0.1, le=10.0
-    )
+    deceleration_mps2: float = _setting(1.0, "deceleration, m/s2", "chosen: far from a hard brake", ge=0.1, le=10.0)
     jerk_mps3: float = _setting(
         1.0, "jerk into and out of the deceleration, m/s3", "chosen: gentle", ge=0.1, le=LARGEST_MPS3
     )

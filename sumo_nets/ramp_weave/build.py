@@ -1,8 +1,8 @@
 """Builds the ramp_weave scenario: `python build.py` writes every other file of this folder.
 
-Along the road (m): a run-in of 700 m, then 2.4 km that the sites cover: an on-ramp whose lane ends after 250 m
-(merging), a bend, and 800 m on another on-ramp and an off-ramp joined by a lane of 400 m (weaving); and a run-out of
-300 m. Three lanes; beside the ramps a fourth.
+Along the road: a run-in of 700 m, then 2.4 km with sites, and a run-out of 300 m. The part with sites has an on-ramp
+whose lane ends after 250 m (merging), a bend, and, 800 m on, an on-ramp and an off-ramp joined by a lane of 400 m
+(weaving). Three lanes, four beside the ramps.
 """
 
 from pathlib import Path
