@@ -36,6 +36,7 @@ LEFT, RIGHT = 1, -1
 
 
 def draw_brake(view: VehicleView, settings: BrakeCommandSettings, rng: np.random.Generator) -> BrakeCommand | None:
+    """Return a brake for a vehicle that is fast enough."""
     if view.speed <= settings.least_speed_mps:
         return None
     peak = -rng.uniform(*settings.peak_mps2)
@@ -44,6 +45,7 @@ def draw_brake(view: VehicleView, settings: BrakeCommandSettings, rng: np.random
 
 
 def draw_accel(view: VehicleView, settings: AccelCommandSettings, rng: np.random.Generator) -> AccelCommand | None:
+    """Return an acceleration for a car with a gap ahead that is long enough."""
     speed = view.speed
     headway_m = settings.clear_ahead_s * speed
     if speed <= settings.least_speed_mps or view.gap_m <= settings.clear_ahead_m + headway_m or not view.is_car:
@@ -59,7 +61,10 @@ def draw_accel(view: VehicleView, settings: AccelCommandSettings, rng: np.random
 def draw_lane_change(
     view: VehicleView, settings: LaneChangeCommandSettings, direction: int, stay_s: float
 ) -> LaneChangeCommand | None:
-    """Nothing is drawn. direction: +1 left, -1 right. stay_s: as for `VehicleView.has_lane`."""
+    """Return a lane change where there is a lane; nothing is drawn.
+
+    direction: +1 left, -1 right. stay_s: as for `VehicleView.has_lane`.
+    """
     if not view.has_lane(direction, stay_s):
         return None
     return LaneChangeCommand(view.vehicle, direction, settings.patience_s)
@@ -72,7 +77,10 @@ def draw_overtake(
     stay_s: float,
     commanded: Container[str],
 ) -> OvertakeCommand | None:
-    """commanded: vehicles under command, which are not overtaken. stay_s: as for `VehicleView.has_lane`."""
+    """Return an overtake for a car close behind another vehicle, with a lane to its left.
+
+    commanded: vehicles under command, which are not overtaken. stay_s: as for `VehicleView.has_lane`.
+    """
     if view.leader is None or not view.is_car or not view.has_lane(LEFT, stay_s):
         return None
     gain = max(1.0, (view.leader_speed + rng.uniform(*settings.surplus_mps)) / view.allowed_speed)
@@ -84,7 +92,7 @@ def draw_overtake(
 
 
 def draw_swerve(view: VehicleView, settings: SwerveCommandSettings, rng: np.random.Generator) -> SwerveCommand | None:
-    """Return a swerve, only where there is a vehicle ahead to evade, in the middle of its lane as far as possible."""
+    """Return a swerve for a car with a vehicle ahead to evade and room beside; no further aside than its lane."""
     if not view.is_car or view.speed <= settings.least_speed_mps or view.gap_m >= settings.threat_within_m:
         return None
     sides = [side for side in (LEFT, RIGHT) if view.gap_beside_m(side) > settings.clear_beside_m]
@@ -101,6 +109,7 @@ def draw_swerve(view: VehicleView, settings: SwerveCommandSettings, rng: np.rand
 def draw_slow_vehicle(
     view: VehicleView, settings: SlowVehicleCommandSettings, rng: np.random.Generator
 ) -> SlowVehicleCommand | None:
+    """Return a slow drive for a vehicle that is fast enough."""
     if view.speed <= settings.least_speed_mps:
         return None
     share, slow_s = rng.uniform(*settings.speed_share), rng.uniform(*settings.slow_s)
@@ -110,11 +119,15 @@ def draw_slow_vehicle(
 def draw_stop_in_lane(
     view: VehicleView, settings: StopInLaneCommandSettings, rng: np.random.Generator
 ) -> StopInLaneCommand:
+    """Return a stop."""
     return StopInLaneCommand(view.vehicle, rng.uniform(*settings.stand_s), settings)
 
 
 def draw_cut_in(view: VehicleView, settings: CutInCommandSettings, stay_s: float) -> CutInCommand | None:
-    """Nothing is drawn: left where the gap there fits, right otherwise. stay_s: as for `VehicleView.has_lane`."""
+    """Return a cut-in, to the left where the gap there fits, otherwise to the right; nothing is drawn.
+
+    stay_s: as for `VehicleView.has_lane`.
+    """
     if view.speed <= settings.least_speed_mps:
         return None
     low, high = settings.gap_m

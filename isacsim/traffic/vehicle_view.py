@@ -1,4 +1,4 @@
-"""What the director looks up in SUMO before it commands a vehicle: lanes, gaps, the way to the next junction."""
+"""What the director looks up in SUMO before it commands a vehicle: lanes, gaps, the distance to a junction."""
 
 from __future__ import annotations
 
@@ -37,10 +37,12 @@ class VehicleView:
 
     @property
     def is_car(self) -> bool:
+        """Whether the vehicle is of SUMO's class for cars."""
         return bool(self._sumo.vehicle.getVehicleClass(self.vehicle) == CAR)
 
     @property
     def lane_width_m(self) -> float:
+        """Width of the lane that the vehicle is in, m."""
         return float(self._sumo.lane.getWidth(self._sumo.vehicle.getLaneID(self.vehicle)))
 
     def junction_within(self, distance_m: float) -> bool:

@@ -30,6 +30,7 @@ CARRIAGEWAY = Carriageway(
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = CARRIAGEWAY.network()
     CARRIAGEWAY.add_on_ramp(plain, "onramp", "merge", 22.22)
     CARRIAGEWAY.add_off_ramp(plain, "offramp", "diverge", 22.22)
@@ -37,6 +38,7 @@ def network() -> Plain:
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     main = "runin west merge approach curve leave diverge"
     return [
         f'<route id="through" edges="{main} east"/>',

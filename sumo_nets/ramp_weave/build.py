@@ -31,6 +31,7 @@ CARRIAGEWAY = Carriageway(
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = CARRIAGEWAY.network()
     CARRIAGEWAY.add_on_ramp(plain, "onramp1", "merge", 19.44)
     CARRIAGEWAY.add_on_ramp(plain, "onramp2", "weave", 19.44)
@@ -39,6 +40,7 @@ def network() -> Plain:
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     start = "runin before merge between bend on weave"
     return [
         f'<route id="through" edges="{start} after"/>',

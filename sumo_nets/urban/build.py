@@ -24,6 +24,7 @@ def both_ways(plain: Plain, a: str, b: str, ends: tuple[np.ndarray, np.ndarray],
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = Plain()
     at = {f"x{k}": np.array([BLOCK_M * k, 0.0]) for k in range(1, CROSSINGS + 1)}
     for name, point in at.items():
@@ -40,11 +41,13 @@ def network() -> Plain:
 
 
 def route(name: str, *stops: str) -> str:
+    """Return a route over nodes, as a line of XML."""
     edges = " ".join(f"{a}_{b}" for a, b in pairwise(stops))
     return f'<route id="{name}" edges="{edges}"/>'
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     along = ["w", *(f"x{k}" for k in range(1, CROSSINGS + 1)), "e"]
     lines = [route("east", *along), route("west", *along[::-1])]
     for name in ("east", "west"):
