@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from isacsim.settings import Settings
 from isacsim.traffic.vehicle_control import LARGEST_MPS3
@@ -17,18 +17,20 @@ Range = tuple[float, float]
 """The low and the high end of a range, in the unit at the end of the setting's name."""
 
 
-def within(least: float, most: float) -> AfterValidator:
+def within(least: float, most: float) -> WrapValidator:
     """Return a validator of a range: low <= high, both between least and most."""
 
-    def check(ends: Range) -> Range:
-        low, high = ends
+    def check(value: Any, parse: ValidatorFunctionWrapHandler) -> Range:
+        if not isinstance(value, list | tuple) or len(value) != 2:
+            raise ValueError("must be a range [low, high]")
+        low, high = parse(value)
         if low > high:
-            raise ValueError("must be a range [low, high] whose low end is not above its high end")
+            raise ValueError("must be a range [low, high] with low <= high")
         if low < least or high > most:
             raise ValueError(f"must be a range [low, high] between {least:g} and {most:g}")
-        return ends
+        return low, high
 
-    return AfterValidator(check)
+    return WrapValidator(check)
 
 
 def _setting(
