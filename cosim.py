@@ -270,8 +270,8 @@ def network_import(
     from isacsim.scenarios.making import import_map
 
     part = None if box is None else box_of(box)
-    made = import_map(source, out, part, *opt.placement_of(spacing, set_back, height, vehicles), seed)
-    output.print_json(as_json, output.show_scenario(made, str(source), output.console_of(quiet)))
+    new_scenario = import_map(source, out, part, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    output.print_json(as_json, output.show_scenario(new_scenario, str(source), output.console_of(quiet)))
 
 
 @network_app.command(
@@ -296,8 +296,8 @@ def network_sites(
     """
     from isacsim.scenarios.making import add_sites
 
-    made = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
-    output.print_json(as_json, output.show_scenario(made, scenario, output.console_of(quiet)))
+    new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))
 
 
 @app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench train --json"))

@@ -68,6 +68,9 @@ class Paused:
         time.sleep(self.pause_s)
         return Recording(scenario.name, seed, 0.01, scenario.lanes, {})
 
+    def expected_cpu_s(self) -> float:
+        return 0.0
+
 
 def run() -> dict[str, Any]:
     """Measure; keys `cluster`, `metadata`."""

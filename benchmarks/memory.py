@@ -1,8 +1,9 @@
-"""How much memory a long recording takes: whether it grows with simulated time.
+"""How much memory a long recording takes, and whether that grows with simulated time.
 
-The bundled motorway, recorded and labelled; every tenth of a second the process's memory is read. Anonymous memory is
-what the process holds itself; the resident size also counts pages of its temporary files, which the system may drop.
-Linux only.
+The bundled motorway is recorded and labelled, and the memory of the process is read ten times a second. Anonymous
+memory is what the process itself holds. The resident size also counts pages of its temporary files, which the system
+may drop.
+Linux only, because it reads /proc.
 
 Run: python -m benchmarks.memory [SIMULATED SECONDS, 3600 if not given]
 """
@@ -18,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from isacsim.errors import InputError
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
@@ -27,11 +29,14 @@ from labeling.generation.settings import DatasetStudy
 SCENARIO = "motorway"
 SEED = 1
 EVERY_S = 0.1
+STATUS = Path("/proc/self/status")
 QUANTITIES = {"anonymous_mib": "RssAnon:", "resident_mib": "VmRSS:"}
 
 
 def run(duration_s: float = 3600.0) -> dict[str, Any]:
-    """Measure; peaks in MiB of `recording` and of `labelling`, and of the first tenth and the whole of the former."""
+    """Measure. Returns peaks in MiB, of `recording`, of its first tenth alone, and of `labelling`."""
+    if not STATUS.is_file():
+        raise InputError(f"this benchmark reads {STATUS}, which only Linux has: run it there")
     study = DatasetStudy(scenarios=(SCENARIO,), traffic=TrafficSettings(duration_s=duration_s))
     with _sampled() as recording:
         recorded = record(load(SCENARIO), SEED, study.traffic, ManeuverSettings())
@@ -50,7 +55,7 @@ def run(duration_s: float = 3600.0) -> dict[str, Any]:
 
 @contextmanager
 def _sampled() -> Iterator[list[dict[str, float]]]:
-    """The process's memory, MiB, at every tenth of a second of the block's run."""
+    """Yields a list that fills with the memory of the process, MiB, every tenth of a second while the block runs."""
     samples = [_memory()]
     done = threading.Event()
 
@@ -69,7 +74,7 @@ def _sampled() -> Iterator[list[dict[str, float]]]:
 
 
 def _memory() -> dict[str, float]:
-    words = Path("/proc/self/status").read_text().split()
+    words = STATUS.read_text().split()
     return {name: int(words[words.index(field) + 1]) / 1024.0 for name, field in QUANTITIES.items()}
 
 
@@ -79,5 +84,5 @@ def _peaks(samples: list[dict[str, float]]) -> dict[str, float]:
 
 if __name__ == "__main__":
     began = time.monotonic()
-    found = run(*map(float, sys.argv[1:2]))
-    print(json.dumps({**found, "wall_s": round(time.monotonic() - began)}, indent=2))
+    peaks = run(*map(float, sys.argv[1:2]))
+    print(json.dumps({**peaks, "wall_s": round(time.monotonic() - began)}, indent=2))

@@ -27,11 +27,11 @@ import numpy as np
 
 from isacsim.feedback import Feedback
 from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.motion_sources import SumoSource
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
-from labeling.generation.episode import SumoSource
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
 from labeling.generation.settings import DatasetStudy, SeedRange
@@ -63,6 +63,9 @@ class Repeated:
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         return replace(self.source.record(scenario, 1 + (seed - 1) % self.period), seed=seed)
+
+    def expected_cpu_s(self) -> float:
+        return self.source.expected_cpu_s()
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""What recording costs beside the simulation itself, and how much faster than time itself traffic is simulated.
+"""What recording costs beside the simulation itself, and how much faster than real time traffic is simulated.
 
-The bundled motorway, about 100 vehicles, simulated several times over, each time in a process of its own: by turns bare
-and with every vehicle's state recorded. Both are commanded the same maneuvers, so that both see the same traffic; the
-commands' time is counted apart. Recording ends with the tracks, read back from what SUMO wrote, and both end with SUMO
-closed; the run-in counts for neither. Times are CPU seconds of the process.
+The bundled motorway, with about 100 vehicles, is simulated several times, each time in a new process: alternately bare,
+and with every vehicle's state recorded. Both get the same commanded maneuvers, and so the same traffic; the time of the
+commands is counted separately. Recording includes reading the tracks back from SUMO's file, and both include closing
+SUMO. The run-in is not counted. Times are CPU seconds of the process.
 
 Run: python -m benchmarks.traffic
 """
@@ -34,7 +34,7 @@ KINDS = ("bare", "recording", "recording_and_maneuvers")
 
 @dataclass(frozen=True)
 class Spent:
-    """CPU seconds of one simulation: commanding, and all else. vehicles: the mean number on the road."""
+    """CPU seconds of one simulation: of the commands, and of the rest. vehicles: mean number on the road."""
 
     commands_s: float
     rest_s: float
@@ -42,7 +42,7 @@ class Spent:
 
 
 def run() -> dict[str, Any]:
-    """Measure; keys `ratio` (recording over bare), `ratio_with_maneuvers`, `simulated_s_per_cpu_s`, `vehicles`."""
+    """Measure. Returns `ratio` (recording over bare), `ratio_with_maneuvers`, `simulated_s_per_cpu_s`, `vehicles`."""
     traffic = TrafficSettings(duration_s=MEASURED_S)
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=spawn, max_tasks_per_child=1) as fresh:
@@ -52,13 +52,13 @@ def run() -> dict[str, Any]:
         "recording": np.array([recorded.rest_s for _, recorded in spent]),
         "recording_and_maneuvers": np.array([recorded.rest_s + recorded.commands_s for _, recorded in spent]),
     }
-    ratios = {kind: round(float(np.median(seconds["bare"] / each)), 4) for kind, each in seconds.items()}
+    ratios = {kind: round(float(np.median(seconds["bare"] / cpu_s)), 4) for kind, cpu_s in seconds.items()}
     return {
         "ratio": ratios["recording"],
         "ratio_of": "simulated over CPU time: libsumo stepping with every vehicle's state recorded, over bare stepping",
         "ratio_with_maneuvers": ratios["recording_and_maneuvers"],
         "simulated_s_per_cpu_s": {
-            kind: round(traffic.duration_s / float(np.median(each)), 1) for kind, each in seconds.items()
+            kind: round(traffic.duration_s / float(np.median(cpu_s)), 1) for kind, cpu_s in seconds.items()
         },
         "vehicles": round(spent[0][0].vehicles, 1),
         "settings": {"scenario": SCENARIO, **traffic.model_dump()},
@@ -66,7 +66,7 @@ def run() -> dict[str, Any]:
 
 
 def simulate(traffic: TrafficSettings, record: bool) -> Spent:
-    """Simulate once, as `isacsim.traffic.simulation.record` does."""
+    """Simulate once, in the way of `isacsim.traffic.simulation.record`."""
     scenario = load(SCENARIO)
     first = round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)

@@ -14,7 +14,7 @@ from command_line.progress import ConsoleFeedback, print_line
 from isacsim.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.making import Made
+    from isacsim.scenarios.making import NewScenario
     from labeling.dataset.dataset import Dataset
     from models.run import Run
 
@@ -58,15 +58,15 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     return content
 
 
-def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:
+def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
     from labeling.generation.log import overridden
 
-    if made.overridden:
-        print_line(console, overridden(source, made.overridden))
-    demand = "demand was made" if made.made_demand else "its own demand"
-    print_line(console, f"{made.folder}: {made.sites} sites along {made.edges} edges; {demand}")
-    return {**dataclasses.asdict(made), "folder": str(made.folder)}
+    if scenario.overridden:
+        print_line(console, overridden(source, scenario.overridden))
+    demand = "demand was made" if scenario.made_demand else "its own demand"
+    print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
+    return {**dataclasses.asdict(scenario), "folder": str(scenario.folder)}
 
 
 def show_run(run: Run, console: Console) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-"""What arises in the bundled scenarios, and how often: events per vehicle-hour, without and with the default maneuvers.
+"""How often each event happens in the bundled scenarios: per vehicle-hour, without and with commanded maneuvers.
 
     python docs/scenario_rates.py [SCENARIO ...]
 
-Three seeds each. Overtakes are those of the vehicle ahead. Prints a table in Markdown.
+Three seeds each; commanded maneuvers at their default rates. Overtakes count where the vehicle ahead is overtaken.
+Prints a table in Markdown.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from isacsim.scenarios.scenario import bundled, load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.events import LabelSettings, label
+from labeling.detectors.settings import LabelSettings, label
 from labeling.intentions import KNOWN
 
 SEEDS = (11, 12, 13)
@@ -23,22 +24,22 @@ HEAD = ("scenario", "maneuvers", *(intention.text for intention in KNOWN), "vehi
 
 
 def vehicle_hours(recording: Recording) -> float:
-    """Time on the road of all vehicles that have a track, h."""
+    """Return the time on the road of all vehicles that have a track, h."""
     return sum(len(track) for track in recording.tracks.values()) * recording.step_s / 3600.0
 
 
 def row(where: str, maneuvers: ManeuverSettings) -> list[str]:
-    """Rates of one scenario; vehicles that collided, and those that ever went beyond what a car can do, all seeds."""
-    hours, found = 0.0, Counter[str]()
+    """Return the cells of one scenario, over all seeds. Beyond a car: vehicles that ever moved as no car can."""
+    hours, counts = 0.0, Counter[str]()
     for seed in SEEDS:
         recording = record(load(where), seed, TrafficSettings(), maneuvers)
         labels = label(recording, LabelSettings())
         hours += vehicle_hours(recording)
-        found.update(event.intention.text for event in labels.events)
-        found.update(collided=len(recording.incidents.collided), beyond_car=labels.counts["beyond_car"])
-    asked = "none" if maneuvers.quiet else "default"
-    rates = [f"{found[intention.text] / hours:.1f}" for intention in KNOWN]
-    return [where, asked, *rates, f"{hours:.1f}", str(found["collided"]), str(found["beyond_car"])]
+        counts.update(event.intention.text for event in labels.events)
+        counts.update(collided=len(recording.incidents.collided), beyond_car=labels.counts["beyond_car"])
+    stimulus = "none" if maneuvers.quiet else "default"
+    rates = [f"{counts[intention.text] / hours:.1f}" for intention in KNOWN]
+    return [where, stimulus, *rates, f"{hours:.1f}", str(counts["collided"]), str(counts["beyond_car"])]
 
 
 def main(scenarios: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""From a scenario to what the network knows of its vehicles: traffic, echoes, fixes and tracks. Labels are unknown here.
+"""From a scenario to what the network knows of its vehicles: traffic, echoes, fixes and tracks. Labels are unknown.
 
 Importing it makes idle OpenMP threads sleep instead of spin. A spinning team of two threads on two cores makes training
 many times slower as soon as anything else runs; a sleeping one costs next to nothing (docs/performance.md). OpenMP

@@ -1,1 +1,1 @@
-"""Bundled scenarios, one folder each."""
+"""The bundled scenarios, one folder each, and what their build scripts share."""

@@ -1,4 +1,4 @@
-"""What the bundled scenarios' build scripts share: plain XML, netconvert, and the files of a scenario folder."""
+"""Shared by the build scripts of the bundled scenarios: plain XML, netconvert, and the files of a scenario folder."""
 
 import re
 import subprocess
@@ -15,6 +15,7 @@ from isacsim.arrays import Array
 from isacsim.scenarios.demand import drivers
 from isacsim.scenarios.scenario import read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
+from isacsim.scenarios.sumo_files import write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)
@@ -30,12 +31,13 @@ class Plain:
     connections: list[str] = field(default_factory=list)
 
     def node(self, name: str, point: Sequence[float] | Array, kind: str = "priority") -> None:
+        """Add a node, unless there is one of that name. point: x, y, m. kind: SUMO's type of junction."""
         self.nodes.setdefault(name, f'<node id="{name}" x="{point[0]:.3f}" y="{point[1]:.3f}" type="{kind}"/>')
 
     def edge(
         self, name: str, ends: tuple[str, str], lanes: int, speed: float, left_border: Array, priority: int = 10
     ) -> None:
-        """An edge whose lanes lie to the right of a line, shape (n, 2)."""
+        """Add an edge whose lanes lie to the right of a line, m, (n, 2). ends: its nodes. speed: limit, m/s."""
         shape = " ".join(f"{x:.3f},{y:.3f}" for x, y in left_border)
         self.node(ends[0], left_border[0])
         self.node(ends[1], left_border[-1])
@@ -45,7 +47,7 @@ class Plain:
         )
 
     def link(self, source: str, target: str, lanes: range, shift: int = 0) -> None:
-        """Connect lanes of an edge to the next edge's, `shift` numbers higher."""
+        """Connect lanes of an edge to the lanes of the next edge whose index is `shift` higher."""
         self.connections += [
             f'<connection from="{source}" to="{target}" fromLane="{k}" toLane="{k + shift}"/>' for k in lanes
         ]
@@ -53,12 +55,12 @@ class Plain:
 
 @dataclass(frozen=True)
 class Road:
-    """A straight road with one bend to the left: points beside its middle, by distance along it.
+    """The middle line of a straight road with one bend to the left.
 
-    bend_m: where the bend begins, m; radius_m, angle (rad): of the bend.
+    bend_m: where the bend begins, m along the road. radius_m, angle: of the bend, m and rad.
 
-    Begin and end an edge where the bend does. SUMO gives all lanes of an edge one length, and keeps a vehicle's
-    distance along the edge when it changes lanes: where an edge is partly bent, that is a jump of half a metre.
+    Let edges begin and end where the bend does. SUMO gives all lanes of an edge the same length, and a vehicle that
+    changes lanes keeps its distance along the edge: on an edge that is partly bent, it would jump by half a metre.
     """
 
     bend_m: float
@@ -71,7 +73,7 @@ class Road:
         return self.bend_m + self.radius_m * self.angle
 
     def beside(self, along: Array, left_m: float | Array) -> Array:
-        """Points at an offset from the middle, left positive, shape (n, 2)."""
+        """Return points beside the road, m, (n, 2). along: m along the road, (n,). left_m: offset, left positive, m."""
         turned = np.clip((along - self.bend_m) / self.radius_m, 0.0, self.angle)
         beyond = np.maximum(along - self.bend_end_m, 0.0)
         x = np.minimum(along, self.bend_m) + self.radius_m * np.sin(turned) + beyond * np.cos(turned)
@@ -80,15 +82,15 @@ class Road:
         return np.asarray(np.stack([x, y], axis=1) + across)
 
     def piece(self, start: float, end: float, left_m: float) -> Array:
-        """The line beside the road from start to end, with a vertex every 4 m where it is bent.
+        """Return the line beside the road from start to end, m, (n, 2), with a vertex every 4 m where it is bent.
 
-        A straight line has none between its ends: SUMO looks through a lane's vertices one by one.
+        Straight lines have no vertex between their ends, because SUMO walks through a lane's vertices one by one.
         """
         straight = end <= self.bend_m or start >= self.bend_end_m
         return self.beside(np.linspace(start, end, 2 if straight else int((end - start) / 4.0) + 1), left_m)
 
     def ramp(self, at: float, left_m: float, towards: float) -> Array:
-        """A lane that leaves (towards +1) or, driven the other way, joins (-1) the line at an offset, 260 m long."""
+        """Return the line of a 260 m ramp that leaves (towards +1) or joins (-1) the road at an offset, m, (n, 2)."""
         away = np.linspace(0.0, 260.0, 66)
         points = self.beside(at + towards * away, left_m - 0.5 * away**2 / 1200.0)
         return points if towards > 0 else points[::-1]
@@ -96,11 +98,11 @@ class Road:
 
 @dataclass(frozen=True)
 class Carriageway:
-    """A motorway carriageway along a road, of edges end to end.
+    """A motorway carriageway along a road, made of edges end to end.
 
-    lanes: of its main part, half of them on either side of the road's middle. pieces: edge, from, to (m along the
-    road), lanes; what an edge has more than `lanes` lies on the right. An edge is straight or bent throughout: see
-    `Road`.
+    speed: limit, m/s. lanes: of its main part, half of them on either side of the road's middle.
+    pieces: name, start, end (m along the road) and number of lanes of each edge. Additional lanes lie on the right.
+    Each edge must be either straight or bent, see `Road`.
     """
 
     road: Road
@@ -110,28 +112,28 @@ class Carriageway:
 
     @property
     def covered(self) -> set[str]:
-        """The edges that get sites: all but the first, the run-in, and the ramps."""
+        """The edges that get sites: all but the run-in, which is the first, and the ramps."""
         return {name for name, *_ in self.pieces[1:]}
 
     def network(self) -> Plain:
-        """The edges, each lane linked to the next edge's beside it."""
+        """Return the edges, with each lane linked to the lane of the next edge that continues it."""
         plain = Plain()
         for k, (name, start, end, lanes) in enumerate(self.pieces):
             line = self.road.piece(start, end, self._left_m)
             plain.edge(name, (f"n{k}", f"n{k + 1}"), lanes, self.speed, line)
-        for (before, *_, has), (after, *_, gets) in pairwise(self.pieces):
-            plain.link(before, after, range(max(0, has - gets), has), gets - has)
+        for (before, *_, lanes), (after, *_, next_lanes) in pairwise(self.pieces):
+            plain.link(before, after, range(max(0, lanes - next_lanes), lanes), next_lanes - lanes)
         return plain
 
     def add_on_ramp(self, plain: Plain, name: str, edge: str, speed: float) -> None:
-        """A ramp that becomes the rightmost lane of an edge."""
+        """Add a ramp that becomes the rightmost lane of an edge."""
         k = self._number(edge)
         line = self.road.ramp(self.pieces[k][1], -self._left_m, -1.0)
         plain.edge(name, (name, f"n{k}"), 1, speed, line, priority=5)
         plain.link(name, edge, range(1))
 
     def add_off_ramp(self, plain: Plain, name: str, edge: str, speed: float) -> None:
-        """A ramp that the rightmost lane of an edge becomes."""
+        """Add a ramp that the rightmost lane of an edge becomes."""
         k = self._number(edge)
         line = self.road.ramp(self.pieces[k][2], -self._left_m, +1.0)
         plain.edge(name, (f"n{k + 1}", name), 1, speed, line, priority=5)
@@ -150,12 +152,12 @@ def write_scenario(
 ) -> None:
     """Write every file of a scenario folder: plain network, network, demand, sites, configuration.
 
-    demand: lines of routes and flows. covered: edges that get sites. options: more of netconvert's.
+    demand: lines of routes and flows. covered: edges that get sites. options: more options of netconvert.
     """
     name = folder.name
     for kind, lines in (("nod", plain.nodes.values()), ("edg", plain.edges), ("con", plain.connections)):
         tag = {"nod": "nodes", "edg": "edges", "con": "connections"}[kind]
-        (folder / f"{name}.{kind}.xml").write_text(f"<{tag}>\n  " + "\n  ".join(lines) + f"\n</{tag}>\n")
+        write_lines(folder / f"{name}.{kind}.xml", f"<{tag}>\n  " + "\n  ".join(lines) + f"\n</{tag}>\n")
     inputs = [f"--{long}-files={name}.{long[:3] if long != 'edge' else 'edg'}.xml" for long in ("node", "edge")]
     subprocess.run(
         [Path(sumo.SUMO_HOME) / "bin" / "netconvert", *inputs, f"--connection-files={name}.con.xml",
@@ -164,13 +166,15 @@ def write_scenario(
         cwd=folder, check=True, stdout=sys.stderr,
     )  # fmt: skip
     network = folder / f"{name}.net.xml"
-    # netconvert's header holds the date: without it the same inputs give the same file.
-    network.write_text(re.sub(r"<!-- generated on.*?-->\s*", "", network.read_text(), flags=re.DOTALL))
+    # netconvert writes the date into the header. Without it, equal inputs give equal files.
+    text = network.read_text(encoding="utf-8")
+    write_lines(network, re.sub(r"<!-- generated on.*?-->\s*", "", text, flags=re.DOTALL))
     routes = [*drivers(np.random.default_rng(20250101)), *demand]
-    (folder / f"{name}.rou.xml").write_text("<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
+    write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
     lanes, _ = read_network(network)
-    (folder / "sites.add.xml").write_text(sites_file(place(lanes, covered, PlacementSettings())))
-    (folder / f"{name}.sumocfg").write_text(
+    write_lines(folder / "sites.add.xml", sites_file(place(lanes, covered, PlacementSettings())))
+    write_lines(
+        folder / f"{name}.sumocfg",
         f"""<configuration>
   <input>
     <net-file value="{name}.net.xml"/>
@@ -178,5 +182,5 @@ def write_scenario(
     <additional-files value="sites.add.xml"/>
   </input>
 </configuration>
-"""
+""",
     )

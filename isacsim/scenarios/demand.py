@@ -1,7 +1,7 @@
-"""Demand made for a network that has none: a population of drivers, and through routes by road class.
+"""Demand for a network that has none: a population of drivers, and routes along its main roads.
 
-A large network is not filled: routes are made along its busiest corridors, one after the other, until about as many
-vehicles are on the road at once as asked for.
+A large network is not filled. Routes are made along its main corridors, one after the other, until about the wanted
+number of vehicles is on the road at once.
 """
 
 from __future__ import annotations
@@ -20,30 +20,35 @@ from isacsim.settings import Settings
 
 
 class DemandSettings(Settings):
-    """How much traffic is made, and where."""
+    """How much traffic there is, and where."""
 
-    vehicles: int = Field(120, ge=1, le=5000, description="vehicles on the road at once, about")
-    truck_share: float = Field(0.1, ge=0.0, le=1.0, description="share of trucks")
-    corridor_m: float = Field(5000.0, ge=500.0, le=50_000.0, description="longest corridor, m")
-    motorway_per_lane_h: float = Field(900.0, gt=0.0, description="vehicles an hour and lane at 25 m/s and more")
-    arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles an hour and lane at 16 to 25 m/s")
-    street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles an hour and lane below 16 m/s")
-    ramp_share: float = Field(0.1, ge=0.0, le=1.0, description="of its volume, that a side road adds")
+    vehicles: int = Field(120, ge=1, le=5000, description="approximate number of vehicles on the road at once")
+    truck_share: float = Field(0.1, ge=0.0, le=1.0, description="share of trucks among the vehicles")
+    corridor_m: float = Field(
+        5000.0, ge=500.0, le=50_000.0, description="longest corridor that traffic is made along, m"
+    )
+    motorway_per_lane_h: float = Field(
+        900.0, gt=0.0, description="vehicles per hour and lane where the speed limit is 25 m/s or more"
+    )
+    arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles per hour and lane where it is 16 to 25 m/s")
+    street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles per hour and lane where it is below 16 m/s")
+    ramp_share: float = Field(
+        0.1, ge=0.0, le=1.0, description="traffic on each side road, as a share of that on the corridor"
+    )
 
     def per_lane_h(self, speed: float) -> float:
-        """Volume of a road by its speed limit, m/s: vehicles an hour and lane."""
+        """Return the traffic of a road by its speed limit, m/s: vehicles per hour and lane."""
         if speed >= 25.0:
             return self.motorway_per_lane_h
         return self.arterial_per_lane_h if speed >= 16.0 else self.street_per_lane_h
 
 
 def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[str]:
-    """vTypeDistributions `cars` and `trucks`, as lines of XML.
+    """Return the vTypeDistributions `cars` and `trucks`, as lines of XML.
 
-    All drive by the Intelligent Driver Model, the calmest of SUMO's models at 10 ms steps in the sublane model. They
-    differ in what drivers differ in: acceleration 1.5-2.6 m/s2, deceleration 3-5.5 m/s2, headway 0.9-1.7 s, desired
-    speed, lateral acceleration 0.6-1.6 m/s2 and speed 0.8-1.5 m/s, eagerness to gain speed, and how strictly they
-    keep right.
+    All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
+    differ in acceleration (1.5-2.6 m/s2), deceleration (3-5.5 m/s2), headway (0.9-1.7 s), desired speed, lateral
+    acceleration (0.6-1.6 m/s2) and speed (0.8-1.5 m/s), eagerness to gain speed, and how strictly they keep right.
     """
     draw = rng.uniform
     common = 'carFollowModel="IDM" speedDev="0" latAlignment="center" probability="1"'
@@ -68,7 +73,7 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
 
 
 def flow(name: str, kind: str, route: str, per_hour: float, depart_speed: str = "desired") -> str:
-    """A flow of vehicles with exponential headways, as a line of XML."""
+    """Return a flow of vehicles with exponentially distributed headways, as a line of XML."""
     return (
         f'<flow id="{name}" type="{kind}" route="{route}" begin="0" period="exp({per_hour / 3600:.6f})" '
         f'departLane="best_prob" departSpeed="{depart_speed}" departPos="base"/>'
@@ -76,18 +81,18 @@ def flow(name: str, kind: str, route: str, per_hour: float, depart_speed: str = 
 
 
 def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
-    """The text of a route file for a network. Equal arguments give equal text.
+    """Return the text of a route file for a network. Equal arguments give equal text.
 
-    Raises InputError where no road of the network takes cars.
+    Raises InputError where the network cannot be read or has no road for cars.
     """
     try:
         net = sumolib.net.readNet(str(network))
     except Exception as error:  # the reader raises whatever its parser meets
-        raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
+        raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     rng = stream("demand", seed)
     edges = [edge for edge in net.getEdges() if edge.allows("passenger")]
     if not edges:
-        raise InputError(f"{network} has no road that cars may use: give another network")
+        raise InputError(f"{network} has no road for cars: give another network")
     edges.sort(key=lambda e: (-e.getLaneNumber() * e.getSpeed(), -e.getLength(), rng.random()))
     lines = drivers(rng)
     expected, covered, number = 0.0, set[str](), 0
@@ -111,7 +116,7 @@ def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
 
 
 def _corridor(core: Any, longest_m: float, covered: set[str]) -> list[Any]:
-    """Edges in driving order through a core edge: at each end, on along the road that goes on most."""
+    """Edges in driving order through a core edge, extended at both ends along the largest road."""
     corridor = [core]
     length = core.getLength()
     for forward in (True, False):
@@ -134,7 +139,7 @@ def _turns_back(a: Any, b: Any) -> bool:
 
 
 def _routes(corridor: list[Any], volume: float, ramp_share: float) -> list[tuple[str, list[Any], float]]:
-    """Name, edges and vehicles an hour of the routes of a corridor: through, from each side road, to each."""
+    """Name, edges and vehicles per hour of each route of a corridor: through, and from and to every side road."""
     inside = {edge.getID() for edge in corridor}
     routes = [("through", corridor, volume)]
     for k, edge in enumerate(corridor[1:], 1):
@@ -149,7 +154,7 @@ def _routes(corridor: list[Any], volume: float, ramp_share: float) -> list[tuple
 
 
 def _flows(name: str, route: list[Any], per_hour: float, truck_share: float) -> list[str]:
-    """A route and its flows of cars and, where they may drive all of it, trucks."""
+    """A route with its flow of cars and, where trucks may drive all of it, of trucks; lines of XML."""
     trucks = truck_share if all(edge.allows("truck") for edge in route) else 0.0
     lines = [f'<route id="{name}" edges="{" ".join(edge.getID() for edge in route)}"/>']
     for kind, share in (("cars", 1.0 - trucks), ("trucks", trucks)):

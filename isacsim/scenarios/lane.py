@@ -9,10 +9,10 @@ from isacsim.arrays import Array
 
 @dataclass(frozen=True)
 class Lane:
-    """One lane of the network, junction-internal ones included.
+    """One lane of the network, which may lie inside a junction.
 
-    index: 0 is the rightmost lane of its edge. shape: centre line, (n, 2), m, in the scenario's plane.
-    successors: ids of the lanes that continue this one (through junctions: the internal lane first).
+    index: 0 is the rightmost lane of its edge. shape: centre line in the scenario's plane, m, (n, 2).
+    successors: ids of the lanes that continue this one; at a junction, those inside it.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Scenarios made from what a user has: a map, a network alone, or a SUMO scenario without sites."""
+"""New scenarios, made from a map, from a network alone, or from a SUMO scenario without sites."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from isacsim.errors import InputError
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import has_demand, one_line, parse, refuse_document_type
+from isacsim.scenarios.sumo_files import has_demand, one_line, parse, refuse_document_type, write_lines
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
@@ -32,12 +32,16 @@ NETCONVERT_OPTIONS = (
     "--no-turnarounds",
     "--output.street-names",
 )
-"""How a map becomes a network; see netconvert's own documentation of each."""
+"""How netconvert makes a network of a map; its documentation describes each option."""
 
 
 @dataclass(frozen=True)
-class Made:
-    """What was made: the scenario's folder and what is in it; options of the user's configuration that are not kept."""
+class NewScenario:
+    """A scenario that was made.
+
+    sites, edges: how many sites it has, and along how many edges. made_demand: whether its demand was made too.
+    overridden: options of the user's configuration that are not passed to SUMO.
+    """
 
     folder: Path
     sites: int
@@ -46,15 +50,18 @@ class Made:
     overridden: tuple[str, ...] = ()
 
 
-def add_sites(where: str, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int = 0) -> Made:
-    """Make a scenario folder of a user's scenario or bare network, with sites along the roads that its traffic uses.
+def add_sites(
+    where: str, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int = 0
+) -> NewScenario:
+    """Make a scenario in the folder `out`, with sites along the roads that its traffic uses.
 
-    Network and demand are named where they are; demand is made where there is none. Nothing is written beside them.
-    Raises InputError for what cannot be read, and where `out` is taken.
+    where: a scenario without sites, or a network alone; demand is made where there is none. The new configuration
+    names the user's files where they are, and nothing is written beside them. seed: of the demand.
+    Raises InputError where something cannot be read, and where `out` is not empty.
     """
     scenario = load_without_sites(where)
     if scenario.sites:
-        raise InputError(f"{where} has {len(scenario.sites)} sites already: use it as it is")
+        raise InputError(f"{where} has {len(scenario.sites)} sites already: use it without `network sites`")
     with _new_folder(out) as folder:
         return _complete(scenario, folder, out, placement, demand, seed)
 
@@ -66,16 +73,16 @@ def import_map(
     placement: PlacementSettings,
     demand: DemandSettings,
     seed: int = 0,
-) -> Made:
-    """Make a scenario folder of an OpenStreetMap file: network, demand and sites.
+) -> NewScenario:
+    """Make a scenario in the folder `out` from an OpenStreetMap file: network, demand and sites.
 
-    box: west, south, east, north, degrees; all of the map when absent.
-    Raises InputError where netconvert refuses the map, and where `out` is taken.
+    box: west, south, east, north, degrees; the whole map when absent. seed: of the demand.
+    Raises InputError where netconvert cannot read the map, and where `out` is not empty.
     """
     if not source.is_file():
-        raise InputError(f"there is no map {source}: give an OpenStreetMap file ({', '.join(MAP_ENDINGS)})")
+        raise InputError(f"there is no file {source}: give an OpenStreetMap file ({', '.join(MAP_ENDINGS)})")
     if not source.name.endswith(MAP_ENDINGS):
-        raise InputError(f"{source} is no OpenStreetMap file by its name: it should end in {', '.join(MAP_ENDINGS)}")
+        raise InputError(f"{source} is not an OpenStreetMap file: give one that ends in {', '.join(MAP_ENDINGS)}")
     refuse_document_type(source)
     with _new_folder(out) as folder:
         network = folder / f"{out.name}.net.xml"
@@ -83,9 +90,9 @@ def import_map(
         try:
             lanes, origin = read_network(network)
         except NoRoadsError:
-            inside = " in the box" if box else ""
+            where = " within the box" if box else ""
             raise InputError(
-                f"{source} holds no connected roads for cars{inside}: give another {'box' if box else 'map'}"
+                f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
         bare = Scenario(out.name, network, (), (), origin, lanes, ())
         return _complete(bare, folder, out, placement, demand, seed)
@@ -93,26 +100,24 @@ def import_map(
 
 def _complete(
     scenario: Scenario, folder: Path, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int
-) -> Made:
-    """Write the configuration, sites and, where there is none, demand into a scenario's folder (later: out)."""
+) -> NewScenario:
+    """Write configuration, sites and, where there is none, demand into a folder, which will be renamed to `out`."""
     routes = [*scenario.demand]
-    making = not any(map(has_demand, (*scenario.demand, *scenario.additional)))
-    if making:
-        made = folder / f"{out.name}.rou.xml"
-        made.write_text(make_demand(scenario.network, demand, seed))
-        routes = [made]
+    lacks_demand = not any(map(has_demand, (*scenario.demand, *scenario.additional)))
+    if lacks_demand:
+        routes = [folder / f"{out.name}.rou.xml"]
+        write_lines(routes[0], make_demand(scenario.network, demand, seed))
     edges = _used_edges((*routes, *scenario.additional)) or {
         lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")
     }
     sites = place(scenario.lanes, edges, placement)
     if not sites:
-        raise InputError(f"no pole fits beside the roads of {scenario.network}: try a smaller --set-back")
+        raise InputError(f"no site fits beside the roads of {scenario.network}: give a smaller --set-back")
     additional = folder / "sites.add.xml"
-    additional.write_text(sites_file(sites, scenario.origin))
+    write_lines(additional, sites_file(sites, scenario.origin))
 
     def named(files: list[Path]) -> str:
-        inside = [file.name if file.parent == folder else os.path.relpath(file, out.resolve()) for file in files]
-        return ",".join(inside)
+        return ",".join(file.name if file.parent == folder else _relative(file, out.resolve()) for file in files)
 
     options = {
         "net-file": named([scenario.network]),
@@ -122,12 +127,20 @@ def _complete(
         **scenario.kept,
     }
     lines = [f'    <{name} value="{value}"/>' for name, value in options.items() if value]
-    (folder / f"{out.name}.sumocfg").write_text("\n".join(["<configuration>", *lines, "</configuration>", ""]))
-    return Made(out, len(sites), len(edges), making, scenario.overridden)
+    write_lines(folder / f"{out.name}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
+    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden)
+
+
+def _relative(file: Path, folder: Path) -> str:
+    """The path of a file from a folder; absolute where there is none, between drives of Windows."""
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:
+        return file.resolve().as_posix()
 
 
 def _used_edges(files: tuple[Path, ...]) -> set[str]:
-    """Edges of the routes that files spell out; none where trips leave them to SUMO's router."""
+    """The edges of all routes in these files. Empty where SUMO's router chooses some of the routes."""
     used: set[str] = set()
     for file in files:
         for node in parse(file).iter():
@@ -139,6 +152,7 @@ def _used_edges(files: tuple[Path, ...]) -> set[str]:
 
 
 def _netconvert(source: Path, network: Path, box: tuple[float, float, float, float] | None) -> None:
+    """Write the network of a map. Raises InputError with netconvert's reason."""
     import sumo
 
     # netconvert finds projections and the types of OpenStreetMap's roads through SUMO_HOME.
@@ -148,17 +162,20 @@ def _netconvert(source: Path, network: Path, box: tuple[float, float, float, flo
     if box is not None:
         options.append(f"--keep-edges.in-geo-boundary={','.join(map(str, box))}")
     command = [str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), f"--osm-files={source}", f"--output-file={network}"]
-    done = subprocess.run([*command, *options], env=environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0 or not network.is_file():
-        said = [line for line in done.stderr.splitlines() if line.startswith("Error")]
-        raise InputError(f"netconvert cannot make a network of {source}: {one_line(' '.join(said) or done.stderr)}")
+    process = subprocess.run(
+        [*command, *options], env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False
+    )
+    if process.returncode != 0 or not network.is_file():
+        errors = [line for line in process.stderr.splitlines() if line.startswith("Error")]
+        reason = one_line(" ".join(errors) or process.stderr)
+        raise InputError(f"netconvert cannot make a network of {source} ({reason}): fix the map or give another")
 
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out` that becomes it when all went well."""
+    """A temporary folder beside `out`, which is renamed to it if all goes well, and removed otherwise."""
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out} is there already and not empty: name another folder with -o")
+        raise InputError(f"{out} exists and is not an empty folder: give another folder with -o")
     out.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     try:

@@ -31,7 +31,7 @@ PLANE_REACH_M = 10_000.0
 
 
 class NoRoadsError(InputError):
-    """A network holds nothing that a car could drive on."""
+    """A network has no road at all."""
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,16 @@ class Site:
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a simulation needs of a scenario, read once.
+    """A road network with its demand and its sites, as a simulation needs them.
 
-    name: used in shard names and sample ids. network: the .net.xml; demand and additional: SUMO input files, in order.
-    origin: (x, y) in SUMO's coordinates of this plane's origin, m: SUMO's coordinates may be UTM ones, which float32
-    cannot hold to the centimetre. lanes and sites are in the plane.
-    begin_s: simulation time at which it starts, s. kept: options of its configuration that SUMO gets. overridden: those
-    that the tool sets itself (its time base) or leaves out (outputs, logs, windows).
+    name: used in shard names and sample ids.
+    network: the .net.xml. demand, additional: SUMO input files, in order.
+    origin: origin of the scenario's plane in SUMO's coordinates (x, y), m. SUMO's coordinates may be UTM ones, which
+    float32 cannot hold to the centimetre.
+    lanes, sites: in the plane.
+    begin_s: simulation time at which the scenario starts, s.
+    kept: options of the user's configuration that are passed to SUMO, by name.
+    overridden: names of those that are set otherwise (step length, seed) or left out (outputs, logs, windows).
     """
 
     name: str
@@ -73,32 +76,35 @@ class Scenario:
 
 
 def bundled() -> dict[str, Path]:
-    """The scenarios that ship with the tool: folder by name."""
+    """Return the folders of the bundled scenarios, by name."""
     root = Path(str(importlib.resources.files("sumo_nets")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if any(folder.glob("*.sumocfg"))}
 
 
 def load(where: str | Path) -> Scenario:
-    """Read a scenario: a bundled one's name, a folder with one SUMO configuration, or a configuration.
+    """Read a scenario with demand and sites.
 
-    Nothing is written. Raises InputError for what is missing or cannot be read.
+    where: name of a bundled scenario, a folder with one SUMO configuration, or a configuration.
+    Nothing is written. Raises InputError where something is missing or cannot be read.
     """
     scenario = load_without_sites(where)
     if not any(map(has_demand, (*scenario.demand, *scenario.additional))):
-        raise InputError(f"{where} has no demand: `cosim network sites {where} -o FOLDER` makes a scenario with some")
+        raise InputError(
+            f"{where} has no demand: make a scenario with demand by `cosim network sites {where} -o FOLDER`"
+        )
     if not scenario.sites:
-        raise InputError(f"{where} has no sites: `cosim network sites {where} -o FOLDER` makes a scenario with some")
+        raise InputError(f"{where} has no sites: make a scenario with sites by `cosim network sites {where} -o FOLDER`")
     return scenario
 
 
 def load_without_sites(where: str | Path) -> Scenario:
-    """As `load`, for a scenario that may still lack sites or demand; a network alone will do."""
-    name, file = _find(Path(where))
-    alone = file.name.endswith(NETWORK_ENDINGS)
-    inputs = Inputs(file, (), (), 0.0, {}, ()) if alone else read_config(file)
-    for each in (inputs.network, *inputs.demand):
-        refuse_document_type(each)
-        refuse_outputs(each)
+    """Read a scenario that may lack demand and sites: as `load`, and a .net.xml alone is enough."""
+    name, path = _find(Path(where))
+    network_alone = path.name.endswith(NETWORK_ENDINGS)
+    inputs = Inputs(path, (), (), 0.0, {}, ()) if network_alone else read_config(path)
+    for file in (inputs.network, *inputs.demand):
+        refuse_document_type(file)
+        refuse_outputs(file)
     lanes, origin = read_network(inputs.network)
     sites = tuple(_read_sites(inputs.additional, origin))
     return Scenario(
@@ -108,22 +114,27 @@ def load_without_sites(where: str | Path) -> Scenario:
 
 
 def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
-    """Lanes of a network, junction-internal ones included, and the origin of their plane in SUMO's coordinates."""
+    """Return the lanes of a network, also those inside junctions, and their plane's origin in SUMO's coordinates, m.
+
+    Raises InputError where the network cannot be read, NoRoadsError where it has no road.
+    """
     refuse_document_type(network)
     try:
         lanes, origin = _lanes(sumolib.net.readNet(str(network), withInternal=True))
     except Exception as error:  # the reader raises whatever it meets
-        raise InputError(f"{network} cannot be read as a SUMO network: {one_line(error)}") from None
+        raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     if all(lane.edge.startswith(":") for lane in lanes):
-        raise NoRoadsError(f"{network} is a network without roads: give another")
+        raise NoRoadsError(f"{network} has no roads: give another network")
     for lane in lanes:
         if not (np.isfinite(lane.shape).all() and 0 < lane.width_m < np.inf and 0 < lane.length_m < np.inf):
-            raise InputError(f"{network}: lane {lane.id} has no finite shape, width and length: mend the network")
+            raise InputError(
+                f"{network}: the shape, width or length of lane {lane.id} is zero or not finite: fix the network"
+            )
     return lanes, origin
 
 
 def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
-    """`read_network` of what sumolib read."""
+    """The lanes and origin of a network that sumolib has read."""
     low_x, low_y, high_x, high_y = net.getBoundary()
     if max(map(abs, (low_x, low_y, high_x, high_y))) <= PLANE_REACH_M:
         origin = (0.0, 0.0)
@@ -146,28 +157,46 @@ def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
 
 
 def _find(where: Path) -> tuple[str, Path]:
-    """Name of what the user named, and its SUMO configuration or network."""
+    """The name of the scenario that the user gave, and the path of its SUMO configuration or network."""
     if not where.exists():
-        known = bundled()
-        if str(where) not in known:
-            raise InputError(f"there is no scenario {where}: give a folder, a .sumocfg, or one of {', '.join(known)}")
-        where = known[str(where)]
+        folders = bundled()
+        if str(where) not in folders:
+            raise InputError(
+                f"there is no scenario {where}: give a folder, a .sumocfg, a .net.xml, or one of {', '.join(folders)}"
+            )
+        where = folders[str(where)]
     if where.is_dir():
-        found = sorted(file for ending in CONFIG_ENDINGS for file in where.glob(f"*{ending}"))
-        if len(found) != 1:
-            raise InputError(f"{where} holds {len(found)} SUMO configurations (.sumocfg): name the one meant")
-        return where.resolve().name, found[0]
-    for ending in CONFIG_ENDINGS:
+        return where.resolve().name, _config_in(where)
+    for ending in (*CONFIG_ENDINGS, *NETWORK_ENDINGS):
         if where.name.endswith(ending):
             return where.name.removesuffix(ending), where
-    for ending in NETWORK_ENDINGS:
-        if where.name.endswith(ending):
-            return where.name.removesuffix(ending), where
-    raise InputError(f"{where} is no scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
+    raise InputError(f"{where} is not a scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
+
+
+def _config_in(folder: Path) -> Path:
+    """The one SUMO configuration of a folder. Raises InputError, which names what else the folder offers."""
+    configs, networks = (
+        sorted(file for ending in endings for file in folder.glob(f"*{ending}"))
+        for endings in (CONFIG_ENDINGS, NETWORK_ENDINGS)
+    )
+    if len(configs) == 1:
+        return configs[0]
+    if configs:
+        names = ", ".join(config.name for config in configs)
+        raise InputError(f"{folder} has {len(configs)} SUMO configurations ({names}): give the path of one")
+    if networks:
+        raise InputError(
+            f"{folder} has no SUMO configuration (.sumocfg), but a network, and a .net.xml will do: make a scenario "
+            f"of it by `cosim network sites {networks[0]} -o FOLDER`"
+        )
+    raise InputError(
+        f"{folder} has no SUMO configuration (.sumocfg) and no network (.net.xml): give the path of one, or a folder "
+        "that has one"
+    )
 
 
 def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
-    """The sites among the POIs of additional files."""
+    """The sites among the points of interest (POIs) of additional files."""
     for file in additional:
         for poi in parse(file).iter("poi"):
             if poi.get("type") != SITE_TYPE:
@@ -181,5 +210,6 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                 yield Site(poi.attrib["id"], x - origin[0], y - origin[1], height, azimuth)
             except (KeyError, ValueError):
                 raise InputError(
-                    f"{file}: site {poi.get('id')} needs numbers x and y, and params height (m) and azimuth (degrees)"
+                    f"{file}: site {poi.get('id')} needs numbers x and y, and params height (m) and azimuth (degrees): "
+                    "add or fix them"
                 ) from None

@@ -1,4 +1,4 @@
-"""Sites along the roads of a network: poles on alternating sides, panels that look along the road, up and down."""
+"""Sites along the roads of a network: poles on alternating sides, each with panels that face up and down the road."""
 
 from __future__ import annotations
 
@@ -14,22 +14,25 @@ from isacsim.scenarios.scenario import SITE_TYPE, Site
 from isacsim.settings import Settings
 
 STATION_STEP_M = 5.0
+"""Distance between the points of a lane at which a pole may stand, m."""
 
 
 class PlacementSettings(Settings):
-    """Where poles stand."""
+    """Where poles stand, and where their panels look."""
 
-    spacing_m: float = Field(150.0, ge=20.0, le=2000.0, description="between poles along the road, m")
-    set_back_m: float = Field(12.0, ge=1.0, le=100.0, description="from the road's edge, m")
-    height_m: float = Field(15.0, ge=2.0, le=100.0, description="of the antennas above the road, m")
-    off_road_axis_deg: float = Field(45.0, ge=0.0, le=90.0, description="panels look this far off the road's axis")
+    spacing_m: float = Field(150.0, ge=20.0, le=2000.0, description="distance between poles along the road, m")
+    set_back_m: float = Field(12.0, ge=1.0, le=100.0, description="distance of a pole from the edge of the road, m")
+    height_m: float = Field(15.0, ge=2.0, le=100.0, description="height of the antennas above the road, m")
+    off_road_axis_deg: float = Field(
+        45.0, ge=0.0, le=90.0, description="angle between a panel and the axis of the road, degrees"
+    )
 
 
 def place(lanes: Sequence[Lane], edges: Collection[str], settings: PlacementSettings) -> list[Site]:
-    """Sites for the given edges: a pole wherever the road has none within the spacing.
+    """Return sites for the given edges: a pole wherever the road has none within the spacing.
 
-    A pole stands set back from the outermost lane, on the other side than the last one where there is room, beyond
-    the opposite carriageway if need be, and nowhere nearer than the set-back to any lane.
+    A pole stands set back from the outermost lane, beyond the opposite carriageway if necessary, and no lane is closer
+    than the set-back. Poles alternate between the sides of the road where there is room.
     """
     surface = _Surface(lanes)
     outer: dict[str, tuple[Lane, Lane]] = {}
@@ -55,7 +58,7 @@ def place(lanes: Sequence[Lane], edges: Collection[str], settings: PlacementSett
 
 
 def panels(name: str, pole: Array, heading: float, side: float, settings: PlacementSettings) -> list[Site]:
-    """The two panels of a pole. heading: of the road, rad; side: +1 where the pole is on its left, -1 on its right."""
+    """Return the two panels of a pole. heading: of the road, rad. side: +1 for a pole on its left, -1 on its right."""
     compass = 90.0 - np.degrees(heading)
     turns = (settings.off_road_axis_deg, 180.0 - settings.off_road_axis_deg)
     return [
@@ -66,7 +69,7 @@ def panels(name: str, pole: Array, heading: float, side: float, settings: Placem
 
 
 def sites_file(sites: Iterable[Site], origin: tuple[float, float] = (0.0, 0.0)) -> str:
-    """The text of an additional file with the sites as POIs, which sumo-gui and netedit show."""
+    """Return an additional file with the sites as POIs, which sumo-gui and netedit show. origin: of their plane, m."""
     lines = [
         f'<poi id="{site.id}" x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
         f'color="red" layer="100">\n    <param key="height" value="{site.height_m:g}"/>\n'
@@ -91,7 +94,7 @@ def _stations(lane: Lane) -> Iterable[tuple[Array, float]]:
 
 
 class _Surface:
-    """Where roads are: points along all lanes, with the half-width around each."""
+    """The area of the roads, as points along all lanes and the largest half-width."""
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
         points, widths = [], []
@@ -103,7 +106,7 @@ class _Surface:
         self._widest = max(widths)
 
     def clear_point(self, point: Array, heading: float, side: float, edge_m: float, set_back_m: float) -> Array | None:
-        """The nearest point on a side of the road that is set back from every lane; None within 60 m."""
+        """The closest point on a side of the road that is set back from every lane; None if none is within 60 m."""
         outward = side * np.array([-np.sin(heading), np.cos(heading)])
         for further in np.arange(0.0, 60.0, 3.0):
             pole = point + outward * (edge_m + set_back_m + further)

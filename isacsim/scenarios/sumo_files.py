@@ -1,7 +1,7 @@
-"""What SUMO's own input files say: configurations, and additional files made safe to load.
+"""Reading SUMO's input files: configurations, and additional files made safe to load.
 
-They may come from others: a file with a document type is refused, so that no entity is expanded and no other file read,
-and what would make SUMO write files is taken out or refused.
+Input files may come from anyone. A file with a document type is refused, so that no entity is expanded and no other
+file is read. Whatever would make SUMO write a file is removed or refused.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ KEPT = (
     "emergencydecel.warning-threshold",
     "collision.mingap-factor",
 )
-"""Options of a user's configuration that shape the traffic and not the tool's time base, outputs or windows."""
+"""Options of a user's configuration that shape the traffic, and are passed to SUMO."""
 XML_FAULTS = (ET.ParseError, EOFError, LookupError, OSError, ValueError, zlib.error)
-"""What the readers of XML and gzip raise on files that are neither."""
+"""What the readers of XML and gzip raise on other files."""
 OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
 OUTPUT_ELEMENTS = (
     "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector", "e3Detector",
@@ -57,22 +57,22 @@ OUTPUT_ELEMENTS = (
     "routeProbe", "vTypeProbe", "timedEvent", "calibrator",
 )  # fmt: skip
 OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
-"""Parameters, of vehicles and of traffic lights, by which SUMO writes a file."""
+"""Parameters of vehicles and traffic lights that make SUMO write a file."""
 NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
 MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
-"""What a file that makes SUMO write another holds somewhere; character references and wide encodings may hide it."""
+"""Found in every file that makes SUMO write another. Character references and wide encodings may hide the words."""
 STEMS = (b"ssm", b"toc", b"file", b"output", b"dest", b"&#", b"\x00")
-"""One of them is in whatever MAY_WRITE matches; they are looked for first, because that is ten times as fast."""
+"""Each match of MAY_WRITE contains one of them. They are searched first, because that is ten times as fast."""
 BLOCK, OVERLAP = 1 << 20, 64
-"""Bytes read at once, and of those before them that are looked at again."""
+"""Bytes read at once, and how many of the bytes before are searched again with them."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a configuration is taken to say.
+    """What is read from a configuration.
 
-    begin_s: simulation time at which it starts, s. kept: its options that SUMO gets, by name.
-    overridden: its options that the tool sets itself or leaves out.
+    begin_s: simulation time at which the scenario starts, s. kept: options that are passed to SUMO, by name.
+    overridden: names of options that are set otherwise or left out.
     """
 
     network: Path
@@ -84,40 +84,43 @@ class Inputs:
 
 
 def read_config(config: Path) -> Inputs:
-    """Read a SUMO configuration. Raises InputError, by name, for what it names and is not there."""
+    """Read a SUMO configuration. Raises InputError where it names no network, or a file that does not exist."""
     options = {SYNONYMS.get(node.tag, node.tag): node.get("value", node.get("v", "")) for node in parse(config).iter()}
     options = {name: value for name, value in options.items() if value}
 
     def files(option: str) -> tuple[Path, ...]:
         names = [name.strip() for name in options.pop(option, "").split(",")]
-        found = tuple(config.parent / os.path.expandvars(name) for name in names if name)
-        for file in found:
-            if not file.is_file():
-                raise InputError(f"{config} names {file.name}, which is not there: add it or take its name out")
-        return found
+        paths = tuple(config.parent / os.path.expandvars(name) for name in names if name)
+        for path in paths:
+            if not path.is_file():
+                raise InputError(f"{config} names {path.name}, which does not exist: add the file or remove its name")
+        return paths
 
     networks, demand, additional = files("net-file"), files("route-files"), files("additional-files")
     if len(networks) != 1:
-        raise InputError(f"{config} names {len(networks)} networks: give it one <net-file value=…/>")
+        raise InputError(f"{config} names {len(networks)} networks: give it exactly one <net-file value=…/>")
     begin = options.pop("begin", "0")
     try:
         begin_s = float(begin)
     except ValueError:
-        raise InputError(f"{config}: begin = {begin!r} is no number of seconds: write it so") from None
+        raise InputError(f"{config}: begin = {begin!r} is not a number: give it in seconds") from None
     kept = {name: options.pop(name) for name in KEPT if name in options}
     return Inputs(networks[0], demand, additional, begin_s, kept, tuple(sorted(options)))
 
 
 def has_demand(file: Path) -> bool:
-    """Whether a file puts vehicles on the road; it is read no further than the first."""
+    """Whether a file puts vehicles on the road. It is read up to the first one."""
     with _reading(file) as stream:
         return any(node.tag in ("vehicle", "flow", "trip") for node in _elements(stream))
 
 
 def without_outputs(file: Path, folder: Path) -> Path:
-    """An additional file without what would make SUMO write beside it: itself, or a copy in a folder."""
+    """Return the path of an additional file without the elements that would make SUMO write a file.
+
+    That is the file itself where it has none, and a copy in the folder otherwise.
+    """
     root = parse(file)
-    taken = 0
+    removed = 0
     for parent in list(root.iter()):
         for child in list(parent):
             if _makes_output(child):
@@ -125,8 +128,8 @@ def without_outputs(file: Path, folder: Path) -> Path:
                     child.attrib.pop("output", None)
                 else:
                     parent.remove(child)
-                taken += 1
-    if not taken:
+                removed += 1
+    if not removed:
         return file
     copy = folder / f"{len(list(folder.iterdir()))}-{file.name.removesuffix('.gz')}"
     ET.ElementTree(root).write(copy, encoding="utf-8")
@@ -134,7 +137,7 @@ def without_outputs(file: Path, folder: Path) -> Path:
 
 
 def refuse_outputs(file: Path) -> None:
-    """Raises InputError where a network or route file would make SUMO write a file."""
+    """Raise InputError where a network or route file would make SUMO write a file."""
     with _reading(file) as stream:
         if not _may_write(stream):
             return
@@ -142,11 +145,11 @@ def refuse_outputs(file: Path) -> None:
         for node in _elements(stream):
             if _makes_output(node):
                 name = node.get("key", node.get("id", ""))
-                raise InputError(f"{file}: {node.tag} {name!r} makes SUMO write a file of its own: take it out")
+                raise InputError(f"{file}: {node.tag} {name!r} makes SUMO write a file: remove it")
 
 
 def _may_write(stream: IO[bytes]) -> bool:
-    """Whether a file has to be read as XML to know that it makes SUMO write nothing."""
+    """Whether a file has to be read as XML to decide whether it makes SUMO write a file."""
     before = b""
     while block := stream.read(BLOCK):
         text = before + block
@@ -157,44 +160,49 @@ def _may_write(stream: IO[bytes]) -> bool:
 
 
 def _makes_output(node: ET.Element) -> bool:
-    """Whether an element, as it begins, asks SUMO for a file."""
+    """Whether an element, by its own attributes, makes SUMO write a file."""
     if node.tag == "param":
         return node.get("key") in OUTPUT_PARAMS and node.get("value", "").strip().lower() not in NO_OUTPUT
     return node.tag in OUTPUT_ELEMENTS and any(node.get(name) for name in OUTPUT_ATTRIBUTES)
 
 
 def parse(file: Path) -> ET.Element:
-    """The root of an XML file. Raises InputError in one line."""
+    """Return the root of an XML file. Raises InputError where it cannot be read."""
     with _reading(file) as stream:
         root: ET.Element = defusedxml.ElementTree.parse(stream, forbid_dtd=True).getroot()
         return root
 
 
 def refuse_document_type(file: Path) -> None:
-    """Look at an XML file, before others read it, as far as its first element. Raises InputError."""
+    """Raise InputError where an XML file declares a document type. It is read up to the first element."""
     with _reading(file) as stream:
         next(_elements(stream), None)
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ET.Element]:
-    """The elements of an XML file as they begin."""
+    """The elements of an XML file, each as soon as it begins."""
     return (node for _, node in defusedxml.ElementTree.iterparse(stream, ("start",), forbid_dtd=True))
 
 
 @contextmanager
 def _reading(file: Path) -> Iterator[IO[bytes]]:
-    """An XML file, which may be gzipped, open for reading. What fails becomes an InputError in one line."""
+    """An XML file, possibly gzipped, open for reading. Errors of reading it become an InputError."""
     try:
         with cast(IO[bytes], gzip.open(file)) if file.name.endswith(".gz") else file.open("rb") as stream:
             yield stream
     except DTDForbidden:
         raise InputError(
-            f"{file} declares a document type (DTD), by which a file pulls in others or grows without end: take it out"
+            f"{file} declares a document type (DTD), which can read other files or expand without end: remove the DTD"
         ) from None
     except XML_FAULTS as error:
-        raise InputError(f"{file} cannot be read as XML: {one_line(error)}") from None
+        raise InputError(f"{file} cannot be read as XML ({one_line(error)}): fix the file") from None
+
+
+def write_lines(file: Path, text: str) -> None:
+    """Write a text file with the same bytes on every system: UTF-8, and line feeds alone."""
+    file.write_text(text, encoding="utf-8", newline="\n")
 
 
 def one_line(error: object) -> str:
-    """An error's text without line breaks."""
+    """Return an error's text without line breaks."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,8 +1,8 @@
-"""Motion conditioning: from raw 100 Hz states to motion at any instant, smooth and consistent with itself.
+"""Motion conditioning: from raw 100 Hz states to smooth, consistent motion at any instant.
 
 SUMO's 10 ms states are not physical: accelerations step, lateral motion freezes at markings, positions jump at the
-vertices of a curve. A zero-phase Gaussian on the positions mends that, and its derivatives *are* the velocity and the
-acceleration, so that the three agree at every instant, also between the recorded ones.
+vertices of a curve. A zero-phase Gaussian filter on the positions removes that. Velocity and acceleration are the
+filter's derivatives, so the three agree at every instant, also between recorded ones.
 """
 
 from __future__ import annotations
@@ -16,22 +16,24 @@ from isacsim.settings import Settings
 from isacsim.traffic.recording import Recording, Track
 
 REACH = 8.0
-"""Half-width of the kernel in standard deviations: what is cut off weighs 1e-15."""
+"""Half-width of the kernel in standard deviations. The weight beyond it is 1e-15."""
 
 
 class MotionSettings(Settings):
-    """How motion is conditioned."""
+    """How raw positions are conditioned."""
 
     width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the Gaussian kernel, s")
 
 
 def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | None = None) -> Array:
-    """Gaussian-smoothed values of an evenly sampled signal, or their derivative in time.
+    """Smooth an evenly sampled signal with a Gaussian kernel, or differentiate the smoothed signal in time.
 
-    values: shape (n,), one every step_s seconds. width_s: standard deviation of the kernel, s; 0.15 s passes 2 Hz at
-    one sixth and a lane change untouched. order: 0 value, 1 first derivative (unit/s), 2 second derivative (unit/s2).
-    at_rows: where to evaluate, in rows, fractions allowed, shape (m,); all n rows when absent.
-    Beyond its ends the signal is continued by point reflection, which keeps its value and slope there.
+    values: one every step_s seconds, shape (n,).
+    width_s: standard deviation of the kernel, s. 0.15 s leaves a lane change as it is, and a
+        sixth of the amplitude at 2 Hz.
+    order: 0 for the value, 1 for the first derivative (unit/s), 2 for the second (unit/s2).
+    at_rows: rows to evaluate at, may be fractions, shape (m,); all n rows when absent.
+    Beyond its ends the signal is continued by point reflection, which keeps value and slope there.
     Returns shape (m,).
     """
     sigma = width_s / step_s
@@ -55,10 +57,11 @@ def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_r
 
 
 def states(recording: Recording, track: Track, times: Array, settings: MotionSettings) -> Array:
-    """Conditioned state vectors of a vehicle at any instants within its track.
+    """Return conditioned states of a vehicle at any instants within its track.
 
-    times: simulation time, s, shape (n,), each within the track (a kernel's reach inside it, to be free of its ends).
-    Returns x, y, vx, vy, ax, ay of the front bumper centre, shape (6, n), m, m/s, m/s2.
+    times: simulation time, s, shape (n,). States closer to an end of the track than the kernel's reach depend on how
+    the track is continued there.
+    Returns x, y, vx, vy, ax, ay of the front bumper centre in m, m/s, m/s2, shape (6, n).
     Raises ValueError where a time lies outside the track.
     """
     rows = np.asarray(times) / recording.step_s - track.first_step

@@ -1,6 +1,6 @@
 """A recording: the 100 Hz states of all vehicles of one scenario and seed, as SUMO reported them.
 
-States are raw. Nothing downstream may differentiate them: `isacsim.traffic.motion` conditions them first.
+The states are raw and must not be differentiated. `isacsim.traffic.motion` conditions them first.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from isacsim.scenarios.lane import Lane
 
 @dataclass(frozen=True)
 class Track:
-    """The states of one vehicle; row k is at time (first_step + k) * step_s of the recording.
+    """The states of one vehicle. Row k is at time (first_step + k) * step_s of the recording.
 
-    x, y: front bumper centre in the scenario's plane, m, shape (n,). speed: along the lane, m/s.
-    lane: position of the lane in `Recording.lanes`. lane_pos: of the front bumper along that lane, m.
+    vehicle: SUMO id. kind: SUMO vehicle class ("passenger", "truck", ...).
+    x, y: front bumper centre in the scenario's plane, m, shape (n,) as all that follow. speed: along the lane, m/s.
+    lane: index of the lane in `Recording.lanes`. lane_pos: position of the front bumper along that lane, m.
     lane_lat: offset of the vehicle from the lane's centre line, left positive, m.
-    kind: SUMO vehicle class ("passenger", "truck", ...).
     """
 
     vehicle: str
@@ -46,7 +46,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Command:
-    """That a vehicle was under command from start to end, s. Provenance only: labels never depend on it."""
+    """A vehicle was under command from start to end, s. For provenance only: labels never depend on it."""
 
     vehicle: str
     maneuver: str
@@ -56,7 +56,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Incidents:
-    """What SUMO reported that keeps a vehicle out of every sample: ids of vehicles that collided or teleported."""
+    """Ids of vehicles that collided or teleported, which are left out of every sample."""
 
     collided: tuple[str, ...] = ()
     teleported: tuple[str, ...] = ()
@@ -64,9 +64,9 @@ class Incidents:
 
 @dataclass(frozen=True)
 class Recording:
-    """All vehicles' states of one scenario and seed. Vehicles in `incidents` have no track.
+    """The states of all vehicles of one scenario and seed. Vehicles in `incidents` have no track.
 
-    warnings: how many SUMO had; of the run, not of the motion.
+    tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
     """
 
     scenario: str
@@ -80,23 +80,23 @@ class Recording:
 
     @cached_property
     def lane_number(self) -> dict[str, int]:
-        """Position of each lane id in `lanes`."""
+        """Index of each lane in `lanes`, by its id."""
         return {lane.id: k for k, lane in enumerate(self.lanes)}
 
     @cached_property
     def commands_to(self) -> dict[str, list[Command]]:
         """The commands to each vehicle that had any, in the order of `commands`."""
-        found: dict[str, list[Command]] = {}
+        by_vehicle: dict[str, list[Command]] = {}
         for command in self.commands:
-            found.setdefault(command.vehicle, []).append(command)
-        return found
+            by_vehicle.setdefault(command.vehicle, []).append(command)
+        return by_vehicle
 
     def times(self, track: Track) -> Array:
-        """Simulation time of each row of a track, s, shape (n,)."""
+        """Return the simulation time of each row of a track, s, shape (n,)."""
         return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)
 
     def save(self, path: Path) -> None:
-        """Write the recording to a .npz file: the rows of all tracks in a row, and one JSON text for the rest."""
+        """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
         tracks = list(self.tracks.values())
         heads = [
             {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")}
@@ -120,7 +120,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> Recording:
-        """Read what `save` wrote. Nothing in the file is executed."""
+        """Read a recording that `save` wrote. Nothing in the file is executed."""
         with np.load(path, allow_pickle=False) as file:
             head = json.loads(str(file["head"]))
             columns = {name: file[name] for name in COLUMNS}
@@ -146,4 +146,4 @@ class Recording:
 
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
-"""The arrays of a track."""
+"""The columns of a track."""

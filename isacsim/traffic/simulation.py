@@ -23,33 +23,38 @@ from isacsim.traffic.state_log import StateLog
 
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
-"""How long a vehicle may stand at the head of a queue before SUMO moves it on, s; longer than any red light."""
+"""How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
-"""The same on a fast road, in a lane that does not lead to its exit."""
+"""The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
 WARNING = "Warning:"
-"""How SUMO begins a warning."""
+"""The beginning of each warning in SUMO's log."""
 
 
 class TrafficSettings(Settings):
-    """How SUMO is stepped. Defaults: decide at human pace, integrate finely, move sideways smoothly."""
+    """How SUMO is stepped. By default drivers decide at human pace, in fine steps, and change lanes smoothly."""
 
-    step_s: float = Field(0.01, gt=0.0, le=0.1, description="simulation step, s; a whole number of milliseconds")
-    action_step_s: float = Field(0.1, gt=0.0, le=1.0, description="interval of drivers' decisions, s")
-    lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="sublane width, m")
-    run_in_s: float = Field(90.0, ge=0.0, description="simulated before the recording begins, s")
+    step_s: float = Field(
+        0.01,
+        gt=0.0,
+        le=0.1,
+        description="simulation step, and interval between states, s; a whole number of milliseconds",
+    )
+    action_step_s: float = Field(0.1, gt=0.0, le=1.0, description="interval between a driver's decisions, s")
+    lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="width of a sublane, m")
+    run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
 
 
 class TrafficError(RunError):
-    """SUMO failed during a simulation. The message is SUMO's, in one line."""
+    """SUMO failed during a simulation. The message gives SUMO's reason in one line."""
 
 
 def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> Recording:
     """Simulate a scenario and record every vehicle's state at every step after the run-in.
 
-    Vehicles that collided or teleported are left out of the tracks and named in `incidents`. Equal arguments give
-    an equal recording. Only one simulation can run in a process at a time.
-    Raises InputError when SUMO refuses the scenario, TrafficError when it fails on the way.
+    Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
+    recordings. Only one simulation can run in a process at a time.
+    Raises InputError where SUMO refuses the scenario, TrafficError where it fails during the simulation.
     """
     messages: Counter[str] = Counter()
     begin = round(scenario.begin_s / traffic.step_s)
@@ -89,12 +94,13 @@ def session(
     messages: Counter[str] | None = None,
     log: StateLog | None = None,
 ) -> Iterator[Any]:
-    """A running libsumo simulation of a scenario, closed at the end. Nothing but the input files is taken from it.
+    """A running libsumo simulation of a scenario, closed at the end. Yields the libsumo module.
 
-    messages: is given, at the end, how many warnings SUMO had (`WARNING`).
-    log: is given the states; it can make tracks of them when the session has ended.
+    messages: at the end, the number of SUMO's warnings is added under `WARNING`.
+    log: receives the states, and can return tracks once the session has ended.
+    Raises InputError where SUMO refuses the scenario, or its step is not `traffic.step_s`.
     """
-    # Imported here: loading it costs a second and it needs SUMO_HOME.
+    # Imported here, because loading libsumo takes a second and needs SUMO_HOME.
     import sumo as sumo_package
 
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
@@ -115,11 +121,11 @@ def session(
             "seed": str(seed % 2**31),
             "collision.action": "warn",
             "collision.check-junctions": "true",
-            # One vehicle that can never move again would hold up all traffic behind it for good.
+            # A vehicle that can never move again would hold up all traffic behind it for good.
             "time-to-teleport": f"{STUCK_S:g}",
             "time-to-teleport.highways": f"{MISSED_EXIT_S:g}",
             "no-step-log": "true",
-            # Not on the console, but in the log.
+            # Warnings go to the log only, not to the console.
             "no-warnings": "true",
             "error-log": str(Path(folder) / LOG_FILE),
             "duration-log.disable": "true",
@@ -130,17 +136,19 @@ def session(
         try:
             libsumo.start(["sumo", *arguments])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise InputError(f"SUMO refuses scenario {scenario.name}: {one_line(error)}") from None
+            raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
         try:
             if log:
                 log.attach()
-            # SUMO's time is whole milliseconds: it rounds what it cannot hold, and says nothing.
+            # SUMO's time is in whole milliseconds. It rounds other steps without a message.
             step_s = libsumo.simulation.getDeltaT()
             if abs(step_s - traffic.step_s) > 1e-9:
-                raise InputError(f"SUMO steps at {step_s} s, not at step_s = {traffic.step_s:g}: ask for whole ms")
+                raise InputError(
+                    f"SUMO steps at {step_s:g} s, not at step_s = {traffic.step_s:g}: give whole milliseconds"
+                )
             yield libsumo
         finally:
             libsumo.close()
             if messages is not None:
-                with (Path(folder) / LOG_FILE).open(errors="replace") as lines:
+                with (Path(folder) / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)

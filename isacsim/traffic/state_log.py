@@ -1,9 +1,12 @@
-"""What a simulation shows, kept so that memory does not grow with simulated time.
+"""The states of a simulation, stored so that memory does not grow with simulated time.
 
-SUMO itself writes the states of all vehicles, in full double precision, to a temporary Parquet file, which takes a
-little less time than asking for them. When it has ended, the file is read in batches. Rows of vehicles that have left
-go to a second temporary file, those of vehicles on the road wait for the rest; tracks are views into that second file.
-Neither file has a name for longer than SUMO takes to start, so nothing is left of them however the process ends.
+SUMO writes the states of all vehicles, in full double precision, to a temporary Parquet file, which takes slightly less
+time than getting them from libsumo. After the simulation, the file is read in batches. Rows of vehicles that have left
+the road go to a second temporary file; rows of the others wait in memory for the rest. Tracks are views into the second
+file.
+
+Both files lose their names once they are open, so nothing is left behind however the process ends. That needs a
+system on which an open file can be removed: Linux or macOS, not Windows.
 """
 
 from __future__ import annotations
@@ -32,14 +35,14 @@ COLUMNS = {
     "lane_pos": "vehicle_pos",
     "lane_lat": "vehicle_posLat",
 }
-"""SUMO's column for each column of a track that is a number. A block has them in this order, then the lane's number."""
+"""SUMO's name of each numeric column of a track. A block has these rows in this order, then the lane's index."""
 ROWS = len(COLUMNS) + 1
 TIME, VEHICLE, LANE = "timestep_time", "vehicle_id", "vehicle_lane"
 BATCH_ROWS = 100_000
 
 
 class StateLog:
-    """The states of every vehicle of one simulation. first: the step from whose outcome on they are kept."""
+    """The states of every vehicle of one simulation. first: the first step whose outcome is recorded."""
 
     def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
         self._scenario = scenario
@@ -52,7 +55,7 @@ class StateLog:
         self.teleported: set[str] = set()
 
     def options(self, folder: Path) -> dict[str, str]:
-        """What SUMO is to be started with; its file is in a folder until `attach` takes hold of it."""
+        """Return the options to start SUMO with. Its file is in the given folder until `attach` is called."""
         self._path = folder / "states.parquet"
         return {
             "fcd-output": str(self._path),
@@ -61,30 +64,33 @@ class StateLog:
             "device.fcd.begin": f"{self._first * self._step_s:.3f}",
             "device.fcd.probability": "1",
             "person-device.fcd.probability": "0",
-            # With SUMO's default of 2 digits most columns are single precision; with many, all are double.
+            # With SUMO's default of 2 digits, most columns have single precision; with 16, all have double.
             "precision": "16",
         }
 
     def attach(self) -> None:
-        """Open SUMO's file, once SUMO has started, and take its name away."""
+        """Open SUMO's file and remove its name. Call once SUMO has started."""
         self._states = self._path.open("rb")
         self._path.unlink()
 
     def step(self, sumo: Any) -> None:
-        """Note who departed, collided or teleported in this step. sumo: the running libsumo module."""
+        """Note which vehicles departed, collided or teleported in this step. sumo: the running libsumo module."""
         vehicle = sumo.vehicle
         for name in sumo.simulation.getDepartedIDList():
             if vehicle.getParameter(name, "has.fcd.device") != "true":
-                raise InputError(f"{self._scenario.name}: vehicle {name} has has.fcd.device = false: take that out")
+                raise InputError(
+                    f"{self._scenario.name}: vehicle {name} has the parameter has.fcd.device = false, so it cannot be "
+                    "recorded: remove the parameter"
+                )
             self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
         for collision in sumo.simulation.getCollisions():
             self.collided |= {collision.collider, collision.victim}
         self.teleported.update(sumo.simulation.getStartingTeleportIDList())
 
     def tracks(self) -> dict[str, Track]:
-        """Tracks by vehicle, in order of first appearance, without those that had an incident.
+        """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
 
-        To be called when SUMO has ended: only then is its file whole.
+        Call after SUMO has ended: only then is its file complete.
         """
         sorter = RowSorter()
         for rows in self._batches():
@@ -106,10 +112,10 @@ class StateLog:
         return tracks
 
     def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
-        """What `RowSorter.add` takes, a batch of the file's rows at a time."""
+        """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
         assert self._states is not None, "the log was never attached"
         lane_number = {lane.id: k for k, lane in enumerate(self._scenario.lanes)}
-        if VEHICLE not in pq.read_schema(self._states).names:  # there was no vehicle at all
+        if VEHICLE not in pq.read_schema(self._states).names:  # no vehicle was ever on the road
             return
         file = pq.ParquetFile(self._states, read_dictionary=[VEHICLE, LANE])
         wanted = [TIME, VEHICLE, LANE, *COLUMNS.values()]
@@ -119,19 +125,19 @@ class StateLog:
             rows = [_values(batch.column(name)) for name in COLUMNS.values()]
             block = np.stack([*rows, numbers[_values(lanes.indices)].view(np.float64)])
             block[:2] -= np.reshape(self._scenario.origin, (2, 1))
-            # SUMO names a step's outcome by the time at which the step began.
+            # SUMO gives the outcome of a step the time at which the step began.
             steps = np.rint(_values(batch.column(TIME)) / self._step_s).astype(np.int64) + 1
             yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block
 
 
 def _values(column: Any) -> npt.NDArray[Any]:
-    """A column's numbers. Not by its `to_numpy`, which takes a quarter of a second to import pandas."""
+    """The numbers of a column. Its own `to_numpy` takes a quarter of a second to import pandas."""
     return np.asarray(np.from_dlpack(column))
 
 
 @dataclass
 class _Vehicle:
-    """One vehicle's rows: still waiting for more of them, or at a place in the file: (first value, rows)."""
+    """The rows of one vehicle: waiting in memory, or at a place in the file (index of the first value, rows)."""
 
     first_step: int
     last_step: int = 0
@@ -140,7 +146,7 @@ class _Vehicle:
 
 
 class RowSorter:
-    """Puts together by vehicle, in a temporary file, rows that come step by step."""
+    """Collects rows that come step by step, and stores them by vehicle in a temporary file."""
 
     def __init__(self) -> None:
         self._vehicles: dict[str, _Vehicle] = {}
@@ -149,23 +155,24 @@ class RowSorter:
         self._written = 0
 
     def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Array) -> None:
-        """Take rows: vehicle names[which[k]] at steps[k] has block[:, k]; steps never fall, here and from call to call.
+        """Add rows: block[:, k] is the state of vehicle names[which[k]] at steps[k].
 
-        Vehicles without a row in the last whole step have left.
+        names: (v,). which, steps: (n,). block: (6, n). Steps must not decrease, neither here nor from call to call.
+        Vehicles without a row in the last complete step have left the road, and are written to the file.
         """
         order = np.argsort(which, kind="stable")
-        found, starts = np.unique(which[order], return_index=True)
-        parts = np.split(order, starts[1:])
+        present, starts = np.unique(which[order], return_index=True)
+        rows_of = np.split(order, starts[1:])
         for k in np.argsort(order[starts]):
-            name, mine = names[found[k]], parts[k]
-            vehicle = self._vehicles.setdefault(name, _Vehicle(first_step=int(steps[mine[0]])))
-            vehicle.last_step = int(steps[mine[-1]])
-            vehicle.waiting.append(block[:, mine])
+            name, rows = names[present[k]], rows_of[k]
+            vehicle = self._vehicles.setdefault(name, _Vehicle(first_step=int(steps[rows[0]])))
+            vehicle.last_step = int(steps[rows[-1]])
+            vehicle.waiting.append(block[:, rows])
             self._present.add(name)
         self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - 1})
 
     def blocks(self) -> Iterator[tuple[str, int, Array]]:
-        """Every vehicle's name, first step and block (6, n), in order of first appearance. Ends the sorting."""
+        """Yield name, first step and block (6, n) of each vehicle, in order of first appearance. Call last."""
         self._write(set(self._present))
         self._file.flush()
         if not self._written:
@@ -177,7 +184,7 @@ class RowSorter:
 
     @property
     def waiting_rows(self) -> int:
-        """How many rows are in memory."""
+        """Number of rows in memory."""
         return sum(part.shape[1] for name in self._present for part in self._vehicles[name].waiting)
 
     def _write(self, gone: set[str]) -> None:

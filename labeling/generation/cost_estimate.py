@@ -11,11 +11,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from isacsim.traffic.motion_sources import motion_source
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import KNOWN
 
-SIMULATED_S = 0.061
-"""Processor time a simulated second, s."""
 SENSED_S = 23e-6
 """Processor time a sensing instant, s."""
 SENSED_ANEW_S = {"isac": 9.5e-6, "radar": 3.1e-6, "truth": 0.4e-6}
@@ -46,10 +45,8 @@ def estimate(study: DatasetStudy) -> Estimate:
     if selection.windows is not None:
         episodes = min(episodes, math.ceil(selection.windows / found))
     samples = round(episodes * found)
-    # Steps finer or coarser than the usual 0.01 s cost in proportion.
-    simulated_s = (traffic.run_in_s + traffic.duration_s) * 0.01 / traffic.step_s
     tv, uv = record.duration_s * record.tv_rate_hz, record.duration_s * record.uv_rate_hz
-    cpu_s = episodes * simulated_s * SIMULATED_S + samples * tv * SENSED_S
+    cpu_s = episodes * motion_source(study).expected_cpu_s() + samples * tv * SENSED_S
     return Estimate(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +13,10 @@ import numpy.typing as npt
 from isacsim import sensing
 from isacsim.arrays import Array
 from isacsim.radio.blockage import blockers_of
-from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
-from isacsim.traffic import motion, simulation
-from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic import motion
 from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings
 from labeling.dataset.dataset import Episode, Sample, Shard, write_shard
 from labeling.events import label
 from labeling.generation.settings import DatasetStudy, ReportSettings, SelectionSettings
@@ -30,32 +26,6 @@ from labeling.samples.candidates import Candidate, candidates
 
 TOO_MANY = "beyond_cap"
 UNSEEN = "too_few_sites"
-
-
-class Source(Protocol):
-    """Where motion comes from. It is sent to worker processes, so it has to pickle, and to hash."""
-
-    def __hash__(self) -> int: ...
-
-    def load(self, where: str) -> Scenario:
-        """The scenario that the user named. Raises InputError."""
-
-    def record(self, scenario: Scenario, seed: int) -> Recording:
-        """The recording of a scenario and seed. Raises InputError where the scenario itself is at fault."""
-
-
-@dataclass(frozen=True)
-class SumoSource:
-    """Motion simulated by SUMO."""
-
-    traffic: TrafficSettings
-    maneuvers: ManeuverSettings
-
-    def load(self, where: str) -> Scenario:
-        return scenario.load(where)
-
-    def record(self, scenario: Scenario, seed: int) -> Recording:
-        return simulation.record(scenario, seed, self.traffic, self.maneuvers)
 
 
 def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, folder: Path, fingerprint: str) -> Shard:

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
     SHARDS,
@@ -28,7 +29,7 @@ from labeling.dataset.dataset import (
 )
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import Source, SumoSource, shard_of
+from labeling.generation.episode import shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
 from labeling.generation.folder import claimed, fingerprint, finish, standing
 from labeling.generation.log import Entry, Note, overridden
@@ -40,17 +41,17 @@ def generate(
     out: Path,
     engine: Engine | None = None,
     feedback: Feedback = SILENT,
-    source: Source | None = None,
+    source: MotionSource | None = None,
 ) -> Dataset:
     """Make a study's dataset in a folder, or finish it where it was begun, and open it.
 
     engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
     feedback: where progress is reported, in samples where the study asks for a number of them, otherwise in episodes.
-    source: where motion comes from, SUMO when absent.
+    source: where motion comes from; the one that the study names by default.
     Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
     nothing can be written.
     """
-    source = source or SumoSource(study.traffic, study.maneuvers)
+    source = source or motion_source(study)
     scenarios = read_scenarios(study, source)
     started = describe(study, scenarios)
     with claimed(out, started):
@@ -107,7 +108,7 @@ def _make_missing(
 
 
 def _work(
-    study: DatasetStudy, source: Source, fingerprint: str, folder: Path, job: Job
+    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: Job
 ) -> Made | InputError | OutputError:
     """Make one episode's shard; runs in a worker. A fault that another try would not mend is returned."""
     try:
@@ -123,14 +124,14 @@ def _work(
 
 
 @lru_cache(maxsize=4)
-def _load(source: Source, where: str) -> Scenario:
+def _load(source: MotionSource, where: str) -> Scenario:
     """A worker reads a scenario once, not once an episode."""
     return source.load(where)
 
 
-def read_scenarios(study: DatasetStudy, source: Source | None = None) -> dict[str, Scenario]:
+def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> dict[str, Scenario]:
     """The study's scenarios, by where they are. InputError where one is at fault or two cannot be told apart."""
-    source = source or SumoSource(study.traffic, study.maneuvers)
+    source = source or motion_source(study)
     if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
         raise InputError(f"{again[0]} is named twice; name every scenario once")
     found = {_where(name): source.load(_where(name)) for name in study.scenarios}

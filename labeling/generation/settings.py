@@ -6,15 +6,16 @@ import reprlib
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from isacsim.errors import InputError
 from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.motion import MotionSettings
+from isacsim.traffic.motion_sources import MOTION_SOURCES
 from isacsim.traffic.simulation import TrafficSettings
 from labeling.detectors.settings import LabelSettings
 from labeling.samples.candidates import RecordSettings
@@ -69,12 +70,12 @@ class ReportSettings(Settings):
 class DatasetStudy(Settings):
     """Everything that makes a dataset: equal studies give equal samples.
 
-    scenarios: bundled names, folders, or SUMO configurations. source: where motion comes from.
+    scenarios: bundled names, folders, or SUMO configurations. source: name of the motion source.
     """
 
     scenarios: tuple[str, ...] = Field(("motorway",), min_length=1)
     seeds: SeedRange = SeedRange()
-    source: Literal["sumo"] = "sumo"
+    source: Annotated[str, AfterValidator(MOTION_SOURCES.check)] = "sumo"
     traffic: TrafficSettings = TrafficSettings()
     maneuvers: ManeuverSettings = ManeuverSettings()
     motion: MotionSettings = MotionSettings()

@@ -1,7 +1,7 @@
 """Builds the motorway scenario: `python build.py` writes every other file of this folder.
 
-Along the road (m): a run-in of 900 m, then 3 km that the sites cover: straight, on-ramp, a left-hand curve of 900 m
-radius, off-ramp, straight; and a run-out of 300 m. Four lanes; beside the ramps a fifth.
+Along the road: a run-in of 900 m, then 3 km with sites (straight, on-ramp, left-hand curve of 900 m radius, off-ramp,
+straight), and a run-out of 300 m. Four lanes, five beside the ramps.
 """
 
 from pathlib import Path
@@ -30,6 +30,7 @@ CARRIAGEWAY = Carriageway(
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = CARRIAGEWAY.network()
     CARRIAGEWAY.add_on_ramp(plain, "onramp", "merge", 22.22)
     CARRIAGEWAY.add_off_ramp(plain, "offramp", "diverge", 22.22)
@@ -37,6 +38,7 @@ def network() -> Plain:
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     main = "runin west merge approach curve leave diverge"
     return [
         f'<route id="through" edges="{main} east"/>',

@@ -1,8 +1,8 @@
 """Builds the ramp_weave scenario: `python build.py` writes every other file of this folder.
 
-Along the road (m): a run-in of 700 m, then 2.4 km that the sites cover: an on-ramp whose lane ends after 250 m
-(merging), a bend, and 800 m on another on-ramp and an off-ramp joined by a lane of 400 m (weaving); and a run-out of
-300 m. Three lanes; beside the ramps a fourth.
+Along the road: a run-in of 700 m, then 2.4 km with sites, and a run-out of 300 m. The part with sites has an on-ramp
+whose lane ends after 250 m (merging), a bend, and, 800 m on, an on-ramp and an off-ramp joined by a lane of 400 m
+(weaving). Three lanes, four beside the ramps.
 """
 
 from pathlib import Path
@@ -31,6 +31,7 @@ CARRIAGEWAY = Carriageway(
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = CARRIAGEWAY.network()
     CARRIAGEWAY.add_on_ramp(plain, "onramp1", "merge", 19.44)
     CARRIAGEWAY.add_on_ramp(plain, "onramp2", "weave", 19.44)
@@ -39,6 +40,7 @@ def network() -> Plain:
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     start = "runin before merge between bend on weave"
     return [
         f'<route id="through" edges="{start} after"/>',

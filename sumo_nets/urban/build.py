@@ -1,7 +1,7 @@
 """Builds the urban scenario: `python build.py` writes every other file of this folder.
 
-A signalled arterial of 1.8 km from west to east: two lanes a direction, 50 km/h, four intersections 360 m apart, each
-with a cross street of one lane a direction. From the arterial one may turn both ways.
+A signalled arterial of 1.8 km from west to east: two lanes per direction, 50 km/h, four intersections 360 m apart, each
+with a cross street of one lane per direction. Vehicles may turn both ways from the arterial.
 """
 
 from itertools import pairwise
@@ -17,13 +17,14 @@ BLOCK_M, CROSSINGS, SIDE_M = 360.0, 4, 200.0
 
 
 def both_ways(plain: Plain, a: str, b: str, ends: tuple[np.ndarray, np.ndarray], lanes: int, priority: int) -> None:
-    """Two edges, a driving direction each, that share their middle line."""
+    """Add two edges, one for each driving direction, that share their middle line. ends: x, y of both, m."""
     line = np.linspace(*ends, 2)
     plain.edge(f"{a}_{b}", (a, b), lanes, LIMIT, line, priority)
     plain.edge(f"{b}_{a}", (b, a), lanes, LIMIT, line[::-1], priority)
 
 
 def network() -> Plain:
+    """Return the roads."""
     plain = Plain()
     at = {f"x{k}": np.array([BLOCK_M * k, 0.0]) for k in range(1, CROSSINGS + 1)}
     for name, point in at.items():
@@ -40,11 +41,13 @@ def network() -> Plain:
 
 
 def route(name: str, *stops: str) -> str:
+    """Return a route over nodes, as a line of XML."""
     edges = " ".join(f"{a}_{b}" for a, b in pairwise(stops))
     return f'<route id="{name}" edges="{edges}"/>'
 
 
 def demand() -> list[str]:
+    """Return the routes and flows, as lines of XML."""
     along = ["w", *(f"x{k}" for k in range(1, CROSSINGS + 1)), "e"]
     lines = [route("east", *along), route("west", *along[::-1])]
     for name in ("east", "west"):

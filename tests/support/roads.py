@@ -1,4 +1,4 @@
-"""Small roads for tests: built by netconvert, with single vehicles put on them."""
+"""Small roads for tests, built by netconvert, with single vehicles on them."""
 
 import subprocess
 from pathlib import Path
@@ -14,8 +14,9 @@ SITE = (
 def straight_road(
     folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3, shift: float = 0.0, ending: bool = False
 ) -> Path:
-    """A straight road of 3 km in two edges; returns the folder, a scenario.
+    """Make a scenario: a straight road of 3 km in two edges. Returns its folder.
 
+    vehicles, sites: XML. shift: of the road's start from SUMO's origin, m, in x and y.
     ending: the right lane of the first edge ends there, and the second edge has one lane fewer.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -60,6 +61,7 @@ def straight_road(
 
 
 def vehicle(name: str, depart: float = 0.0, lane: int = 1, position: float = 10.0, speed: float = 25.0) -> str:
+    """Return a car as XML. depart: s. position: m. speed: m/s."""
     return (
         f'<vehicle id="{name}" type="car" route="all" depart="{depart}" departLane="{lane}" '
         f'departPos="{position}" departSpeed="{speed}"/>'

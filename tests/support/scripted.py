@@ -73,6 +73,9 @@ class ScriptedSource:
             warnings=self.warnings,
         )
 
+    def expected_cpu_s(self) -> float:
+        return 0.01
+
     def _first_time(self, seed: int) -> bool:
         if self.frail is None or (self.frail / str(seed)).exists():
             return False

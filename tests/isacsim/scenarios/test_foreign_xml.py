@@ -1,4 +1,4 @@
-"""XML of others is data: no entity is expanded, no other file read, and SUMO never sees one that asks for it."""
+"""Input files may come from anyone: no entity is expanded, no other file read, and SUMO writes no file for them."""
 
 from __future__ import annotations
 
@@ -96,10 +96,10 @@ def test_a_map_with_a_document_type_is_refused(
         b'<?xml version="1.0" encoding="big5"?><a/>',
     ],
 )
-def test_what_is_no_xml_is_told_in_one_line(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_xml_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     for name, packed in (("a.xml", content), ("a.xml.gz", gzip.compress(content)), ("b.xml.gz", content)):
         (tmp_path / name).write_bytes(packed)
-        with pytest.raises(InputError, match=rf"{name} cannot be read as XML: ") as caught:
+        with pytest.raises(InputError, match=rf"{name} cannot be read as XML \(.+\): fix the file") as caught:
             parse(tmp_path / name)
         assert "\n" not in str(caught.value)
 
@@ -126,12 +126,12 @@ def test_a_file_that_makes_sumo_write_another_is_refused(tmp_path: Path, case: s
     (road / name).write_text(text, encoding=encoding)
     load(road)
     (road / name).write_text(text.replace(old, new), encoding=encoding)
-    with pytest.raises(InputError, match=rf"{name}: \w+ '[\w.]+' makes SUMO write a file of its own"):
+    with pytest.raises(InputError, match=rf"{name}: \w+ '[\w.]+' makes SUMO write a file: remove it"):
         load(road)
 
 
-def test_what_asks_for_no_file_is_kept(tmp_path: Path) -> None:
-    """Parameters that say no, and a word across two blocks of reading."""
+def test_parameters_that_write_no_file_are_accepted(tmp_path: Path) -> None:
+    """Also where a word that does lies across two blocks of reading."""
     road = straight_road(tmp_path / "road", vehicle("a"))
     routes = road / "r.rou.xml"
     text = routes.read_text()

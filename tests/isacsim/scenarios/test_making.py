@@ -1,4 +1,4 @@
-"""Scenarios made from maps and bare networks, and users' scenarios taken as they are."""
+"""Scenarios made from maps and bare networks, and users' scenarios used as they are."""
 
 import gzip
 from itertools import pairwise
@@ -38,7 +38,7 @@ def osm(folder: Path, name: str = "map.osm.gz") -> Path:
 
 
 def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
-    folder = straight_road(tmp_path / "theirs", vehicle("a"))
+    folder = straight_road(tmp_path / "users", vehicle("a"))
     (folder / "detectors.add.xml").write_text(
         '<additional><e1Detector id="d" lane="e0_1" pos="100" freq="10" file="e1.xml"/>'
         '<edgeData id="m" file="edges.xml" freq="10"/><parkingArea id="p" lane="e1_0" startPos="5" endPos="20"/>'
@@ -62,7 +62,7 @@ def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diff(times), 0.01)
 
 
-def test_additional_files_keep_what_is_no_output(tmp_path: Path) -> None:
+def test_additional_files_keep_everything_but_outputs(tmp_path: Path) -> None:
     file = tmp_path / "a.add.xml"
     file.write_text(
         '<additional><e1Detector id="d" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
@@ -80,40 +80,44 @@ def test_additional_files_keep_what_is_no_output(tmp_path: Path) -> None:
 
 def test_a_bare_network_gets_demand_and_sites(tmp_path: Path) -> None:
     network = straight_road(tmp_path / "bare", vehicle("a")) / "r.net.xml"
-    made = add_sites(str(network), tmp_path / "made", PlacementSettings(), DemandSettings(vehicles=30))
-    assert made.made_demand
-    scenario = load(tmp_path / "made")
-    assert len(scenario.sites) == made.sites
+    new = add_sites(str(network), tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=30))
+    assert new.made_demand
+    scenario = load(tmp_path / "new")
+    assert len(scenario.sites) == new.sites
     recording = record(scenario, 1, SHORT, ManeuverSettings())
     assert len(recording.tracks) > 5
     assert {track.kind for track in recording.tracks.values()} <= {"passenger", "truck"}
 
 
-def test_a_scenario_with_sites_or_a_taken_folder_is_refused(tmp_path: Path) -> None:
+def test_a_scenario_with_sites_and_an_output_folder_in_use_are_refused(tmp_path: Path) -> None:
     folder = straight_road(tmp_path / "road", vehicle("a"))
     with pytest.raises(InputError, match="sites already"):
         add_sites(str(folder), tmp_path / "x", PlacementSettings(), DemandSettings())
     (folder / "sites.add.xml").write_text("<additional/>")
-    with pytest.raises(InputError, match="not empty"):
+    with pytest.raises(InputError, match="not an empty folder: give another"):
         add_sites(str(folder), folder, PlacementSettings(), DemandSettings())
 
 
 def test_a_map_becomes_a_scenario(tmp_path: Path) -> None:
-    made = import_map(osm(tmp_path), tmp_path / "city", None, PlacementSettings(), DemandSettings(vehicles=40))
+    new = import_map(osm(tmp_path), tmp_path / "city", None, PlacementSettings(), DemandSettings(vehicles=40))
     scenario = load(tmp_path / "city")
-    assert made.sites == len(scenario.sites) > 8
+    assert new.sites == len(scenario.sites) > 8
     assert max(lane.index for lane in scenario.lanes) >= 2
     assert len(record(scenario, 1, SHORT, ManeuverSettings()).tracks) > 5
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "says"),
-    [("m.osm", "<osm>", "netconvert cannot"), ("m.png", "", "no OpenStreetMap file"), ("gone.osm", None, "no map")],
+    ("name", "text", "message"),
+    [
+        ("m.osm", "<osm>", "netconvert cannot make a network of .*: fix the map"),
+        ("m.png", "", "not an OpenStreetMap file: give one that ends in .osm"),
+        ("gone.osm", None, "there is no file .*gone.osm: give"),
+    ],
 )
-def test_a_bad_map_is_told_in_one_line(tmp_path: Path, name: str, text: str | None, says: str) -> None:
+def test_a_bad_map_is_refused_in_one_line(tmp_path: Path, name: str, text: str | None, message: str) -> None:
     if text is not None:
         (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=says) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         import_map(tmp_path / name, tmp_path / "out", None, PlacementSettings(), DemandSettings())
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
@@ -173,12 +177,12 @@ def test_bundled_scenarios_have_a_pole_near_every_covered_lane() -> None:
 
 
 @pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban", "straight"])
-def test_sites_made_for_a_bare_network_see_every_road_of_its_traffic_by_two(name: str, tmp_path: Path) -> None:
-    """Along each lane that has sites beside it, two panels or more are in view, and others as one drives on."""
+def test_two_of_the_sites_made_for_a_bare_network_see_each_road_of_its_traffic(name: str, tmp_path: Path) -> None:
+    """Along each lane with traffic, at least two panels are in view, and on a long one they change."""
     network = straight_road(tmp_path / name, vehicle("a")) / "r.net.xml" if name == "straight" else load(name).network
-    add_sites(str(network), tmp_path / "made", PlacementSettings(), DemandSettings(vehicles=30))
-    scenario = load(tmp_path / "made")
-    routes = parse(tmp_path / "made" / "made.rou.xml").iter("route")
+    add_sites(str(network), tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=30))
+    scenario = load(tmp_path / "new")
+    routes = parse(tmp_path / "new" / "new.rou.xml").iter("route")
     used = {edge for route in routes for edge in route.get("edges", "").split()}
     panels = Panels.of(scenario.sites, 0.8)
     for lane in scenario.lanes:

@@ -1,3 +1,5 @@
+"""Reading scenarios: the bundled ones, and what is wrong with a user's."""
+
 from itertools import pairwise
 from pathlib import Path
 
@@ -5,7 +7,10 @@ import numpy as np
 import pytest
 
 from isacsim.errors import InputError
-from isacsim.scenarios.scenario import bundled, load
+from isacsim.scenarios.demand import DemandSettings
+from isacsim.scenarios.making import add_sites
+from isacsim.scenarios.scenario import bundled, load, load_without_sites
+from isacsim.scenarios.site_placement import PlacementSettings
 from tests.support.roads import SITE, straight_road, vehicle
 
 COVERED = ("west", "merge", "approach", "curve", "leave", "diverge", "east")
@@ -55,28 +60,67 @@ def test_large_coordinates_get_a_near_origin(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("spoil", "message"),
     [
-        (lambda f: (f / "r.rou.xml").unlink(), "r.rou.xml, which is not there"),
-        (lambda f: (f / "sites.add.xml").write_text("<additional/>"), "has no sites"),
+        (lambda f: (f / "r.rou.xml").unlink(), "names r.rou.xml, which does not exist: add"),
+        (lambda f: (f / "sites.add.xml").write_text("<additional/>"), "has no sites: make"),
         (lambda f: (f / "sites.add.xml").write_text(SITE.replace('value="15"', 'value="tall"')), "height"),
-        (lambda f: (f / "sites.add.xml").write_text(SITE.replace('x="100"', 'x="nan"')), "needs numbers x and y"),
+        (
+            lambda f: (f / "sites.add.xml").write_text(SITE.replace('x="100"', 'x="nan"')),
+            "needs numbers x and y.*: add or fix them",
+        ),
         (lambda f: (f / "sites.add.xml").write_text(SITE.replace('value="180"', 'value="inf"')), "azimuth"),
-        (lambda f: (f / "r.net.xml").write_text("<net"), "cannot be read as XML"),
-        (lambda f: (f / "r.net.xml").write_text('<net><lane id="a"/></net>'), "cannot be read as a SUMO network"),
+        (lambda f: (f / "r.net.xml").write_text("<net"), r"cannot be read as XML \(.+\): fix the file"),
+        (
+            lambda f: (f / "r.net.xml").write_text('<net><lane id="a"/></net>'),
+            r"cannot be read as a SUMO network \(.+\): fix the file",
+        ),
         (lambda f: (f / "r.sumocfg").write_text("<configuration"), "cannot be read as XML"),
-        (lambda f: (f / "r.sumocfg").write_text("<configuration/>"), "names 0 networks"),
-        (lambda f: (f / "b.sumocfg").write_text("<configuration/>"), "holds 2 SUMO configurations"),
+        (lambda f: (f / "r.sumocfg").write_text("<configuration/>"), "names 0 networks: give it exactly one"),
+        (
+            lambda f: (f / "b.sumocfg").write_text("<configuration/>"),
+            r"has 2 SUMO configurations \(b.sumocfg, r.sumocfg\): give the path",
+        ),
     ],
 )
-def test_bad_input_is_told_in_one_line(tmp_path: Path, spoil: object, says: str) -> None:
+def test_bad_input_is_refused_in_one_line(tmp_path: Path, spoil: object, message: str) -> None:
     folder = straight_road(tmp_path / "road", vehicle("a"))
     spoil(folder)  # type: ignore[operator]
-    with pytest.raises(InputError, match=says) as caught:
+    with pytest.raises(InputError, match=message) as caught:
         load(folder)
     assert "\n" not in str(caught.value)
 
 
-def test_a_scenario_that_is_not_there_is_told_with_those_that_are() -> None:
-    with pytest.raises(InputError, match=r"no scenario nowhere.*motorway"):
+def test_an_unknown_scenario_is_refused_with_the_bundled_ones() -> None:
+    with pytest.raises(InputError, match=r"no scenario nowhere: give a folder, a .sumocfg, a .net.xml, .*motorway"):
         load("nowhere")
+
+
+@pytest.mark.parametrize("read", [load, load_without_sites])
+def test_a_folder_with_a_network_alone_says_that_a_network_will_do(tmp_path: Path, read: object) -> None:
+    """And the command that the message gives makes a scenario of it."""
+    folder = straight_road(tmp_path / "road", vehicle("a"))
+    for file in (folder / "r.sumocfg", folder / "r.rou.xml", folder / "sites.add.xml"):
+        file.unlink()
+    with pytest.raises(
+        InputError, match=r"a \.net\.xml will do: make .* by `cosim network sites (.*) -o FOLDER`"
+    ) as caught:
+        read(folder)  # type: ignore[operator]
+    assert "\n" not in str(caught.value)
+    command = str(caught.value).split("`")[1].split()
+    assert command[:3] == ["cosim", "network", "sites"]
+    new = add_sites(command[3], tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=10))
+    assert load(tmp_path / "new").sites
+    assert new.made_demand
+
+
+def test_a_folder_without_configuration_and_network_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"has no SUMO configuration \(.sumocfg\) and no network \(.net.xml\): give"):
+        load(tmp_path)
+
+
+def test_a_network_file_alone_is_read_but_has_no_demand(tmp_path: Path) -> None:
+    network = straight_road(tmp_path / "road", vehicle("a")) / "r.net.xml"
+    assert load_without_sites(network).name == "r"
+    with pytest.raises(InputError, match="has no demand: make a scenario with demand by `cosim network sites"):
+        load(network)

@@ -1,4 +1,4 @@
-"""The director: what it asks of whom, with which drawn parameters, and what it leaves alone."""
+"""The director: what it commands to whom, with which drawn parameters, and what it leaves alone."""
 
 from collections import defaultdict
 from itertools import pairwise
@@ -11,11 +11,15 @@ import pytest
 
 from isacsim.scenarios.scenario import Scenario, load
 from isacsim.seeding import stream
-from isacsim.traffic import director as direction
-from isacsim.traffic.director import Director, ManeuverSettings, ending_lanes
-from isacsim.traffic.maneuvers import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE, Maneuver
+from isacsim.traffic import command_draws
+from isacsim.traffic.command_settings import BrakeCommandSettings
+from isacsim.traffic.director import Director, ManeuverSettings
+from isacsim.traffic.maneuvers import ManeuverCommand
+from isacsim.traffic.motion import condition
 from isacsim.traffic.recording import COLUMNS, Command, Recording
 from isacsim.traffic.simulation import TrafficSettings, record, session
+from isacsim.traffic.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
+from isacsim.traffic.vehicle_view import VehicleView, ending_lanes
 from tests.support.roads import straight_road, vehicle
 
 RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]
@@ -23,7 +27,7 @@ NONE = ManeuverSettings(**dict.fromkeys(RATES, 0.0))
 STEP = 0.01
 
 
-def director(scenario: Scenario, settings: ManeuverSettings) -> Director:
+def new_director(scenario: Scenario, settings: ManeuverSettings) -> Director:
     return Director(settings, scenario.sites, scenario.origin, stream("test", 1), STEP)
 
 
@@ -61,20 +65,20 @@ def test_neither_pavements_nor_the_networks_own_ends_are_lanes_that_end() -> Non
 
 def test_a_lanes_end_is_closed_now_and_then_by_one_vehicle_at_a_time() -> None:
     scenario = load("ramp_weave")
-    guide = director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
+    director = new_director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
     with session(scenario, 1, TrafficSettings()) as sumo:
         for step in range(11_000):
-            guide.step(sumo, step * STEP)
+            director.step(sumo, step * STEP)
             sumo.simulationStep()
             assert not sumo.simulation.getCollisions()
-        guide.finish(110.0)
+        director.finish(110.0)
         present = set(sumo.vehicle.getIDList())
-        still = {command.vehicle for command in guide.commands if command.end == 110.0}
-        for vehicle_id in ({command.vehicle for command in guide.commands} & present) - still:
+        still = {command.vehicle for command in director.commands if command.end == 110.0}
+        for vehicle_id in ({command.vehicle for command in director.commands} & present) - still:
             assert sumo.vehicle.getLaneChangeMode(vehicle_id) == DEFAULT_LANE_CHANGE_MODE
             assert sumo.vehicle.getSpeedMode(vehicle_id) == DEFAULT_SPEED_MODE
-    assert {command.maneuver for command in guide.commands} == {"closed_ramp_end"}
-    times = sorted((command.start, command.end) for command in guide.commands)
+    assert {command.maneuver for command in director.commands} == {"closed_ramp_end"}
+    times = sorted((command.start, command.end) for command in director.commands)
     assert len(times) >= 2
     assert all(end <= start for (_, end), (start, _) in pairwise(times))
 
@@ -82,20 +86,20 @@ def test_a_lanes_end_is_closed_now_and_then_by_one_vehicle_at_a_time() -> None:
 def test_beside_a_closed_lane_nobody_is_commanded() -> None:
     scenario = load("ramp_weave")
     settings = only(closed_ramp_end_per_lane_hour=3600.0, hard_brake_per_vehicle_hour=3600.0, rest_s=1.0)
-    guide = director(scenario, settings)
+    director = new_director(scenario, settings)
     where: dict[tuple[str, float], str] = {}
     with session(scenario, 1, TrafficSettings()) as sumo:
         for step in range(5000):
-            guide.step(sumo, step * STEP)
+            director.step(sumo, step * STEP)
             for vehicle_id in sumo.vehicle.getIDList() if step % 10 == 0 else ():
                 where[vehicle_id, round(step * STEP, 6)] = sumo.vehicle.getRoadID(vehicle_id)
             sumo.simulationStep()
-        guide.finish(50.0)
-    closures = [command for command in guide.commands if command.maneuver == "closed_ramp_end"]
-    brakes = [command for command in guide.commands if command.maneuver == "hard_brake"]
-    meanwhile = [each for each in brakes if any(c.start < each.start < c.end for c in closures)]
+        director.finish(50.0)
+    closures = [command for command in director.commands if command.maneuver == "closed_ramp_end"]
+    brakes = [command for command in director.commands if command.maneuver == "hard_brake"]
+    meanwhile = [brake for brake in brakes if any(c.start < brake.start < c.end for c in closures)]
     assert len(meanwhile) > 10
-    assert all(where[each.vehicle, round(each.start, 6)] != "merge" for each in meanwhile)
+    assert all(where[brake.vehicle, round(brake.start, 6)] != "merge" for brake in meanwhile)
 
 
 def same_until(a: Recording, b: Recording, time: float) -> bool:
@@ -109,8 +113,8 @@ def same_until(a: Recording, b: Recording, time: float) -> bool:
     return True
 
 
-def test_closures_have_no_say_in_the_other_maneuvers() -> None:
-    """Up to the first closure all is equal, commands and states, to what it is without closures; not afterwards."""
+def test_closures_do_not_change_the_other_maneuvers() -> None:
+    """Commands and states equal those without closures up to the first closure, and differ afterwards."""
     busy = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, closed_ramp_end_per_lane_hour=0.0)
     brief = TrafficSettings(run_in_s=20.0, duration_s=25.0)
     without = record(load("ramp_weave"), 1, brief, busy)
@@ -132,58 +136,84 @@ def test_where_no_lane_ends_closures_change_nothing(tmp_path: Path) -> None:
     brief = TrafficSettings(run_in_s=2.0, duration_s=8.0)
     busy = ManeuverSettings(hard_brake_per_vehicle_hour=3600.0, closed_ramp_end_per_lane_hour=0.0)
     plain = record(scenario, 1, brief, busy)
-    asked = record(scenario, 1, brief, busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0}))
-    assert plain.commands == asked.commands != ()
-    assert same_until(plain, asked, 10.0)
+    closing = record(scenario, 1, brief, busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0}))
+    assert plain.commands == closing.commands != ()
+    assert same_until(plain, closing, 10.0)
 
 
 DRAWN = {
-    "HardBrake": {"peak": (-8.0, -4.8), "rise_jerk": (10.0, 18.0), "hold_s": (0.6, 1.6), "fall_jerk": (6.0, 12.0)},
-    "HardAccel": {"peak": (2.8, 4.5), "rise_jerk": (5.0, 10.0), "hold_s": (1.4, 2.6), "fall_jerk": (4.0, 8.0)},
-    "Swerve": {"offset_m": (-1.7, 1.7), "peak": (4.5, 6.0), "hold_s": (0.0, 0.6)},
-    "Overtake": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
-    "SlowVehicle": {"share": (0.65, 0.8), "for_s": (20.0, 40.0)},
-    "StopInLane": {"for_s": (15.0, 40.0)},
-}
-"""Of each kind, what is drawn and between which bounds: m/s2, m/s3, s, m, shares."""
+    "BrakeCommand": {
+        "peak_mps2": (-8.0, -4.8), "rise_mps3": (10.0, 18.0), "hold_s": (0.6, 1.6), "fall_mps3": (6.0, 12.0)
+    },
+    "AccelCommand": {
+        "peak_mps2": (2.8, 4.5), "rise_mps3": (5.0, 10.0), "hold_s": (1.4, 2.6), "fall_mps3": (4.0, 8.0)
+    },
+    "SwerveCommand": {"offset_m": (-1.7, 1.7), "peak_mps2": (4.5, 6.0), "hold_s": (0.0, 0.6)},
+    "OvertakeCommand": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
+    "SlowVehicleCommand": {"speed_share": (0.65, 0.8), "slow_s": (20.0, 40.0)},
+    "StopInLaneCommand": {"stand_s": (15.0, 40.0)},
+}  # fmt: skip
+"""What is drawn for each command, and between which bounds, by default."""
 
 
-def test_every_driver_is_commanded_in_a_way_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_has_parameters_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """Peak, jerks, duration and clearance are drawn anew each time; overtakes begin at headways of 0.8 to 2.5 s."""
-    composed: dict[str, list[Maneuver]] = defaultdict(list)
+    drawn: dict[str, list[ManeuverCommand]] = defaultdict(list)
     headways: list[float] = []
     scenario = load("motorway")
     with session(scenario, 1, TrafficSettings()) as sumo:
         for kind in DRAWN:
-            made = getattr(direction, kind)
+            command_type = getattr(command_draws, kind)
 
-            def remembered(*values: Any, kind: str = kind, made: type[Maneuver] = made) -> Maneuver:
-                composed[kind].append(made(*values))
-                if kind == "Overtake":
+            def remembered(
+                *values: Any, kind: str = kind, command_type: type[ManeuverCommand] = command_type
+            ) -> ManeuverCommand:
+                drawn[kind].append(command_type(*values))
+                if kind == "OvertakeCommand":
                     _, gap_m = sumo.vehicle.getLeader(values[0], 150.0)
                     headways.append(gap_m / sumo.vehicle.getSpeed(values[0]))
-                return composed[kind][-1]
+                return drawn[kind][-1]
 
-            monkeypatch.setattr(direction, kind, remembered)
+            monkeypatch.setattr(command_draws, kind, remembered)
         often = {**dict.fromkeys(RATES, 150.0), "swerve_per_vehicle_hour": 1500.0, "overtake_per_vehicle_hour": 3000.0}
-        guide = director(scenario, only(**often | {"stop_in_lane_per_vehicle_hour": 40.0}, rest_s=1.0))
+        director = new_director(scenario, only(**often | {"stop_in_lane_per_vehicle_hour": 40.0}, rest_s=1.0))
         for step in range(7000):
-            guide.step(sumo, step * STEP)
+            director.step(sumo, step * STEP)
             sumo.simulationStep()
-        guide.finish(70.0)
+        director.finish(70.0)
     for kind, bounds in DRAWN.items():
         for name, (low, high) in bounds.items():
-            values = np.array([getattr(each, name) for each in composed[kind]])
+            values = np.array([getattr(command, name) for command in drawn[kind]])
             assert len(values) >= 4, kind
             assert low <= values.min() < values.max() <= high
             assert len(np.unique(values)) == len(values) or name == "speed_gain"
     assert 0.8 < min(headways) < max(headways) < 2.5
 
 
+def test_a_narrowed_range_reaches_the_motion_and_nothing_else_changes() -> None:
+    """Brakes of exactly 6.5 m/s2 instead of 4.8 to 8: the same vehicles are commanded first, each with that peak."""
+    traffic = TrafficSettings(run_in_s=40.0, duration_s=20.0)
+    brakes = only(hard_brake_per_vehicle_hour=200.0)
+    stronger = brakes.model_copy(update={"hard_brake": BrakeCommandSettings(peak_mps2=(6.5, 6.5), hold_s=(1.0, 1.0))})
+    recording = record(load("motorway"), 3, traffic, stronger)
+    peaks = []
+    for command in recording.commands:
+        track = recording.tracks.get(command.vehicle)
+        if track and command.start > 41.0 and command.end < 59.0:
+            rows = np.arange(command.start, command.end, STEP) / STEP - track.first_step
+            if rows[0] >= 0 and rows[-1] < len(track) and track.speed[round(rows[0])] > 20.0:
+                peaks.append(condition(track.speed, STEP, 0.15, 1, rows).min())
+    assert len(peaks) >= 5
+    np.testing.assert_allclose(peaks, -6.5, rtol=0.05)
+    first = record(load("motorway"), 3, traffic, brakes).commands[0]
+    assert (first.vehicle, first.start) in {(command.vehicle, command.start) for command in recording.commands}
+
+
 def test_nobody_is_sent_past_its_exit() -> None:
     """On the last 1.5 km before the off-ramp, which the rightmost lane leads to, at any speed that matters."""
     scenario = load("motorway")
-    asked: dict[bool, list[float]] = {True: [], False: []}
+    stay_s = NONE.stay_s
+    time_left_s: dict[bool, list[float]] = {True: [], False: []}
     with session(scenario, 1, TrafficSettings()) as sumo:
         for step in range(9000):
             sumo.simulationStep()
@@ -192,11 +222,11 @@ def test_nobody_is_sent_past_its_exit() -> None:
             for name in sumo.vehicle.getIDList():
                 exits = sumo.vehicle.getRoute(name)[-1] == "offramp"
                 if exits and sumo.vehicle.getLaneIndex(name) == 0 and sumo.vehicle.getSpeed(name) > 20.0:
-                    left_m = _ahead(sumo, name) / sumo.vehicle.getSpeed(name)
-                    asked[Director._has_lane(sumo, name, 1)].append(left_m)
-    assert min(asked[True], default=0.0) > direction.RETURN_S - 1.0
-    assert asked[False]
-    assert max(asked[False]) < direction.RETURN_S + 12.0
+                    allowed = VehicleView(sumo, name, 150.0).has_lane(1, stay_s)
+                    time_left_s[allowed].append(_ahead(sumo, name) / sumo.vehicle.getSpeed(name))
+    assert min(time_left_s[True], default=0.0) > stay_s - 1.0
+    assert time_left_s[False]
+    assert max(time_left_s[False]) < stay_s + 12.0
 
 
 def _ahead(sumo: Any, name: str) -> float:
@@ -210,13 +240,13 @@ def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
     scenario = load(name)
     speeds: list[float] = []
     with session(scenario, 1, TrafficSettings()) as sumo:
-        asked = director(scenario, ManeuverSettings())
+        director = new_director(scenario, ManeuverSettings())
         for step in range(360_000):
-            asked.step(sumo, step * STEP)
+            director.step(sumo, step * STEP)
             sumo.simulationStep()
             if step % 6000 == 0 and step:
                 speeds.append(float(np.mean([sumo.vehicle.getSpeed(v) for v in sumo.vehicle.getIDList()])))
-        asked.finish(3600.0)
+        director.finish(3600.0)
     print(
         name, "mean speed of every ten minutes, m/s:", np.reshape([*speeds, speeds[-1]], (6, 10)).mean(axis=1).round(1)
     )

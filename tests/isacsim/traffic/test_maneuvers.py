@@ -1,4 +1,4 @@
-"""Contracts of commanded maneuvers, on lone vehicles: what is asked is done, and letting go is no jump."""
+"""Commanded maneuvers, on lone vehicles: the vehicle does what it is commanded, and its release makes no jump."""
 
 from pathlib import Path
 from typing import Any
@@ -7,27 +7,36 @@ import numpy as np
 import pytest
 
 from isacsim.scenarios.scenario import Scenario, load
+from isacsim.traffic.command_settings import (
+    OvertakeCommandSettings,
+    SlowVehicleCommandSettings,
+    StopInLaneCommandSettings,
+)
 from isacsim.traffic.maneuvers import (
-    DEFAULT_LANE_CHANGE_MODE,
-    DEFAULT_SPEED_MODE,
-    ClosedRampEnd,
-    CutIn,
-    HardAccel,
-    HardBrake,
-    LaneChange,
-    Maneuver,
-    Overtake,
-    SlowVehicle,
-    StopInLane,
-    Swerve,
-    aside_and_back,
-    ramp_hold_ramp,
+    AccelCommand,
+    BrakeCommand,
+    ClosedRampEndCommand,
+    CutInCommand,
+    LaneChangeCommand,
+    ManeuverCommand,
+    OvertakeCommand,
+    SlowVehicleCommand,
+    StopInLaneCommand,
+    SwerveCommand,
+    stopping_m,
 )
 from isacsim.traffic.motion import condition
 from isacsim.traffic.simulation import TrafficSettings, session
+from isacsim.traffic.vehicle_control import (
+    DEFAULT_LANE_CHANGE_MODE,
+    DEFAULT_SPEED_MODE,
+    out_and_back,
+    ramp_hold_ramp,
+)
 from tests.support.roads import straight_road, vehicle
 
 STEP = 0.01
+OVERTAKE, SLOW, STOP = OvertakeCommandSettings(), SlowVehicleCommandSettings(), StopInLaneCommandSettings()
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +58,8 @@ def lateral_jerk(y: np.ndarray) -> float:
     return float(np.abs(np.diff(condition(y, STEP, 0.15, 2))).max() / STEP)
 
 
-def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[str, Any]:
-    """Drive 5 s, do the maneuver, drive on; returns the raw series and the state of the vehicle before and after."""
+def play(scenario: Scenario, maneuver: ManeuverCommand, after_s: float = 3.0) -> dict[str, Any]:
+    """Drive 5 s, do the maneuver, drive on; returns the raw series and the vehicle's modes before and after."""
     with session(scenario, 1, TrafficSettings()) as sumo:
         for _ in range(500):
             sumo.simulationStep()
@@ -80,17 +89,17 @@ def play(scenario: Scenario, maneuver: Maneuver, after_s: float = 3.0) -> dict[s
 @pytest.mark.parametrize(
     ("maneuver", "peak"),
     [
-        (HardBrake("a", -7.5, 15.0, 1.0, 10.0), -7.5),
-        (HardBrake("a", -5.0, 10.0, 1.5, 6.0), -5.0),
-        (HardAccel("a", 3.5, 8.0, 2.0, 6.0, 44.0), 3.5),
+        (BrakeCommand("a", -7.5, 15.0, 1.0, 10.0, 5.0), -7.5),
+        (BrakeCommand("a", -5.0, 10.0, 1.5, 6.0, 5.0), -5.0),
+        (AccelCommand("a", 3.5, 8.0, 2.0, 6.0, 44.0), 3.5),
     ],
 )
-def test_speed_is_obeyed_and_let_go_without_a_jump(lone: Scenario, maneuver: Maneuver, peak: float) -> None:
+def test_speed_is_obeyed_and_released_without_a_jump(lone: Scenario, maneuver: ManeuverCommand, peak: float) -> None:
     seen = play(lone, maneuver)
     smooth = condition(seen["speed"], STEP, 0.15, 1)
     assert smooth[np.abs(smooth).argmax()] == pytest.approx(peak, rel=0.08)
     raw = np.diff(seen["speed"]) / STEP
-    # From the end of the hold on: the ramp down, the letting go, and what the driver does by itself afterwards.
+    # From the end of the hold on: the ramp down, the release, and what the driver does by itself afterwards.
     released = np.flatnonzero(np.abs(raw) > 0.98 * abs(peak))[-1]
     assert np.abs(np.diff(raw[released:])).max() < 0.5
     assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
@@ -100,7 +109,7 @@ def test_speed_is_obeyed_and_let_go_without_a_jump(lone: Scenario, maneuver: Man
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_lane_change_ends_in_the_middle_of_the_next_lane(lone: Scenario, direction: int) -> None:
-    seen = play(lone, LaneChange("a", direction, 8.0))
+    seen = play(lone, LaneChangeCommand("a", direction, 8.0))
     moved = seen["y"] - seen["y"][0]
     assert np.sign(moved[seen["n"]]) == direction
     assert np.abs(moved).max() == pytest.approx(3.6, abs=0.1)
@@ -111,7 +120,7 @@ def test_a_lane_change_ends_in_the_middle_of_the_next_lane(lone: Scenario, direc
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_swerve_goes_aside_and_comes_back(lone: Scenario, side: float) -> None:
-    seen = play(lone, Swerve("a", side * 1.4, 5.5, 0.3))
+    seen = play(lone, SwerveCommand("a", side * 1.4, 5.5, 0.3))
     moved = side * (seen["y"] - seen["y"][0])
     assert moved.max() == pytest.approx(1.4, abs=0.02)
     assert abs(moved[-1]) < 0.05
@@ -132,7 +141,9 @@ def test_an_overtake_passes_and_comes_back(tmp_path: Path) -> None:
             sumo.simulationStep()
         before = (sumo.vehicle.getSpeedFactor("a"), sumo.vehicle.getSpeedMode("a"))
         lanes, y = [], []
-        for _ in Overtake("a", "slow", 1.1, 12.0, 30.0).steps(sumo, STEP):
+        for _ in OvertakeCommand("a", "slow", 1.1, 12.0, OVERTAKE.model_copy(update={"pass_s": 30.0})).steps(
+            sumo, STEP
+        ):
             sumo.simulationStep()
             lanes.append(sumo.vehicle.getLaneIndex("a"))
             y.append(sumo.vehicle.getPosition("a")[1])
@@ -149,7 +160,7 @@ def test_an_overtake_passes_and_comes_back(tmp_path: Path) -> None:
 
 
 def test_a_slow_vehicle_slows_gently_and_recovers(lone: Scenario) -> None:
-    seen = play(lone, SlowVehicle("a", 0.7, 5.0), after_s=6.0)
+    seen = play(lone, SlowVehicleCommand("a", 0.7, 5.0, SLOW), after_s=6.0)
     assert seen["speed"].min() == pytest.approx(0.7 * seen["speed"][0], rel=0.05)
     assert condition(seen["speed"], STEP, 0.15, 1).min() > -1.2
     assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
@@ -159,36 +170,41 @@ def test_a_slow_vehicle_slows_gently_and_recovers(lone: Scenario) -> None:
 PLACE_M, STANDS_S = 1350.0, 12.0
 
 
-@pytest.mark.parametrize("maneuver", [StopInLane("a", STANDS_S), ClosedRampEnd("a", "e0_0", PLACE_M, STANDS_S, 30.0)])
-def test_a_stop_is_gentle_as_asked_and_let_go_without_a_jump(ending: Scenario, maneuver: Maneuver) -> None:
+@pytest.mark.parametrize(
+    "maneuver",
+    [StopInLaneCommand("a", STANDS_S, STOP), ClosedRampEndCommand("a", "e0_0", PLACE_M, STANDS_S, 30.0, STOP)],
+)
+def test_a_stop_is_gentle_and_released_without_a_jump(ending: Scenario, maneuver: ManeuverCommand) -> None:
     seen = play(ending, maneuver)
     stands = seen["speed"] == 0.0
     assert STANDS_S <= stands.sum() * STEP < STANDS_S + 1.5
-    if isinstance(maneuver, ClosedRampEnd):
+    if isinstance(maneuver, ClosedRampEndCommand):
         assert seen["x"][stands] == pytest.approx(PLACE_M, abs=2.0)
     assert condition(seen["speed"], STEP, 0.15, 1).min() == pytest.approx(-2.5, abs=0.2)
     assert np.abs(condition(seen["speed"], STEP, 0.15, 2)).max() < 25.0
-    let_go = int(np.flatnonzero(stands)[0])
-    assert np.abs(np.diff(seen["speed"][let_go:], 2)).max() / STEP < 0.5
+    standing_from = int(np.flatnonzero(stands)[0])
+    assert np.abs(np.diff(seen["speed"][standing_from:], 2)).max() / STEP < 0.5
     assert np.abs(np.diff(seen["y"])).max() < 1.5 * STEP
     assert seen["before"] == seen["after"]
     assert seen["after"][:2] == (DEFAULT_SPEED_MODE, DEFAULT_LANE_CHANGE_MODE)
 
 
 def test_a_closed_ramp_end_that_is_out_of_reach_is_given_up(lone: Scenario) -> None:
-    """The vehicle has left the lane, or does not get there in time: it is as it was."""
-    for maneuver in (ClosedRampEnd("a", "e0_0", 900.0, 5.0, 30.0), ClosedRampEnd("a", "e0_1", 900.0, 5.0, 2.0)):
+    """The vehicle has left the lane, or does not get there in time: it drives on as before."""
+    in_the_next_lane = ClosedRampEndCommand("a", "e0_0", 900.0, 5.0, 30.0, STOP)
+    too_far = ClosedRampEndCommand("a", "e0_1", 900.0, 5.0, 2.0, STOP)
+    for maneuver in (in_the_next_lane, too_far):
         seen = play(lone, maneuver)
         assert seen["speed"].min() > 20.0
         assert seen["before"] == seen["after"]
 
 
-def test_those_behind_a_closed_ramp_end_merge_before_it_by_themselves(ending: Scenario) -> None:
+def test_vehicles_behind_a_closed_ramp_end_merge_before_it_by_themselves(ending: Scenario) -> None:
     with session(ending, 1, TrafficSettings()) as sumo:
         for _ in range(500):
             sumo.simulationStep()
         merged: dict[str, float] = {}
-        for _ in ClosedRampEnd("a", "e0_0", PLACE_M, 40.0, 30.0).steps(sumo, STEP):
+        for _ in ClosedRampEndCommand("a", "e0_0", PLACE_M, 40.0, 30.0, STOP).steps(sumo, STEP):
             sumo.simulationStep()
             for name in sumo.vehicle.getIDList():
                 if name.startswith("f") and sumo.vehicle.getLaneIndex(name) > 0 and name not in merged:
@@ -207,15 +223,15 @@ def test_a_cut_in_is_smooth_and_makes_the_follower_slow_down(tmp_path: Path) -> 
             sumo.simulationStep()
         before = [sumo.vehicle.getLaneChangeMode("a"), sumo.vehicle.getSpeedMode("a")]
         rows = []
-        for _ in CutIn("a", -1).steps(sumo, STEP):
+        for _ in CutInCommand("a", -1, 5.0).steps(sumo, STEP):
             sumo.simulationStep()
             rows.append((sumo.vehicle.getPosition("a")[1], sumo.vehicle.getSpeed("a"), sumo.vehicle.getSpeed("b")))
-        y, own, follower = np.array(rows).T
+        y, speed, follower = np.array(rows).T
         assert sumo.vehicle.getLaneIndex("a") == 0
         assert y[-1] - y[0] == pytest.approx(-3.6, abs=0.1)
         assert np.abs(np.diff(y)).max() < 1.5 * STEP
         assert lateral_jerk(y) < 25.0
-        assert np.abs(np.diff(own, 2)).max() / STEP < 0.5
+        assert np.abs(np.diff(speed, 2)).max() / STEP < 0.5
         assert follower.min() < follower[0] - 1.0
         assert before == [sumo.vehicle.getLaneChangeMode("a"), sumo.vehicle.getSpeedMode("a")]
 
@@ -225,8 +241,27 @@ def test_profiles_have_the_jerk_and_the_peak_they_are_given() -> None:
     assert profile.min() == -6.0
     assert np.diff(profile).min() / STEP == pytest.approx(-12.0)
     assert np.diff(profile).max() / STEP == pytest.approx(8.0)
-    offsets = aside_and_back(-1.2, 5.0, 0.5, STEP)
+    offsets = out_and_back(-1.2, 5.0, 0.5, STEP)
     acceleration = np.diff(offsets, 2) / STEP**2
     assert np.abs(acceleration).max() == pytest.approx(5.0, rel=0.01)
     assert offsets.min() == pytest.approx(-1.2)
     assert offsets[-1] == 0.0
+
+
+def test_the_stopping_distance_is_what_a_stop_takes(lone: Scenario) -> None:
+    """With a stop much harder than the default: the settings reach the vehicle and the distance that is planned."""
+    hard = StopInLaneCommandSettings(deceleration_mps2=5.0, jerk_mps3=10.0)
+    for settings, peak in ((STOP, -2.5), (hard, -5.0)):
+        seen = play(lone, StopInLaneCommand("a", 1.0, settings), after_s=0.0)
+        stop = int(np.flatnonzero(seen["speed"] == 0.0)[0])
+        driven_m = seen["x"][stop] - seen["x"][0]
+        assert driven_m == pytest.approx(stopping_m(seen["speed"][0], settings), abs=2.0)
+        assert condition(seen["speed"], STEP, 0.15, 1).min() == pytest.approx(peak, rel=0.08)
+
+
+@pytest.mark.parametrize("deceleration", [0.5, 2.0])
+def test_a_slow_vehicle_slows_as_its_settings_say(lone: Scenario, deceleration: float) -> None:
+    settings = SlowVehicleCommandSettings(deceleration_mps2=deceleration, jerk_mps3=2.0)
+    seen = play(lone, SlowVehicleCommand("a", 0.7, 0.0, settings), after_s=0.0)
+    assert condition(seen["speed"], STEP, 0.15, 1).min() == pytest.approx(-deceleration, rel=0.1)
+    assert seen["speed"].min() == pytest.approx(0.7 * seen["speed"][0], rel=0.05)

@@ -1,3 +1,5 @@
+"""Conditioning: against closed forms, and consistent between position, velocity and acceleration."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,7 +21,7 @@ def recording_of(x: np.ndarray, y: np.ndarray, first_step: int = 0) -> tuple[Rec
         first_step,
         x,
         y,
-        *(np.zeros(n) for _ in range(1)),
+        np.zeros(n),
         np.zeros(n, np.int32),
         np.zeros(n),
         np.zeros(n),
@@ -32,10 +34,10 @@ def test_condition_follows_the_closed_form_of_a_filtered_sine(order: int) -> Non
     t = np.arange(0.0, 20.0, STEP)
     omega, width = 2.0 * np.pi * 0.5, 0.15
     rows = np.linspace(500.0, 1500.0, 701)
-    got = condition(np.sin(omega * t), STEP, width, order, rows)
+    conditioned = condition(np.sin(omega * t), STEP, width, order, rows)
     gain = np.exp(-0.5 * (omega * width) ** 2) * omega**order
     expected = gain * np.sin(omega * rows * STEP + order * np.pi / 2.0)
-    np.testing.assert_allclose(got, expected, atol=1e-6 * omega**order)
+    np.testing.assert_allclose(conditioned, expected, atol=1e-6 * omega**order)
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])

@@ -1,4 +1,4 @@
-"""Motion after conditioning is what vehicles do: on straights, curves, at markings and at edge changes."""
+"""Conditioned motion is what vehicles can do: on straights, in curves, across markings and from edge to edge."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_settled_traffic_has_no_jump_and_little_jerk(settled: Recording) -> None
         raw.append((np.diff(track.speed, 2) / settled.step_s**2) ** 2)
         curved += len(np.unique(track.lane)) > 2
     assert curved > 3
-    conditioned_rms, raw_rms = (float(np.sqrt(np.concatenate(each).mean())) for each in (jerks, raw))
+    conditioned_rms, raw_rms = (float(np.sqrt(np.concatenate(squares).mean())) for squares in (jerks, raw))
     print(f"{settled.scenario}: jerk rms {conditioned_rms:.2f} m/s3 conditioned, {raw_rms:.2f} raw, along the lane")
     assert conditioned_rms < 2.0
     assert conditioned_rms < raw_rms

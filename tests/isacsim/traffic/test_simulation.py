@@ -1,3 +1,5 @@
+"""Recordings: what SUMO reports, to the last bit, and the same for the same seed."""
+
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -39,13 +41,13 @@ def test_the_same_seed_gives_the_same_recording_and_another_seed_another(motorwa
     assert not same(motorway, record(load("motorway"), 4, SHORT, BRAKING))
 
 
-def test_the_recording_is_what_sumo_answers_when_asked(motorway: Recording) -> None:
-    """The slow way: every vehicle is asked for its state after every step. Equal to the last bit."""
+def test_the_recording_is_what_libsumo_returns(motorway: Recording) -> None:
+    """Equal, to the last bit, to the states that libsumo returns for every vehicle after every step."""
     scenario = load("motorway")
     lane_number = {lane.id: k for k, lane in enumerate(scenario.lanes)}
     rng = stream("maneuvers", scenario.name, 3)
     director = Director(BRAKING, scenario.sites, scenario.origin, rng, SHORT.step_s)
-    asked: dict[str, list[tuple[float, ...]]] = {}
+    returned: dict[str, list[tuple[float, ...]]] = {}
     first_step: dict[str, int] = {}
     facts: dict[str, tuple[str, float, float]] = {}
     with session(scenario, 3, SHORT) as sumo:
@@ -57,16 +59,16 @@ def test_the_recording_is_what_sumo_answers_when_asked(motorway: Recording) -> N
                 first_step.setdefault(name, step + 1)
                 facts[name] = (get.getVehicleClass(name), get.getLength(name), get.getWidth(name))
                 along = (get.getSpeed(name), lane_number[get.getLaneID(name)], get.getLanePosition(name))
-                asked.setdefault(name, []).append(
+                returned.setdefault(name, []).append(
                     (*get.getPosition(name), *along, get.getLateralLanePosition(name)),
                 )
         director.finish(55.0)
     left_out = {*motorway.incidents.collided, *motorway.incidents.teleported}
-    assert [name for name in asked if name not in left_out] == list(motorway.tracks)
+    assert [name for name in returned if name not in left_out] == list(motorway.tracks)
     for name, track in motorway.tracks.items():
         assert (track.kind, track.length_m, track.width_m) == facts[name]
         assert track.first_step == first_step[name]
-        np.testing.assert_array_equal(np.stack([getattr(track, column) for column in COLUMNS], axis=1), asked[name])
+        np.testing.assert_array_equal(np.stack([getattr(track, column) for column in COLUMNS], axis=1), returned[name])
 
 
 def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_path: Path) -> None:
@@ -78,19 +80,19 @@ def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_pat
 
 
 def test_states_are_every_10_ms_and_agree_with_each_other(motorway: Recording) -> None:
-    """Distance between positions is what the speed says, on every edge, curve and ramp included."""
+    """The distance between positions is the integral of the speed, on every edge, curve and ramp."""
     assert motorway.step_s == 0.01
-    moved, said = [], []
+    moved, driven = [], []
     for track in motorway.tracks.values():
         if len(track) > 1000:
             moved.append(np.hypot(np.diff(track.x), np.diff(track.y)).sum())
-            said.append(0.5 * (track.speed[1:] + track.speed[:-1]).sum() * 0.01)
+            driven.append(0.5 * (track.speed[1:] + track.speed[:-1]).sum() * 0.01)
     assert len(moved) > 15
-    np.testing.assert_allclose(moved, said, rtol=0.01)
+    np.testing.assert_allclose(moved, driven, rtol=0.01)
 
 
 def test_commands_show_in_the_motion(motorway: Recording) -> None:
-    """Commands are provenance; that vehicles obeyed is read off the states."""
+    """That vehicles obeyed is seen in their states."""
     peaks = []
     for command in motorway.commands:
         track = motorway.tracks.get(command.vehicle)
@@ -103,7 +105,7 @@ def test_commands_show_in_the_motion(motorway: Recording) -> None:
 
 
 def test_collided_vehicles_have_no_track(tmp_path: Path) -> None:
-    """A stopped vehicle and one made to drive into it: both are named and left out."""
+    """A stopped vehicle, and one that is made to drive into it, are both named and left out."""
     stopped = vehicle("wall", lane=1, position=300.0, speed=0.0).replace(
         "/>", '><stop lane="e0_1" startPos="290" endPos="310" duration="1000"/></vehicle>'
     )
@@ -128,16 +130,16 @@ def test_steps_of_5_ms_and_a_network_far_from_the_origin(tmp_path: Path) -> None
     np.testing.assert_allclose(np.diff(track.x), 0.5 * (track.speed[1:] + track.speed[:-1]) * 0.005, atol=1e-9)
 
 
-def test_who_walks_is_not_recorded_and_an_empty_road_gives_no_tracks(tmp_path: Path) -> None:
+def test_pedestrians_are_not_recorded_and_an_empty_road_gives_no_tracks(tmp_path: Path) -> None:
     walker = '<person id="p" depart="0"><walk edges="e0" departPos="10" arrivalPos="60"/></person>'
     scenario = load(straight_road(tmp_path / "road", walker + vehicle("a", depart=5.0)))
     assert set(record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=6.0), NONE).tracks) == {"a"}
     assert record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=4.0), NONE).tracks == {}
 
 
-def test_a_vehicle_that_asks_not_to_be_recorded_is_told(tmp_path: Path) -> None:
+def test_a_vehicle_that_cannot_be_recorded_is_refused(tmp_path: Path) -> None:
     shy = vehicle("shy").replace("/>", '><param key="has.fcd.device" value="false"/></vehicle>')
-    with pytest.raises(InputError, match=r"shy has has\.fcd\.device = false"):
+    with pytest.raises(InputError, match=r"shy has the parameter has\.fcd\.device = false.*: remove the parameter"):
         record(load(straight_road(tmp_path / "road", shy)), 1, SHORT, NONE)
 
 
@@ -153,18 +155,18 @@ def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatc
     assert len(log.tracks()["a"]) == 100
 
 
-def test_a_step_that_sumo_cannot_hold_is_refused(tmp_path: Path) -> None:
+def test_a_step_that_sumo_would_round_is_refused(tmp_path: Path) -> None:
     scenario = load(straight_road(tmp_path / "road", vehicle("a")))
     with (
-        pytest.raises(InputError, match="steps at"),
+        pytest.raises(InputError, match=r"SUMO steps at 0\.003 s, not at step_s = 0\.0025: give whole milliseconds"),
         session(scenario, 1, TrafficSettings(step_s=0.0025)),
     ):
         pass
 
 
-def test_broken_demand_is_told_in_one_line(tmp_path: Path) -> None:
+def test_broken_demand_is_refused_in_one_line(tmp_path: Path) -> None:
     scenario = load(straight_road(tmp_path / "road", vehicle("a").replace('route="all"', 'route="nowhere"')))
-    with pytest.raises(InputError, match="nowhere") as caught:
+    with pytest.raises(InputError, match=r"SUMO refuses scenario road \(.*nowhere.*\): fix its files") as caught:
         record(scenario, 1, SHORT, NONE)
     assert "\n" not in str(caught.value)
 

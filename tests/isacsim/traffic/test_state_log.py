@@ -1,4 +1,4 @@
-"""That recording's memory does not grow with simulated time."""
+"""States are stored by vehicle, and the memory for them does not grow with simulated time."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from isacsim.traffic.simulation import TrafficSettings, record
 from isacsim.traffic.state_log import ROWS, RowSorter
 
 LIFE = 7
-"""Steps that each of the made-up vehicles is on the road; one comes and one goes every step."""
+"""Number of steps that each made-up vehicle is on the road. One arrives and one leaves every step."""
 
 
 def values(vehicle: int, step: int) -> list[float]:
@@ -18,12 +18,12 @@ def values(vehicle: int, step: int) -> list[float]:
 
 
 def made_up(steps: int) -> list[tuple[int, int]]:
-    """(vehicle, step) of every row, step by step."""
+    """Vehicle and step of every row, step by step."""
     return [(vehicle, step) for step in range(steps) for vehicle in range(max(0, step - LIFE + 1), step + 1)]
 
 
 @pytest.mark.parametrize("batch", [1, 5, 64, 10_000])
-def test_rows_are_put_together_by_vehicle_whatever_the_batch(batch: int) -> None:
+def test_rows_are_sorted_by_vehicle_for_any_size_of_batch(batch: int) -> None:
     rows, sorter = made_up(50), RowSorter()
     for start in range(0, len(rows), batch):
         part = rows[start : start + batch]
@@ -41,8 +41,8 @@ def test_rows_are_put_together_by_vehicle_whatever_the_batch(batch: int) -> None
         np.testing.assert_array_equal(block, np.array([values(vehicle, step) for step in steps]).T)
 
 
-def test_what_waits_in_memory_is_of_vehicles_on_the_road_alone() -> None:
-    """However long it goes on: rows of the last LIFE steps and one."""
+def test_only_rows_of_vehicles_on_the_road_wait_in_memory() -> None:
+    """Rows of the last LIFE + 1 steps, however long the simulation is."""
     sorter, most = RowSorter(), 0
     for step in range(2000):
         vehicles = range(max(0, step - LIFE + 1), step + 1)

@@ -1,0 +1,168 @@
+"""How one vehicle is moved through TraCI without a jump: acceleration profiles, lane changes, and the release.
+
+SUMO obeys some commands exactly, clamps others, and answers a few with a jump in one step. Which does what was measured
+on single vehicles; the docstrings say where a measurement decided the form.
+
+Every function that takes time is a generator: it sends the commands of one simulation step, then yields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import numpy as np
+
+from isacsim.arrays import Array
+
+Steps = Generator[None, None, None]
+"""Sends the commands of one simulation step each time it is resumed."""
+
+DEFAULT_SPEED_MODE = 31
+UNCHECKED_SPEED_MODE = 32
+"""Obey setSpeed without any check. The other modes clamp at the driver's comfortable deceleration."""
+DEFAULT_LANE_CHANGE_MODE = 1621
+COMMANDED_LANE_CHANGE_MODE = 512 + 1024
+"""The driver only moves to the middle of the lane. Commanded changes wait for a safe gap."""
+FORCED_LANE_CHANGE_MODE = 256 + 1024
+"""As `COMMANDED_LANE_CHANGE_MODE`, but without waiting for a gap. Never into a vehicle alongside."""
+NO_LATERAL_MODE = 0
+"""The driver does not move sideways at all."""
+LARGEST_MPS3 = 20.0
+"""Largest jerk of a commanded vehicle: how fast it enters a profile, and leaves it at a speed limit, m/s3."""
+RELEASE_S = 1.0
+"""Time over which the driver gets the full acceleration back, s."""
+COAST_MPS2 = 0.3
+"""Deceleration of a vehicle that is released above its desired speed, m/s2."""
+SETTLE_S = 3.0
+"""Time from the vehicle's middle crossing a marking until it has reached the middle of the new lane, s."""
+
+
+def ramp_hold_ramp(peak_mps2: float, rise_mps3: float, hold_s: float, fall_mps3: float, step_s: float) -> Array:
+    """Return a trapezoid of acceleration, m/s2, one value a step, shape (n,).
+
+    peak_mps2: its sign is kept. rise_mps3, fall_mps3: jerk into and out of the peak, m/s3. hold_s: at the peak, s.
+    """
+    size = abs(peak_mps2)
+    rise = np.arange(step_s, size / rise_mps3, step_s) * rise_mps3
+    fall = np.arange(step_s, size / fall_mps3, step_s) * fall_mps3
+    return np.asarray(np.sign(peak_mps2) * np.concatenate([rise, np.full(round(hold_s / step_s), size), size - fall]))
+
+
+def out_and_back(offset_m: float, peak_mps2: float, hold_s: float, step_s: float) -> Array:
+    """Return lateral offsets, m, one a step, shape (n,): out, hold, and back the same way.
+
+    Moving out takes one period of a sine of acceleration, with peak_mps2 as its amplitude. That takes
+    sqrt(2 pi |offset| / peak) seconds, and the jerk stays below 2 pi peak divided by that time.
+    """
+    duration = float(np.sqrt(2.0 * np.pi * abs(offset_m) / peak_mps2))
+    tau = np.arange(step_s, duration, step_s) / duration
+    out = offset_m * (tau - np.sin(2.0 * np.pi * tau) / (2.0 * np.pi))
+    return np.concatenate([out, np.full(round(hold_s / step_s), offset_m), out[::-1], [0.0]])
+
+
+def follow_profile(
+    sumo: Any, vehicle: str, accelerations: Array, step_s: float, least_mps: float, most_mps: float
+) -> Steps:
+    """Follow a profile of acceleration, m/s2, and end at zero acceleration.
+
+    The profile is cut short where the speed would leave least_mps to most_mps. It is entered from the driver's present
+    acceleration, and left at a speed limit, at no more than `LARGEST_MPS3`.
+    """
+    sumo.vehicle.setSpeedMode(vehicle, UNCHECKED_SPEED_MODE)
+    speed = sumo.vehicle.getSpeed(vehicle)
+    present = sumo.vehicle.getAcceleration(vehicle)
+    change = LARGEST_MPS3 * step_s
+    for wanted in accelerations:
+        # The speed that is reached if the acceleration goes to zero at the largest jerk from here on.
+        reached = speed + present * abs(present) / (2.0 * LARGEST_MPS3)
+        if reached <= least_mps or reached >= most_mps:
+            break
+        present += float(np.clip(wanted - present, -change, change))
+        speed = max(0.0, speed + present * step_s)
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+    while abs(present) > 1e-9:
+        present -= float(np.clip(present, -change, change))
+        speed = max(0.0, speed + present * step_s)
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+
+
+def release(sumo: Any, vehicle: str, step_s: float) -> Steps:
+    """Give the speed back to the driver without a jump.
+
+    A driver that is released at once below its desired speed takes its full acceleration in one step. So the vehicle
+    first coasts down to its desired speed if it is above, and then may accelerate more and more over `RELEASE_S`, until
+    the driver wants no more than that. The driver keeps its distance to the leader all the while.
+    """
+    driver_mps2 = sumo.vehicle.getAccel(vehicle)
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    yield from coast(sumo, vehicle, sumo.vehicle.getSpeedFactor(vehicle), step_s)
+    speed = sumo.vehicle.getSpeed(vehicle)
+    for share in np.linspace(0.0, 1.0, round(RELEASE_S / step_s))[1:]:
+        speed = min(speed, sumo.vehicle.getSpeed(vehicle)) + share * driver_mps2 * step_s
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+    sumo.vehicle.setSpeed(vehicle, -1)
+
+
+def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
+    """Set a driver's speed factor, and slow a vehicle that is above the resulting desired speed at `COAST_MPS2`.
+
+    Left alone, a driver above the desired speed brakes as hard as before an obstacle. The driver keeps its distance to
+    the leader.
+    """
+    sumo.vehicle.setSpeedFactor(vehicle, factor)
+    desired = sumo.vehicle.getAllowedSpeed(vehicle)
+    speed = sumo.vehicle.getSpeed(vehicle)
+    if speed > desired:
+        match_speed_factor(sumo, vehicle)
+    while speed > desired:
+        speed = min(speed, sumo.vehicle.getSpeed(vehicle)) - COAST_MPS2 * step_s
+        sumo.vehicle.setSpeed(vehicle, speed)
+        yield
+    sumo.vehicle.setSpeedFactor(vehicle, factor)
+    sumo.vehicle.setSpeed(vehicle, -1)
+
+
+def match_speed_factor(sumo: Any, vehicle: str) -> None:
+    """Make the desired speed one hundredth higher than the present speed, so that the driver stays near it."""
+    factor = sumo.vehicle.getSpeedFactor(vehicle)
+    present = sumo.vehicle.getSpeed(vehicle) / sumo.vehicle.getAllowedSpeed(vehicle)
+    sumo.vehicle.setSpeedFactor(vehicle, float(1.01 * present * factor))
+
+
+def fade_speed_factor(sumo: Any, vehicle: str, end: float, over_s: float, step_s: float) -> Steps:
+    """Move a driver's speed factor to another value in small steps over a time, s."""
+    for factor in np.linspace(sumo.vehicle.getSpeedFactor(vehicle), end, 1 + round(over_s / step_s))[1:]:
+        sumo.vehicle.setSpeedFactor(vehicle, factor)
+        yield
+
+
+def change_lane(
+    sumo: Any, vehicle: str, direction: int, patience_s: float, step_s: float
+) -> Generator[None, None, bool]:
+    """Request the next lane until the vehicle's middle is in it. Returns whether it got there.
+
+    direction: +1 left, -1 right. patience_s: how long to wait for it, s.
+    The request is withdrawn once the middle is across: while it stands, SUMO stops the lateral motion as soon as the
+    whole body is in the lane, and the driver cannot move on to the lane's middle.
+    """
+    target = sumo.vehicle.getLaneIndex(vehicle) + direction
+    edge = sumo.vehicle.getRoadID(vehicle)
+    sumo.vehicle.changeLane(vehicle, target, patience_s)
+    for _ in range(round(patience_s / step_s)):
+        yield
+        if sumo.vehicle.getRoadID(vehicle) != edge:
+            return False
+        if sumo.vehicle.getLaneIndex(vehicle) == target:
+            sumo.vehicle.changeLane(vehicle, target, 0.0)
+            return True
+    return False
+
+
+def wait(duration_s: float, step_s: float) -> Steps:
+    """Send nothing for a time, s."""
+    for _ in range(round(duration_s / step_s)):
+        yield

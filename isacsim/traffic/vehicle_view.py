@@ -1,0 +1,99 @@
+"""What the director looks up in SUMO before it commands a vehicle: lanes, gaps, the distance to a junction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+CAR = "passenger"
+"""SUMO's vehicle class of cars."""
+
+
+class VehicleView:
+    """One vehicle and what is around it, as SUMO reports it now.
+
+    sumo: the running libsumo module. look_ahead_m: distance within which a leader counts, m.
+    leader: SUMO id of the vehicle ahead in the lane, or None. gap_m: to it, m; infinite without one. speed: m/s.
+    """
+
+    def __init__(self, sumo: Any, vehicle: str, look_ahead_m: float) -> None:
+        self._sumo = sumo
+        self.vehicle = vehicle
+        self.speed = float(sumo.vehicle.getSpeed(vehicle))
+        leader = sumo.vehicle.getLeader(vehicle, look_ahead_m)
+        self.leader: str | None = leader[0] if leader else None
+        self.gap_m = float(leader[1]) if leader else np.inf
+
+    @property
+    def leader_speed(self) -> float:
+        """Speed of the vehicle ahead, m/s; infinite without one."""
+        return float(self._sumo.vehicle.getSpeed(self.leader)) if self.leader else np.inf
+
+    @property
+    def allowed_speed(self) -> float:
+        """Speed that the driver wants on this lane, m/s."""
+        return float(self._sumo.vehicle.getAllowedSpeed(self.vehicle))
+
+    @property
+    def is_car(self) -> bool:
+        """Whether the vehicle is of SUMO's class for cars."""
+        return bool(self._sumo.vehicle.getVehicleClass(self.vehicle) == CAR)
+
+    @property
+    def lane_width_m(self) -> float:
+        """Width of the lane that the vehicle is in, m."""
+        return float(self._sumo.lane.getWidth(self._sumo.vehicle.getLaneID(self.vehicle)))
+
+    def junction_within(self, distance_m: float) -> bool:
+        """Whether a traffic light or a duty to give way lies within a distance: a commanded vehicle ignores both."""
+        sumo, vehicle = self._sumo, self.vehicle
+        if any(distance < distance_m for _, _, distance, _ in sumo.vehicle.getNextTLS(vehicle)):
+            return True
+        lane = sumo.vehicle.getLaneID(vehicle)
+        left_m = sumo.lane.getLength(lane) - sumo.vehicle.getLanePosition(vehicle)
+        yields = any(not has_priority for _, has_priority, *_ in sumo.lane.getLinks(lane))
+        in_junction = sumo.vehicle.getRoadID(vehicle).startswith(":")
+        return bool(in_junction or (yields and left_m < distance_m))
+
+    def has_lane(self, direction: int, stay_s: float) -> bool:
+        """Whether there is a lane on a side that the vehicle may use without missing its exit.
+
+        direction: +1 left, -1 right. A lane that does not lead to the exit counts if the vehicle can stay on it for
+        stay_s at its present speed.
+        """
+        sumo, vehicle = self._sumo, self.vehicle
+        target = sumo.vehicle.getLaneIndex(vehicle) + direction
+        edge = sumo.vehicle.getRoadID(vehicle)
+        if edge.startswith(":") or not 0 <= target < sumo.edge.getLaneNumber(edge):
+            return False
+        # SUMO counts a lane's length from where the edge begins.
+        needed_m = sumo.vehicle.getLanePosition(vehicle) + stay_s * self.speed
+        lane = f"{edge}_{target}"
+        leads_on = any(
+            name == lane and (offset == 0 or length > needed_m)
+            for name, length, _, offset, *_ in sumo.vehicle.getBestLanes(vehicle)
+        )
+        return leads_on and open_to(sumo, lane, sumo.vehicle.getVehicleClass(vehicle))
+
+    def gap_beside_m(self, direction: int) -> float:
+        """The smaller of the gaps to the next vehicles ahead and behind in the lane on a side, m."""
+        get = self._sumo.vehicle
+        followers = get.getLeftFollowers if direction > 0 else get.getRightFollowers
+        leaders = get.getLeftLeaders if direction > 0 else get.getRightLeaders
+        gaps = (gap for _, gap in (*followers(self.vehicle), *leaders(self.vehicle)))
+        return float(min(gaps, default=np.inf))
+
+
+def ending_lanes(sumo: Any) -> list[str]:
+    """Lanes for cars that end where their road goes on: no link leaves them, but one leaves a lane beside them."""
+    lanes = [lane for lane in sumo.lane.getIDList() if not lane.startswith(":") and open_to(sumo, lane, CAR)]
+    linked = {lane for lane in lanes if sumo.lane.getLinks(lane)}
+    continued_edges = {sumo.lane.getEdgeID(lane) for lane in linked}
+    return [lane for lane in lanes if lane not in linked and sumo.lane.getEdgeID(lane) in continued_edges]
+
+
+def open_to(sumo: Any, lane: str, vehicle_class: str) -> bool:
+    """Whether vehicles of a class may use a lane."""
+    allowed = sumo.lane.getAllowed(lane)
+    return not allowed or vehicle_class in allowed
