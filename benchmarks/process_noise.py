@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from isacsim.arrays import Array
-from isacsim.sensing import LEAST_SITES, before, fix, prelude_snapshots
+from isacsim.sensing import LEAST_SITES, before, fix, run_in_snapshots
 from isacsim.tracking.kalman import track
 from labeling.dataset.dataset import Dataset
 from labeling.generation.episode import record_key
@@ -28,7 +28,7 @@ DENSITIES = (1.0, 3.0, 10.0, 20.0, 30.0, 100.0)
 
 @dataclass(frozen=True)
 class Sensed:
-    """Fixes of B records with their prelude of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
+    """Fixes of B records with their run-in of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
 
     state: Array
     covariance: Array
@@ -43,7 +43,7 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
     settings, table = own_sensing(dataset), dataset.frame()
     truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
-    count = prelude_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
+    count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]

@@ -25,6 +25,12 @@ class Waveform(Settings):
     symbol_s: float = Field(
         0.5e-3 / 14, gt=0, description="OFDM symbol with its cyclic prefix (3GPP TS 38.211: 14 in a slot of 0.5 ms)."
     )
+    cyclic_prefix_s: float | None = Field(
+        144 / 61.44e6,
+        gt=0,
+        description="Cyclic prefix of a symbol, which limits the longest range (3GPP TS 38.211, 5.3.1: 144 samples at "
+        "61.44 MHz, the normal prefix at 30 kHz; the first symbol of a slot has more). Absent: no limit.",
+    )
     subcarriers: int = Field(128, ge=4, description="Subcarriers used for sensing.")
     symbols: int = Field(42, ge=4, description="OFDM symbols of one snapshot.")
     antennas: int = Field(8, ge=4, description="Antennas of the linear receiving array.")
@@ -34,6 +40,15 @@ class Waveform(Settings):
     def wavelength_m(self) -> float:
         """Carrier wavelength, m."""
         return LIGHT_SPEED_MPS / self.carrier_hz
+
+    @property
+    def longest_range_m(self) -> float:
+        """Range whose echo is delayed by the whole cyclic prefix: beyond it, symbols run into each other, m.
+
+        >>> round(Waveform().longest_range_m, 1)
+        351.3
+        """
+        return LIGHT_SPEED_MPS * self.cyclic_prefix_s / 2 if self.cyclic_prefix_s is not None else float("inf")
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -6,37 +6,46 @@ States x, y, vx, vy, ax, ay; a fix is x, y, vx, vy with its own covariance at ev
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isacsim.arrays import Array, BoolArray
 from isacsim.settings import Settings
 
 
 class TrackingSettings(Settings):
-    """The filter's model of how vehicles move, and its start."""
+    """The filter's model of how vehicles move, and how it starts."""
 
     jerk_density: float = Field(10.0, gt=0, description="Spectral density of the white jerk along either axis, m2/s5.")
     start_acceleration_mps2: float = Field(
-        4.0, gt=0, description="Standard deviation of either acceleration before the first fix."
+        4.0, gt=0, description="Standard deviation of the acceleration along either axis before the first fix."
     )
     gate: float = Field(
         1000.0,
         gt=0,
-        description="A fix whose normalised innovation squared exceeds this is an outlier and not used; far "
-        "above chi-square, so that a maneuver the model did not expect is never mistaken for one.",
+        description="A fix whose normalised innovation squared exceeds this is an outlier and is not used; far above "
+        "chi-square, so that an unexpected maneuver is never mistaken for an outlier.",
     )
     reacquire_s: float = Field(
-        0.1, gt=0, description="After so long with nothing but outliers the filter starts anew from the next fix."
+        0.1, gt=0, description="After this long with nothing but outliers the filter starts anew from the next fix."
     )
-    prelude_s: float = Field(
+    run_in_s: float = Field(
         0.5,
         ge=0,
         le=5,
-        description="Sensing before the record begins, to let the filter settle; the motion is the "
+        description="Run-in: time sensed before the record begins, in which the filter settles; the motion is the "
         "record's first state carried back at constant acceleration.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_key(cls, content: Any) -> Any:
+        """Accept files written before, which call the run-in `prelude_s`."""
+        if isinstance(content, dict) and "prelude_s" in content and "run_in_s" not in content:
+            return {("run_in_s" if key == "prelude_s" else key): value for key, value in content.items()}
+        return content
 
 
 @dataclass(frozen=True)
