@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,14 +12,15 @@ import pytest
 
 from command_line.arguments import channel, resense_settings
 from isacsim.errors import InputError
-from isacsim.sensing import SensingSettings
+from isacsim.sensing import SensingSettings, sense
 from labeling.dataset.dataset import Dataset, Shard
-from labeling.dataset.shard import Episode
+from labeling.dataset.shard import Episode, read_samples
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
-from labeling.generation.resense import ResenseSettings, own_sensing, plan, resense
+from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
+from tests.support import sensing_road
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 INLINE = InlineEngine()
@@ -198,6 +201,100 @@ def test_damage_of_the_dataset_is_told(dataset: Dataset, tmp_path: Path) -> None
     shard.write_bytes(shard.read_bytes()[:-100])
     with pytest.raises(InputError, match=shard.name):
         resense(copy, ResenseSettings(), tmp_path / "out", INLINE)
+
+
+FORMER = {
+    "waveform": {
+        "carrier_hz": 3.5e9, "subcarrier_spacing_hz": 3e4, "symbol_s": 0.5e-3 / 14, "subcarriers": 128, "symbols": 42,
+        "antennas": 8, "spacing_wavelengths": 0.5,
+    },
+    "view": {"sites": 4, "range_m": 400.0, "half_width_deg": 60.0, "speed_mps": 100.0, "hold_s": 0.1},
+    "channel": {
+        "kind": "link", "snr_db": 5.0, "snr_range_db": [0.0, 10.0], "rain_mm_per_h": 0.0, "blockage": False,
+        "link": {
+            "power_dbm": 29.8, "transmit_gain_db": 8.0, "element_gain_db": 8.0, "noise_figure_db": 5.0, "loss_db": 3.0,
+            "cross_section_dbsm": 11.25, "cross_section_sd_db": 3.41,
+        },
+    },
+    "echo": "window", "device": "cpu", "estimator": "ml", "false_alarm": 0.001, "target_height_m": 0.8,
+    "fusion": {"method": "information", "steps": 2, "eq5_weights": "paper", "speed_prior_mps": 60.0},
+    "tracking": {
+        "jerk_density": 10.0, "start_acceleration_mps2": 4.0, "gate": 1000.0, "reacquire_s": 0.1, "prelude_s": 0.5,
+    },
+}  # fmt: skip
+"""Sensing settings as `dataset.json` of schema 1 holds them."""
+
+
+def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
+    """The dataset as schema 1 would have stored it, with UVs that report without noise."""
+    shutil.copytree(dataset.path, folder)
+    content = json.loads((folder / "dataset.json").read_text())
+    content["schema_version"] = 1
+    content["study"] |= {"sensing": FORMER | sensing, "report": dict.fromkeys(content["study"]["report"], 0.0)}
+    for shard in content["shards"]:
+        shard["episode"]["schema_version"] = 1
+    (folder / "dataset.json").write_text(json.dumps(content))
+    return Dataset.open(folder)
+
+
+@pytest.mark.parametrize(
+    ("kind", "snr_db", "state"),
+    [
+        ("link", 11.954796326332724, [134.93708996550308, 1.0002598556304616, 24.99942126260975]),
+        ("uniform", 9.846802570142005, [134.93744967709435, 0.9998252814955282, 24.999316670921527]),
+    ],
+)
+def test_datasets_of_schema_1_are_sensed_as_they_were(
+    dataset: Dataset, tmp_path: Path, kind: str, snr_db: float, state: list[float]
+) -> None:
+    """Numbers of the last version that wrote schema 1, for a vehicle on the road of the sensing tests."""
+    stored = former(dataset, tmp_path / "former", channel=FORMER["channel"] | {"kind": kind})
+    settings = own_sensing(stored)
+    truth = sensing_road.drive(80, 130.0, 1.0, 25.0)[None]
+    sites = sensing_road.road_sites(12, 200.0)
+    record = sense(truth, sensing_road.RATE_HZ, sites, settings, [("old", 1)])[0]
+    assert record.snr_db == pytest.approx(snr_db, abs=1e-12)
+    assert record.state[:3, -1] == pytest.approx(state, abs=1e-9)
+
+
+def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: Path) -> None:
+    stored = former(dataset, tmp_path / "former")
+    once = resense(stored, resense_settings(stored, "isac"), tmp_path / "once", INLINE)
+    once.verify()
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (2, 2)
+    # Sensed a second time, its settings are not converted a second time.
+    again = resense(once, resense_settings(once, "isac"), tmp_path / "again", INLINE)
+    np.testing.assert_array_equal(again.arrays("tv")["tv"], once.arrays("tv")["tv"])
+    assert own_sensing(again) == own_sensing(once) == own_sensing(stored)
+    assert own_sensing(stored).channel.link.cross_section_dbsm == pytest.approx(11.25 + np.log(10) / 20 * 3.41**2)
+
+
+def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> None:
+    """The noise of the reports, drawn again, leaves the motion that a UV without noise reports."""
+    quiet = generate(
+        small_study(
+            seeds={"first": 1, "last": 1},
+            sensing={"channel": {"kind": "fixed", "snr_db": 0.0}},
+            report={"position_sd_m": 0, "speed_sd_mps": 0, "acceleration_sd_mps2": 0},
+        ),
+        tmp_path / "quiet",
+        INLINE,
+        source=ScriptedSource(tmp_path),
+    )
+    noisy = read_samples(dataset.shard_path(dataset.meta.shards[0]))
+    truth = np.stack([sample.uv for sample in read_samples(quiet.shard_path(quiet.meta.shards[0]))])
+    carrier = _records(noisy, [], dataset.meta, own_report(dataset)).carrier
+    assert carrier.reported is not None
+    assert (carrier.reported - truth)[:, :2].std() == pytest.approx(0.02, rel=0.05)
+    assert (carrier.reported - truth)[:, 2:4].std() == pytest.approx(0.05, rel=0.05)
+    assert (carrier.reported - truth)[:, 4:].std() == pytest.approx(0.1, rel=0.05)
+    np.testing.assert_allclose(carrier.state, truth, atol=2e-4)
+    assert (carrier.position_sd_m, carrier.speed_sd_mps) == (0.02, 0.05)
+
+
+def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:
+    with pytest.raises(InputError, match="unknown sensor 'rader': did you mean radar"):
+        resense_settings(dataset, "rader")
 
 
 def test_other_vehicles_are_not_in_a_dataset(dataset: Dataset, tmp_path: Path) -> None:
