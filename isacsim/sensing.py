@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
@@ -20,13 +20,13 @@ from isacsim.heading import heading_rad
 from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers
 from isacsim.radio.channel import ChannelSettings, EchoGeometry, snr_db
-from isacsim.radio.estimation import Estimator, estimate_deviation, observe
+from isacsim.radio.estimators import ESTIMATORS
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.tracking.fusion import Fixes, FusionSettings, fuse
-from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
+from isacsim.tracking.fusion import Fixes
+from isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
 from isacsim.tracking.kalman import TrackingSettings, track
 
 LEAST_SITES = 2
@@ -66,7 +66,9 @@ class SensingSettings(Settings):
         "slow).",
     )
     device: str = Field("cpu", description="Where torch works on `tensor` echoes: cpu, cuda, cuda:1.")
-    estimator: Estimator = Field("ml", description="Maximum likelihood, Candan's, the DFT's cell, the padded DFT's.")
+    estimator: Annotated[str, AfterValidator(ESTIMATORS.check)] = Field(
+        "ml", description="; ".join(f"{name}: {estimator.label}" for name, estimator in ESTIMATORS.items())
+    )
     false_alarm: float = Field(
         1e-3,
         gt=0,
@@ -243,8 +245,8 @@ def fix(
     measured, deviation, power = _measure(true, level, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = assigned & (power > threshold) & plausible(measured, settings.view)
-    method = fuse if settings.fusion.method == "information" else fuse_eq5
-    fixes = filled(method(measured, deviation, used, panels, settings.fusion))
+    fuse = FUSION_METHODS[settings.fusion.method]
+    fixes = filled(fuse(measured, deviation, used, panels, settings.fusion))
     if fixes.valid[: run_in + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
@@ -277,21 +279,22 @@ def _unseen(count: int, n_sites: int) -> Observed:
 def _measure(
     true: Array, level_db: Array, settings: SensingSettings, key: tuple[str | int, ...]
 ) -> tuple[Array, Array, Array]:
-    """Estimates of every echo: measured and deviation, (S, I, 3), and power, (S, I)."""
+    """Draw and estimate every echo: measured values and their deviations, (S, I, 3), and power, (S, I)."""
     waveform = settings.waveform
     cells = waveform.cells(true.reshape(-1, 3))
     snr = 10 ** (level_db.ravel() / 10)
+    estimator = ESTIMATORS[settings.estimator]
     if settings.echo == "tensor":
         # Imported here, so that workers that draw DFT blocks need not load torch.
         from isacsim.radio.echo_tensor import observe_tensor
 
         seed = int(stream(*key, "echo").integers(2**62))
-        found = observe_tensor(cells, snr, settings.estimator, waveform, seed, settings.device)
+        estimates = observe_tensor(cells, snr, estimator, waveform, seed, settings.device)
     else:
-        found = observe(cells, snr, settings.estimator, waveform, stream(*key, "echo"))
-    deviation = estimate_deviation(found.power, settings.estimator, waveform) / np.abs(waveform.cells_per_unit)
-    shape = true.shape
-    return waveform.measured(found.cells).reshape(shape), deviation.reshape(shape), found.power.reshape(shape[:2])
+        estimates = estimator.observe(cells, snr, waveform, stream(*key, "echo"))
+    deviation = estimator.deviation(estimates.power, waveform) / np.abs(waveform.cells_per_unit)
+    measured, shape = waveform.measured(estimates.cells), true.shape
+    return measured.reshape(shape), deviation.reshape(shape), estimates.power.reshape(shape[:2])
 
 
 def filled(fixes: Fixes) -> Fixes:

@@ -15,7 +15,8 @@ from isacsim.radio.channel import ChannelSettings
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import SensingSettings, ViewSettings, _heading_rad, assign, before, fix, sense
-from isacsim.tracking.fusion import FusionSettings, position_bound
+from isacsim.tracking.fusion import position_bound
+from isacsim.tracking.fusion_methods import FusionSettings
 from isacsim.tracking.kalman import TrackingSettings
 from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
@@ -175,9 +176,9 @@ def test_eq5_and_the_link_budget_run_through_the_chain() -> None:
     link = {"kind": "link", "rain_mm_per_h": 20}
     best = SensingSettings.model_validate({"channel": link})
     paper = best.model_copy(update={"fusion": FusionSettings(method="eq5")})
-    ours, theirs = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
-    assert ours.snr_db == theirs.snr_db
-    assert rms(ours.fixes - truth[0, :4]) < 0.5 * rms(theirs.fixes - truth[0, :4])
+    joint, linear = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
+    assert joint.snr_db == linear.snr_db
+    assert rms(joint.fixes - truth[0, :4]) < 0.5 * rms(linear.fixes - truth[0, :4])
 
 
 def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
