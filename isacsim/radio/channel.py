@@ -4,7 +4,7 @@ The link budget is the monostatic radar equation per array element; the radar cr
 `isacsim.radio.cross_section`. The defaults give, for a cross-section of 10 dBsm:
 
 >>> link_snr_db(LinkBudget(), Waveform(), np.array([50.0, 100.0, 200.0]), 10.0).round(1).tolist()
-[33.6, 21.6, 9.6]
+[33.7, 21.6, 9.6]
 
 Rain and blocking vehicles (`isacsim.radio.blockage`) lower the SNR of all three kinds.
 """

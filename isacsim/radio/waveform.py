@@ -1,8 +1,8 @@
 """OFDM numerology and the separable phase model of one echo (Eq. 1-2 of ASI-BIP).
 
-An echo has three axes: antennas, subcarriers, symbols. Along each of them the phase advances by a constant, and this
-module counts that frequency in **cells** of the axis' DFT (N cells are one turn a step): a target is a point
-(angle, delay, Doppler) of three cell coordinates.
+An echo has three axes: antennas, subcarriers, symbols. Along each axis the phase advances by a constant from element to
+element. This module counts that frequency in **cells** of the axis' DFT (on an axis of N elements, N cells are one turn
+per element), so that a target is a point of three cell coordinates: angle, delay, Doppler.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ LIGHT_SPEED_MPS = 299_792_458.0
 
 
 class Waveform(Settings):
-    """The sensing waveform and the receiving array. Defaults: Section IV-A of ASI-BIP."""
+    """The sensing waveform and the receiving array. The defaults are those of Section IV-A of ASI-BIP."""
 
     carrier_hz: float = Field(3.5e9, gt=0, description="Carrier frequency.")
     subcarrier_spacing_hz: float = Field(30e3, gt=0, description="Subcarrier spacing.")
@@ -57,12 +57,12 @@ class Waveform(Settings):
 
     @property
     def size(self) -> int:
-        """Elements of one echo: the gain of coherent processing."""
+        """Number of elements of one echo, which is the gain of coherent processing."""
         return self.antennas * self.subcarriers * self.symbols
 
     @property
     def cells_per_unit(self) -> Array:
-        """Cells per unit of sine of the angle, of range (m) and of radial velocity (m/s), shape (3,).
+        """Cells per unit of sine of the angle, per metre of range and per m/s of radial velocity, shape (3,).
 
         Delay turns the phase backwards, and so does a growing range (Doppler shift -2 v f / c): both are negative.
         """
