@@ -161,13 +161,13 @@ def test_the_covariance_is_that_of_the_fixes(bearing: float) -> None:
     noise = rng.standard_normal((3, count)) * deviation
     reported = radar + np.array([[0.02], [0.02], [0.05], [0.05]]) * rng.standard_normal((4, count))
     fixes = Cycles(true.distance + noise[0], true.speed + noise[1], true.bearing + noise[2], 0.3).fix(reported)
-    ours = true.covariance(radar[2:], deviation, 0.02, 0.05)[0]
+    covariance = true.covariance(radar[2:], deviation, 0.02, 0.05)[0]
     across = np.array([-np.sin(bearing), np.cos(bearing)])
-    ours[2:, 2:] -= UNKNOWN_SPEED_MPS**2 * np.outer(across, across)
+    covariance[2:, 2:] -= UNKNOWN_SPEED_MPS**2 * np.outer(across, across)
     sampled = np.cov(fixes.T)
     scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
-    assert np.abs(ours - sampled).max() < 0.02 * scale.max()
-    assert np.abs((ours - sampled) / scale).max() < 0.02
+    assert np.abs(covariance - sampled).max() < 0.02 * scale.max()
+    assert np.abs((covariance - sampled) / scale).max() < 0.02
     # The one azimuth error shows in both: without the blocks between position and velocity this fails.
     along = np.array([np.cos(bearing), np.sin(bearing)])
     shared = across @ sampled[:2, 2:] @ along

@@ -48,9 +48,9 @@ def test_moments_and_the_full_echo_give_the_same_estimate(snr_db: float, within:
     differences = []
     for _ in range(20):
         noise = (rng.normal(size=WAVEFORM.shape) + 1j * rng.normal(size=WAVEFORM.shape)) * np.sqrt(0.5)
-        ours, power = maximum_likelihood(moments_of(noise, np.sqrt(snr * WAVEFORM.size)), WAVEFORM)
+        offset, power = maximum_likelihood(moments_of(noise, np.sqrt(snr * WAVEFORM.size)), WAVEFORM)
         full, full_power = score(torch.as_tensor(noise + np.sqrt(snr))[None], torch.zeros((1, 3), dtype=torch.float64))
-        differences.append(ours[0] - full[0].numpy())
+        differences.append(offset[0] - full[0].numpy())
         assert power[0] == pytest.approx(full_power.item(), rel=0.02)
     deviation = cell_bound(np.array(snr), WAVEFORM)
     assert np.all(np.sqrt(np.mean(np.square(differences), axis=0)) < within * deviation)

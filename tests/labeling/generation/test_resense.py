@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,19 @@ import pytest
 
 from command_line.arguments import channel, resense_settings
 from isacsim.errors import InputError
-from isacsim.sensing import SensingSettings, sense
+from isacsim.sensing import SensedRecord, SensingSettings, sense
+from isacsim.sensors import SENSORS
+from isacsim.sensors.protocol import SensorSettings, StoredRecords
+from isacsim.sensors.truth import TruthSensor
 from labeling.dataset.dataset import Dataset, Shard
 from labeling.dataset.shard import Episode, read_samples
 from labeling.dataset.summary import summary
+from labeling.generation.cost_estimate import estimate, sensed_anew
 from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
 from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
+from models.studies.sweep_axes import SweepAxes, sensings
 from tests.support import sensing_road
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -39,13 +45,13 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def anew(dataset: Dataset, tmp_path: Path) -> Anew:
     """Senses the dataset by arguments of the command line, into a folder of its own, and checks the contract."""
 
-    def sensed(sensor: str = "isac", **arguments: object) -> Dataset:
+    def sense_anew(sensor: str = "isac", **arguments: object) -> Dataset:
         settings = resense_settings(dataset, sensor, **arguments)  # type: ignore[arg-type]
-        made = resense(dataset, settings, tmp_path / f"{sensor}-{len(list(tmp_path.iterdir()))}", INLINE)
-        made.verify()
-        return made
+        sensed = resense(dataset, settings, tmp_path / f"{sensor}-{len(list(tmp_path.iterdir()))}", INLINE)
+        sensed.verify()
+        return sensed
 
-    return sensed
+    return sense_anew
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -60,22 +66,22 @@ def position_error_m(dataset: Dataset) -> float:
 
 
 def test_own_settings_give_the_same_records_to_the_bit(dataset: Dataset, anew: Anew) -> None:
-    made = anew()
+    sensed = anew()
     for name, values in dataset.arrays("tv", "tv_truth", "uv").items():
-        np.testing.assert_array_equal(made.arrays(name)[name], values)
-    assert made.frame().equals(dataset.frame())
-    assert made.meta.left_out() == dataset.meta.left_out()
-    assert made.meta.scenarios == dataset.meta.scenarios
+        np.testing.assert_array_equal(sensed.arrays(name)[name], values)
+    assert sensed.frame().equals(dataset.frame())
+    assert sensed.meta.left_out() == dataset.meta.left_out()
+    assert sensed.meta.scenarios == dataset.meta.scenarios
     roads = Path("roads/road.parquet")
-    assert (made.path / roads).read_bytes() == (dataset.path / roads).read_bytes()
-    assert summary(made)["position_error_m"] == summary(dataset)["position_error_m"]
+    assert (sensed.path / roads).read_bytes() == (dataset.path / roads).read_bytes()
+    assert summary(sensed)["position_error_m"] == summary(dataset)["position_error_m"]
 
 
 def test_other_settings_change_what_is_sensed_alone(dataset: Dataset, anew: Anew) -> None:
     loud, quiet = anew(snr="20"), anew(snr="-20:-10")
-    for made in (loud, quiet):
-        assert made.frame()[list(SAME)].equals(dataset.frame()[list(SAME)])
-        np.testing.assert_array_equal(made.arrays("tv_truth")["tv_truth"], dataset.arrays("tv_truth")["tv_truth"])
+    for sensed in (loud, quiet):
+        assert sensed.frame()[list(SAME)].equals(dataset.frame()[list(SAME)])
+        np.testing.assert_array_equal(sensed.arrays("tv_truth")["tv_truth"], dataset.arrays("tv_truth")["tv_truth"])
     assert (loud.frame()["snr_db"] == 20).all()
     assert quiet.frame()["snr_db"].between(-20, -10).all()
     assert quiet.frame()["snr_db"].is_unique
@@ -97,20 +103,20 @@ def test_every_argument_reaches_its_setting(dataset: Dataset, anew: Anew) -> Non
 
 
 def test_snr_by_the_link_budget_falls_with_the_distance(dataset: Dataset, anew: Anew) -> None:
-    """All sites stand 150 m beside the road: by the radar equation 13 dB there for 11 dBsm, less along the road."""
-    found = anew(snr="link").frame()["snr_db"]
-    assert found.is_unique
-    assert -15 < found.min() < found.max() < 25
+    """All sites stand 150 m beside the road, where 11.25 dBsm give 16 dB; along the road it is less."""
+    snr_db = anew(snr="link").frame()["snr_db"]
+    assert snr_db.is_unique
+    assert -15 < snr_db.min() < snr_db.max() < 25
 
 
 def test_the_truth_is_a_sensor_without_error(anew: Anew) -> None:
-    made = anew("truth")
-    arrays, frame = made.arrays("tv", "tv_truth"), made.frame()
+    sensed = anew("truth")
+    arrays, frame = sensed.arrays("tv", "tv_truth"), sensed.frame()
     np.testing.assert_array_equal(arrays["tv"], arrays["tv_truth"])
     assert set(frame["sensor"]) == {"truth"}
     assert (frame["n_sites"] == 0).all()
-    found = summary(made)
-    assert (found["snr_db"], found["position_error_m"]) == (None, {"before_filter": None, "sensed": 0.0})
+    figures = summary(sensed)
+    assert (figures["snr_db"], figures["position_error_m"]) == (None, {"before_filter": None, "sensed": 0.0})
 
 
 def test_the_onboard_radar_sees_from_the_uv(anew: Anew) -> None:
@@ -126,17 +132,17 @@ def test_the_onboard_radar_sees_from_the_uv(anew: Anew) -> None:
 
 
 def test_records_that_the_sensor_cannot_use_are_left_out_and_counted(dataset: Dataset, anew: Anew) -> None:
-    made = anew(sites=1)
-    assert len(made) == 0
+    sensed = anew(sites=1)
+    assert len(sensed) == 0
     before = dataset.meta.left_out().get("too_few_sites", 0)
-    assert made.meta.left_out()["too_few_sites"] == before + len(dataset)
+    assert sensed.meta.left_out()["too_few_sites"] == before + len(dataset)
 
 
 def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
-    own, extra = len(dataset), 2
-    made = anew(records=2 * own + extra)
-    frame, tv = made.frame(), made.arrays("tv")["tv"]
-    assert len(made) == 2 * own + extra
+    stored, extra = len(dataset), 2
+    sensed = anew(records=2 * stored + extra)
+    frame, tv = sensed.frame(), sensed.arrays("tv")["tv"]
+    assert len(sensed) == 2 * stored + extra
     assert frame["sample_id"].is_unique
     turn = frame["sample_id"].str.partition("-r")[2]
     np.testing.assert_array_equal(tv[(turn == "").to_numpy()], dataset.arrays("tv")["tv"])
@@ -145,14 +151,14 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
     assert list(frame["sample_id"][of_first]) == [first, f"{first}-r1", f"{first}-r2"]
     assert len(np.unique(tv[of_first], axis=0)) == 3
     # Sensed once more, a repeat is the same repeat.
-    again = resense(made, resense_settings(made, "isac"), tmp_path / "again", INLINE)
+    again = resense(sensed, resense_settings(sensed, "isac"), tmp_path / "again", INLINE)
     np.testing.assert_array_equal(again.arrays("tv")["tv"], tv)
     with pytest.raises(InputError, match="repeats records already"):
-        resense(made, resense_settings(made, "isac", records=99), tmp_path / "more", INLINE)
+        resense(sensed, resense_settings(sensed, "isac", records=99), tmp_path / "more", INLINE)
 
 
 @pytest.mark.parametrize("records", [1, 3, 7, 8, 30])
-def test_a_plan_fills_the_number_asked_for(records: int) -> None:
+def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     shards = [
         Shard(
             file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={}, by_origin={},
@@ -169,18 +175,18 @@ def test_a_plan_fills_the_number_asked_for(records: int) -> None:
 
 
 def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
-    made = anew(snr="3", records=10)
+    sensed = anew(snr="3", records=10)
     settings = resense_settings(dataset, "isac", snr="3", records=10)
     folder = tmp_path / "again"
     resense(dataset, settings, folder, LocalEngine(2))
-    assert bytes_of(folder) == bytes_of(made.path)
+    assert bytes_of(folder) == bytes_of(sensed.path)
     kept = folder / "shards/road-1.parquet"
     before = kept.stat().st_ino
     (folder / "shards/road-2.parquet").unlink()
     (folder / "shards/road-3.parquet").write_bytes(b"PAR1")
     moves: list[tuple[int, int]] = []
     resense(dataset, settings, folder, INLINE, lambda done, total: moves.append((done, total)))
-    assert bytes_of(folder) == bytes_of(made.path)
+    assert bytes_of(folder) == bytes_of(sensed.path)
     assert kept.stat().st_ino == before
     assert moves[0][0] > 0
     assert moves[-1] == (10, 10)
@@ -195,7 +201,7 @@ def test_a_folder_is_held_for_one_way_of_sensing(dataset: Dataset, tmp_path: Pat
         resense(dataset, ResenseSettings(), dataset.path, INLINE)
 
 
-def test_damage_of_the_dataset_is_told(dataset: Dataset, tmp_path: Path) -> None:
+def test_damage_of_the_dataset_is_reported(dataset: Dataset, tmp_path: Path) -> None:
     copy = resense(dataset, ResenseSettings(sensor="truth"), tmp_path / "copy", INLINE)
     shard = copy.shard_path(copy.meta.shards[0])
     shard.write_bytes(shard.read_bytes()[:-100])
@@ -290,6 +296,23 @@ def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> Non
     assert (carrier.reported - truth)[:, 4:].std() == pytest.approx(0.1, rel=0.05)
     np.testing.assert_allclose(carrier.state, truth, atol=2e-4)
     assert (carrier.position_sd_m, carrier.speed_sd_mps) == (0.02, 0.05)
+
+
+def test_a_sensor_that_another_package_offers_senses_a_dataset(
+    dataset: Dataset, anew: Anew, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Shifted(TruthSensor):
+        def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
+            shift = np.array([3.0, 4.0, 0, 0, 0, 0])[:, None]
+            return [replace(record, state=record.state + shift) for record in super().sense(records, settings)]
+
+    monkeypatch.setitem(SENSORS._items, "shifted", Shifted())
+    sensed = anew("shifted")
+    assert set(sensed.frame()["sensor"]) == {"shifted"}
+    assert len(sensed) == len(dataset)
+    assert position_error_m(sensed) == pytest.approx(5, abs=1e-3)
+    assert sensed_anew(small_study(), estimate(small_study()), "shifted").cpu_s > 0
+    assert [way.sensor for way in sensings(SweepAxes(sensors=("shifted",)))] == ["shifted"]
 
 
 def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:
