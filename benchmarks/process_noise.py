@@ -1,8 +1,8 @@
-"""Which density of the filter's white jerk suits the motion of real traffic.
+"""Which density of the filter's white jerk suits the motion of simulated traffic.
 
-The records of a dataset's development seeds are sensed once with its own settings; their fixes are filtered with every
-candidate density. Scored is the root mean square error of the acceleration along and across the direction of travel,
-over the whole record and, of maneuvers, by intention.
+The records of a dataset's development seeds are sensed once with the dataset's settings, and their fixes are filtered
+with every candidate density. The score is the root mean square error of the acceleration along and across the direction
+of travel, by intention and over all.
 
 Run: python -m benchmarks.process_noise DATASET LAST_SEED [RECORDS_PER_INTENTION]
 """
@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from isacsim.arrays import Array
-from isacsim.sensing import LEAST_SITES, before, fix, prelude_snapshots
+from isacsim.sensing import LEAST_SITES, before, fix, run_in_snapshots
 from isacsim.tracking.kalman import track
 from labeling.dataset.dataset import Dataset
 from labeling.generation.episode import record_key
@@ -28,7 +28,7 @@ DENSITIES = (1.0, 3.0, 10.0, 20.0, 30.0, 100.0)
 
 @dataclass(frozen=True)
 class Sensed:
-    """Fixes of B records with their prelude of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
+    """Fixes of B records with their run-in of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
 
     state: Array
     covariance: Array
@@ -39,11 +39,11 @@ class Sensed:
 
 
 def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
-    """The first records of every intention among the seeds up to the last, sensed with the dataset's own settings."""
+    """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
     settings, table = own_sensing(dataset), dataset.frame()
     truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
-    count = prelude_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
+    count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]
@@ -62,14 +62,14 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
 
 
 def scores(dataset: Dataset, given: Sensed) -> pd.DataFrame:
-    """RMS error of the acceleration, m/s2: a row a density and axis, a column an intention and `all`."""
+    """RMS error of the acceleration, m/s2: a row for each density and axis, a column for each intention and `all`."""
     settings, rate_hz = own_sensing(dataset).tracking, dataset.meta.tv_rate_hz
     heading = np.arctan2(given.truth[:, 3], given.truth[:, 2])
     rows = {}
     for density in DENSITIES:
         tuned = settings.model_copy(update={"jerk_density": density})
-        found = track(given.state, given.covariance, given.valid, 1 / rate_hz, tuned).state[:, given.count :]
-        error = found[..., 4:].transpose(0, 2, 1) - given.truth[:, 4:]
+        states = track(given.state, given.covariance, given.valid, 1 / rate_hz, tuned).state[:, given.count :]
+        error = states[..., 4:].transpose(0, 2, 1) - given.truth[:, 4:]
         along = error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading)
         across = error[:, 1] * np.cos(heading) - error[:, 0] * np.sin(heading)
         for axis, values in (("along", along), ("across", across)):

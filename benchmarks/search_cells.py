@@ -1,8 +1,10 @@
-"""How many independent cells a search grid finer than the DFT counts as: the numbers behind the rival
-in `isacsim.radio.echo`.
+"""How many independent cells a search grid finer than the DFT stands for: the constants of the rival in
+`isacsim.radio.echo`.
 
-Draws noise alone, takes the largest cell of each grid, and prints g in P(largest < x) = exp(-g N exp(-x)) at several
-quantiles, with the straight line through them. Run: python -m benchmarks.search_cells [ECHOES]
+The benchmark draws noise alone, takes the largest cell of each grid, and prints g in P(largest < x) = exp(-g N exp(-x))
+at several quantiles, with the straight line through them.
+
+Run: python -m benchmarks.search_cells [ECHOES]
 """
 
 from __future__ import annotations
@@ -19,7 +21,11 @@ QUANTILES = np.array([0.02, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95])
 
 
 def largest(noise: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Largest power of the cells, of cells and pairs of neighbours, and of the half cells; noise is white, unit."""
+    """Largest power among the cells, the cells and pairs of neighbours, and the half cells of each echo, (B,) by grid.
+
+    noise: white, of unit variance, (B, antennas, subcarriers, symbols). Its unitary DFT is white, too, so it serves as
+    the cells of the plain transform and as the echo of the padded one.
+    """
     pairs = torch.zeros(len(noise))
     for half in product((False, True), repeat=3):
         values = noise
@@ -35,7 +41,7 @@ def _peak(values: torch.Tensor) -> torch.Tensor:
 
 
 def run(echoes: int = 4096, seed: int = 1) -> dict[str, tuple[float, float]]:
-    """Intercept and slope of g over the level x for each grid."""
+    """Measure intercept and slope of g over the level x for each grid."""
     waveform = Waveform()
     generator = torch.Generator().manual_seed(seed)
     peaks: dict[str, list[torch.Tensor]] = {}

@@ -1,12 +1,12 @@
-"""Where the sites' panels stand, and what each of them measures of a vehicle.
+"""Where the sites' panels are, and what each of them measures of a vehicle.
 
-A panel measures the sine of the angle between the line of sight and its broadside (a linear array on a mast sees the
-cone about its axis, not the bearing), the slant range, and the radial velocity. With the target's height known, all
-three are functions of its position and velocity on the ground:
+A panel measures the sine of the angle between the line of sight and its broadside, the slant range, and the radial
+velocity. (A linear array on a mast measures the cone about its axis, not the bearing.) With the target's height known,
+all three are functions of its position and velocity on the ground:
 
     d = p - p_site,  R = sqrt(|d|^2 + h^2),  sine = e.d / R,  v_r = d.v / R
 
-where h is the difference of heights and e the horizontal unit vector along the array, to the right of its azimuth.
+where h is the difference in height and e the horizontal unit vector along the array, to the right of its azimuth.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from isacsim.scenarios.scenario import Site
 
 @dataclass(frozen=True)
 class Panels:
-    """Geometry of the sites of each echo. Arrays (S, I), or (I,), of m and unit vectors.
+    """Geometry of panels: of I sites, arrays (I,), or of I echoes at each of S instants, arrays (S, I).
 
-    height_m: of the panel above the target's reflecting point, which is target_height_m above the road.
-    right: along the array, (..., 2). front: where the panel faces, (..., 2).
+    x, y: m. height_m: of the panel above the target's reflecting point, which is target_height_m above the road.
+    right: unit vector along the array, (..., 2). front: unit vector in which the panel faces, (..., 2).
     """
 
     x: Array
@@ -37,7 +37,7 @@ class Panels:
 
     @staticmethod
     def of(sites: Sequence[Site], target_height_m: float) -> Panels:
-        """Panels of the given sites, arrays (I,)."""
+        """Make the panels of sites, arrays (I,). target_height_m: of the reflecting point above the road."""
         azimuth = np.radians([site.azimuth_deg for site in sites])
         return Panels(
             np.array([site.x for site in sites], dtype=np.float64),
@@ -49,24 +49,27 @@ class Panels:
         )
 
     def take(self, index: IntArray) -> Panels:
-        """The panels of each echo, by number of the site."""
+        """Take the panels of echoes. index: numbers of their sites, (S, I)."""
         x, y, height = self.x[index], self.y[index], self.height_m[index]
         return Panels(x, y, height, self.right[index], self.front[index], self.target_height_m)
 
     def reordered(self, order: IntArray) -> Panels:
-        """Panels (S, I) of each instant in another order (S, I)."""
+        """Reorder the panels (S, I) of each instant. order: positions along the last axis, (S, I)."""
         x, y, height = (np.take_along_axis(a, order, axis=1) for a in (self.x, self.y, self.height_m))
         right, front = (np.take_along_axis(a, order[..., None], axis=1) for a in (self.right, self.front))
         return Panels(x, y, height, right, front, self.target_height_m)
 
     def measured(self, state: Array) -> Array:
-        """Sine, slant range (m) and radial velocity (m/s) of a vehicle, (S, I, 3). state: x, y, vx, vy, (S, 4)."""
+        """What the panels measure of a vehicle: sine, slant range (m), radial velocity (m/s), (S, I, 3).
+
+        state: x, y (m), vx, vy (m/s), (S, 4).
+        """
         dx, dy, distance = self.sight(state[:, 0, None], state[:, 1, None])
         sine = (self.right[..., 0] * dx + self.right[..., 1] * dy) / distance
         radial = (dx * state[:, 2, None] + dy * state[:, 3, None]) / distance
         return np.stack([sine, distance, radial], axis=-1)
 
     def sight(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Horizontal offsets from panel to vehicle and the slant range, m."""
+        """Horizontal offsets dx, dy from panel to vehicle and the slant range, m. x, y: of the vehicle, m."""
         dx, dy = x - self.x, y - self.y
         return dx, dy, np.sqrt(dx**2 + dy**2 + self.height_m**2)

@@ -1,48 +1,57 @@
-"""The sensing chain: a vehicle's true motion and the sites around it -> what the network knows of it, 6 x S.
+"""The sensing chain composed: from a vehicle's true motion and the sites around it to what the network knows of it.
 
-Each record is sensed on its own: sites are assigned to it, every site's echo of every snapshot is drawn and estimated,
-the estimates are fused into fixes, and a Kalman filter (all records together) turns fixes into states. Every draw is
-seeded by the record's key, so a record comes out the same alone, in any company and in any order.
+Each record is sensed on its own. Sites are assigned to it; every site's echo is drawn and estimated at every snapshot;
+the estimates of a snapshot are fused into a fix; and a Kalman filter turns the fixes into states, many records at a
+time. The record's key seeds every draw, so a record comes out the same alone, with others, and in any order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
+from isacsim.heading import heading_rad
 from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers
-from isacsim.radio.channel import ChannelSettings, snr_db
-from isacsim.radio.estimation import Estimator, estimate_deviation, observe
+from isacsim.radio.channel import ChannelSettings, EchoGeometry, snr_db
+from isacsim.radio.estimators import ESTIMATORS
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.tracking.fusion import Fixes, FusionSettings, fuse
-from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
+from isacsim.tracking.fusion import Fixes
+from isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
 from isacsim.tracking.kalman import TrackingSettings, track
 
 LEAST_SITES = 2
+"""Fewest sites that locate a vehicle."""
 CONFIRMED = 0.25
-"""Share of the snapshots before a record that must have located the vehicle: a false alarm or two are no vehicle."""
+"""Share of the snapshots before a record that must have located the vehicle: one or two false alarms are no vehicle."""
 TOGETHER = 64
-"""Records filtered at once: enough to make the filter cheap, few enough to keep their fixes' covariances small."""
+"""Records filtered at once: enough to make the filter cheap, few enough to keep their covariances small in memory."""
 
 
 class ViewSettings(Settings):
     """Which sites sense a vehicle."""
 
-    sites: int = Field(4, ge=1, le=8, description="Sites used at once, at most.")
-    range_m: float = Field(400.0, gt=0, description="Farthest vehicle a site senses.")
+    sites: int = Field(4, ge=1, le=8, description="Most sites used at once.")
+    range_m: float = Field(
+        350.0, gt=0, description="Farthest vehicle that a site senses; at most what the cyclic prefix carries."
+    )
     half_width_deg: float = Field(60.0, gt=0, lt=90, description="A panel sees this far to either side of its azimuth.")
-    speed_mps: float = Field(100.0, gt=0, description="Fastest radial speed taken for a vehicle's.")
-    hold_s: float = Field(0.1, gt=0, description="The sites of a vehicle are chosen anew after this time.")
+    speed_mps: float = Field(100.0, gt=0, description="Highest radial speed accepted as a vehicle's.")
+    hold_s: float = Field(0.1, gt=0, description="Time after which the sites of a vehicle are chosen anew.")
+
+
+def _current_name(value: Any) -> Any:
+    """The present name of a way to draw echoes; files written before call the DFT block "window"."""
+    return "block" if value == "window" else value
 
 
 class SensingSettings(Settings):
@@ -51,33 +60,48 @@ class SensingSettings(Settings):
     waveform: Waveform = Field(default_factory=Waveform)
     view: ViewSettings = Field(default_factory=ViewSettings)
     channel: ChannelSettings = Field(default_factory=ChannelSettings)
-    echo: Literal["window", "tensor"] = Field(
-        "window", description="Draw what an estimate depends on (echo.py), or every number (echo_tensor.py, slow)."
+    echo: Annotated[Literal["block", "tensor"], BeforeValidator(_current_name)] = Field(
+        "block",
+        description="Draw the DFT block, on which an estimate depends (echo.py), or the whole echo (echo_tensor.py, "
+        "slow).",
     )
     device: str = Field("cpu", description="Where torch works on `tensor` echoes: cpu, cuda, cuda:1.")
-    estimator: Estimator = Field("ml", description="Maximum likelihood, Candan's, the DFT's cell, the padded DFT's.")
+    estimator: Annotated[str, AfterValidator(ESTIMATORS.check)] = Field(
+        "ml", description="; ".join(f"{name}: {estimator.label}" for name, estimator in ESTIMATORS.items())
+    )
     false_alarm: float = Field(
         1e-3,
         gt=0,
         lt=1,
-        description="Probability that noise alone passes for an echo at a site and snapshot; an estimate "
-        "whose power is below that level is not used.",
+        description="Probability that noise alone passes for an echo at a site and snapshot; an estimate whose power "
+        "is below that level is not used.",
     )
     target_height_m: float = Field(0.8, ge=0, description="Height of the vehicle's reflecting point above the road.")
     fusion: FusionSettings = Field(default_factory=FusionSettings)
     tracking: TrackingSettings = Field(default_factory=TrackingSettings)
 
+    @model_validator(mode="after")
+    def _within_the_cyclic_prefix(self) -> Self:
+        longest_m = self.waveform.longest_range_m
+        if self.view.range_m > longest_m:
+            raise ValueError(
+                f"view.range_m {self.view.range_m:g} is beyond the {longest_m:.0f} m that waveform.cyclic_prefix_s "
+                f"carries: lower it to {int(longest_m)}, or lengthen the prefix"
+            )
+        return self
+
 
 @dataclass(frozen=True)
 class SensedRecord:
-    """What the network knows of one record.
+    """What a sensor knows of one record.
 
-    state: x, y, vx, vy, ax, ay after the filter, (6, S). fixes: x, y, vx, vy before it, (4, S); where no echo was
-    detected, the fix before is repeated. n_sites: sites assigned, the least over the record. snr_db: mean per-element
-    SNR over the record and its sites. detected: share of the echoes that were detected.
+    state: x, y, vx, vy, ax, ay after the filter, (6, S). fixes: x, y, vx, vy before it, (4, S); a snapshot without a
+    detection repeats the fix before it. n_sites: fewest sites assigned at any snapshot; 0 for a sensor that uses none.
+    snr_db: per-element SNR, mean over the record and its sites. detected: share of the echoes that were detected.
+    usable: whether the sensor could follow the vehicle; otherwise state and fixes mean nothing.
 
-    A record with n_sites below LEAST_SITES cannot be fused: it is not `usable`, and its state and fixes are all zero.
-    n_sites is 0, too, where fewer than CONFIRMED of the snapshots before the record located the vehicle.
+    The sites cannot use a record that fewer than LEAST_SITES of them see throughout: its state and fixes are zero. A
+    record that fewer than CONFIRMED of the snapshots before it located is not usable either, and its n_sites is 0.
     """
 
     state: Array
@@ -90,7 +114,7 @@ class SensedRecord:
 
 @dataclass(frozen=True)
 class Observed:
-    """Fixes of one record with its prelude, and what they rest on (see SensedRecord)."""
+    """Fixes of one record, run-in included, and what they rest on (see SensedRecord)."""
 
     fixes: Fixes
     n_sites: int
@@ -106,15 +130,16 @@ def sense(
     keys: Sequence[tuple[str | int, ...]],
     blockers: Sequence[Blockers | None] | None = None,
 ) -> list[SensedRecord]:
-    """Sense B records.
+    """Sense B records with the sites.
 
-    truth: x, y, vx, vy, ax, ay of the reflecting point, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one a record.
-    blockers: the other vehicles of each record, where the channel has blockage.
-    Raises InputError where the truth does not fit the keys, there is no site, or blockage is asked without vehicles.
+    truth: x, y, vx, vy, ax, ay of the reflecting point, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one for each
+    record, which seeds its draws. blockers: the other vehicles of each record, needed if the channel has blockage.
+    Returns a SensedRecord for each record.
+    Raises InputError if truth and keys do not fit, there is no site, or blockage is on without other vehicles.
     """
     if truth.ndim != 3 or truth.shape[1] != 6 or truth.shape[0] != len(keys):
         raise InputError(
-            f"truth of shape {truth.shape} for {len(keys)} keys: give (records, 6, snapshots), one key a record"
+            f"truth of shape {truth.shape} for {len(keys)} keys: give (records, 6, snapshots) and one key per record"
         )
     if not sites:
         raise InputError("no sites to sense with: add POIs of type isac_site to the scenario")
@@ -134,8 +159,8 @@ def _sense_together(
     keys: Sequence[tuple[str | int, ...]],
     blockers: Sequence[Blockers | None],
 ) -> list[SensedRecord]:
-    """Sense a few records, whose fixes are held at once for the filter."""
-    count = prelude_snapshots(rate_hz, settings.tracking)
+    """Sense the records of one pass of the filter."""
+    count = run_in_snapshots(rate_hz, settings.tracking)
     motion = np.concatenate([before(truth, rate_hz, count), truth], axis=2)
     observed = [fix(motion[k], rate_hz, sites, settings, key, blockers[k]) for k, key in enumerate(keys)]
     good = [k for k, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
@@ -163,13 +188,16 @@ def _record(observed: Observed, state: Array, count: int) -> SensedRecord:
     )
 
 
-def prelude_snapshots(rate_hz: float, settings: TrackingSettings) -> int:
-    """Snapshots sensed before a record begins."""
-    return round(settings.prelude_s * rate_hz)
+def run_in_snapshots(rate_hz: float, settings: TrackingSettings) -> int:
+    """Number of snapshots in the filter's run-in, which are sensed before a record begins."""
+    return round(settings.run_in_s * rate_hz)
 
 
 def before(truth: Array, rate_hz: float, count: int) -> Array:
-    """The `count` snapshots before a record, its first state carried back at constant acceleration: (B, 6, count)."""
+    """The motion before B records: their first state carried back at constant acceleration.
+
+    truth: (B, 6, S) at rate_hz. count: snapshots to go back. Returns (B, 6, count).
+    """
     time = (np.arange(count) - count) / rate_hz
     position, velocity, acceleration = (truth[:, k : k + 2, :1] for k in (0, 2, 4))
     return np.concatenate(
@@ -190,40 +218,60 @@ def fix(
     key: tuple[str | int, ...],
     blockers: Blockers | None = None,
 ) -> Observed:
-    """Echoes, estimates and fixes of one record. motion: (6, S) at rate_hz, prelude included."""
-    everyone = Panels.of(sites, settings.target_height_m)
-    slots = assign(motion[:2].T, rate_hz, everyone, settings.view)
+    """Draw the echoes of one record, estimate from them, and fuse the estimates.
+
+    motion: true x, y, vx, vy, ax, ay, (6, S) at rate_hz, run-in included. key: seeds the draws.
+    Returns the fixes of all S snapshots.
+    """
+    all_panels = Panels.of(sites, settings.target_height_m)
+    slots = assign(motion[:2].T, rate_hz, all_panels, settings.view)
     assigned = slots >= 0
     n_sites = int(assigned.sum(axis=1).min())
     if n_sites < LEAST_SITES:
         return _unseen(motion.shape[1], n_sites)
     # An empty slot repeats the first site; what it measures is not used.
     number = np.where(assigned, slots, slots[:, :1])
-    panels = everyone.take(number)
+    panels = all_panels.take(number)
     true = panels.measured(motion[:4].T)
-    prelude = prelude_snapshots(rate_hz, settings.tracking)
-    time_s = (np.arange(motion.shape[1]) - prelude) / rate_hz
-    level = snr_db(settings.channel, settings.waveform, motion[:2].T, number, panels, time_s, blockers, key)
+    run_in = run_in_snapshots(rate_hz, settings.tracking)
+    geometry = EchoGeometry(
+        position=motion[:2].T,
+        heading_rad=_heading_rad(motion, run_in),
+        site=number,
+        panels=panels,
+        time_s=(np.arange(motion.shape[1]) - run_in) / rate_hz,
+    )
+    level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
     measured, deviation, power = _measure(true, level, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = assigned & (power > threshold) & plausible(measured, settings.view)
-    method = fuse if settings.fusion.method == "information" else fuse_eq5
-    fixes = filled(method(measured, deviation, used, panels, settings.fusion))
-    if fixes.valid[: prelude + 1].mean() < CONFIRMED:
+    fuse = FUSION_METHODS[settings.fusion.method]
+    fixes = filled(fuse(measured, deviation, used, panels, settings.fusion))
+    if fixes.valid[: run_in + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
 
 
-def plausible(measured: Array, settings: ViewSettings) -> BoolArray:
-    """Whether an estimate can be of a vehicle in view, (..., 3) -> (...): most peaks of noise lie elsewhere.
+def _heading_rad(motion: Array, run_in: int) -> Array:
+    """Heading of the vehicle at each snapshot, (S,): during the run-in the record's first.
 
-    The range may exceed the view's by a fifth: vehicles drive on between assignments, and a grid errs by half a cell.
+    The run-in's own velocity does not count: carried back, a vehicle that drives off would have come in reverse.
+    """
+    heading = heading_rad(motion[2:4, run_in:])
+    return np.concatenate([np.full(run_in, heading[0]), heading])
+
+
+def plausible(measured: Array, settings: ViewSettings) -> BoolArray:
+    """Whether estimates can be of a vehicle in view; most peaks of noise cannot.
+
+    measured: sine, range (m), radial velocity (m/s), (..., 3). Returns (...). The range may exceed the view's by a
+    fifth: vehicles drive on between assignments, and a grid errs by half a cell.
     """
     return np.asarray((measured[..., 1] <= 1.2 * settings.range_m) & (np.abs(measured[..., 2]) <= settings.speed_mps))
 
 
 def _unseen(count: int, n_sites: int) -> Observed:
-    """What is known of a vehicle that cannot be located: nothing, at each of `count` snapshots."""
+    """The observation of a vehicle that cannot be located: no fix at any of `count` snapshots."""
     fixes = Fixes(np.zeros((count, 4)), np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool))
     return Observed(fixes, n_sites, 0.0, 0.0)
 
@@ -231,27 +279,28 @@ def _unseen(count: int, n_sites: int) -> Observed:
 def _measure(
     true: Array, level_db: Array, settings: SensingSettings, key: tuple[str | int, ...]
 ) -> tuple[Array, Array, Array]:
-    """Estimates of every echo: measured and deviation, (S, I, 3), and power, (S, I)."""
+    """Draw and estimate every echo: measured values and their deviations, (S, I, 3), and power, (S, I)."""
     waveform = settings.waveform
     cells = waveform.cells(true.reshape(-1, 3))
     snr = 10 ** (level_db.ravel() / 10)
+    estimator = ESTIMATORS[settings.estimator]
     if settings.echo == "tensor":
-        # Here, so that workers that draw by the window need not load torch.
+        # Imported here, so that workers that draw DFT blocks need not load torch.
         from isacsim.radio.echo_tensor import observe_tensor
 
         seed = int(stream(*key, "echo").integers(2**62))
-        found = observe_tensor(cells, snr, settings.estimator, waveform, seed, settings.device)
+        estimates = observe_tensor(cells, snr, estimator, waveform, seed, settings.device)
     else:
-        found = observe(cells, snr, settings.estimator, waveform, stream(*key, "echo"))
-    deviation = estimate_deviation(found.power, settings.estimator, waveform) / np.abs(waveform.cells_per_unit)
-    shape = true.shape
-    return waveform.measured(found.cells).reshape(shape), deviation.reshape(shape), found.power.reshape(shape[:2])
+        estimates = estimator.observe(cells, snr, waveform, stream(*key, "echo"))
+    deviation = estimator.deviation(estimates.power, waveform) / np.abs(waveform.cells_per_unit)
+    measured, shape = waveform.measured(estimates.cells), true.shape
+    return measured.reshape(shape), deviation.reshape(shape), estimates.power.reshape(shape[:2])
 
 
 def filled(fixes: Fixes) -> Fixes:
-    """Fixes with the one before (at the start, the first one) in the place of each that is missing.
+    """Fill missing fixes with the latest one before them, or, at the start, with the first one.
 
-    Their covariance, and `valid`, still say that nothing was measured there.
+    Covariance and `valid` stay as they are, and so still say that nothing was measured there.
     """
     latest = np.maximum.accumulate(np.where(fixes.valid, np.arange(len(fixes.valid)), -1))
     latest = np.where(latest < 0, int(np.argmax(fixes.valid)), latest)
@@ -259,10 +308,12 @@ def filled(fixes: Fixes) -> Fixes:
 
 
 def assign(position: Array, rate_hz: float, panels: Panels, settings: ViewSettings) -> IntArray:
-    """The sites that sense a vehicle at each snapshot: numbers, nearest first, -1 where fewer see it, (S, I).
+    """Choose the sites that sense a vehicle at each snapshot.
 
-    position: true x, y, m, (S, 2). Chosen at the start of every `hold_s` among the panels that see the vehicle: the
-    nearest ones, one a mast, since two panels of one mast share their line of sight.
+    At the start of every `hold_s`, the nearest panels that see the vehicle are chosen, one on each mast: two panels
+    on one mast share their line of sight.
+    position: true x, y, m, (S, 2) at rate_hz. panels: of all sites.
+    Returns numbers of sites, nearest first, -1 where fewer see the vehicle, (S, settings.sites).
     """
     hold = max(1, round(settings.hold_s * rate_hz))
     at = position[::hold]

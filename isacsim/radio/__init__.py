@@ -1,0 +1,4 @@
+"""From a vehicle and a panel to what the panel measures: waveform, channel, echo, estimation and their bounds.
+
+This room knows where panels and vehicles are, but nothing of fixes, tracks or filters.
+"""

@@ -1,7 +1,7 @@
-"""Vehicles between a sensor and its target, and what they take off the echo (3GPP TR 37.885, 6.2.1).
+"""Vehicles between a sensor and its target, and how much they attenuate the echo (3GPP TR 37.885, 6.2.1).
 
-A vehicle blocks where the line of sight passes through its box, the height of the line included: from a mast a truck
-hides only what is close behind it.
+A vehicle blocks if the line of sight passes through its box. The height of the line counts: from a mast, a truck hides
+only what is close behind it.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from isacsim.traffic.recording import Recording, Track
 CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0
 HIGH_KINDS = ("truck", "trailer", "bus", "coach", "delivery")
-"""SUMO vehicle classes that are as high as a truck."""
+"""SUMO vehicle classes that are TRUCK_HEIGHT_M high."""
 
 
 @dataclass(frozen=True)
 class Blockers:
-    """The other vehicles of one record, row k of every array at k * step_s after the record's start.
+    """The other vehicles of one record; column k of every array is k * step_s after the record's start.
 
     ids: names, which seed each vehicle's loss. x, y: front bumper centre, m, (V, K), NaN where absent. heading: unit
-    vector of travel, (V, K, 2). length_m, width_m, height_m: (V,) (CAR_HEIGHT_M or TRUCK_HEIGHT_M).
+    vector of the direction of travel, (V, K, 2). length_m, width_m: (V,). height_m: CAR_HEIGHT_M or TRUCK_HEIGHT_M,
+    (V,).
     """
 
     ids: Sequence[str]
@@ -43,10 +44,11 @@ class Blockers:
 def blockers_of(
     recording: Recording, t_start: float, t_end: float, without: Collection[str], every_steps: int = 5
 ) -> Blockers:
-    """All vehicles of a recording that were on the road between two times (s), except those named.
+    """Collect the vehicles of a recording that were on the road between two times (s), except those named.
 
-    without: the target, and for the onboard radar its carrier. every_steps: recording steps between rows, 0.05 s by
-    default: traffic moves 1.5 m in it. Positions are the recorded ones: half a metre of jitter hides nothing.
+    without: the target, and for the onboard radar its carrier. every_steps: recording steps between columns; the
+    default is 0.05 s, in which traffic moves 1.5 m. Positions are as recorded: their jitter of up to half a metre
+    does not matter here.
     """
     steps = np.arange(round(t_start / recording.step_s), round(t_end / recording.step_s) + 1, every_steps)
     present = {
@@ -58,9 +60,9 @@ def blockers_of(
     x, y, heading = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros((*shape, 2))
     for vehicle, track in enumerate(present.values()):
         row = steps - track.first_step
-        there = (row >= 0) & (row < len(track))
-        x[vehicle, there], y[vehicle, there] = track.x[row[there]], track.y[row[there]]
-        heading[vehicle, there] = _along_lane(recording, track, row[there])
+        on_road = (row >= 0) & (row < len(track))
+        x[vehicle, on_road], y[vehicle, on_road] = track.x[row[on_road]], track.y[row[on_road]]
+        heading[vehicle, on_road] = _along_lane(recording, track, row[on_road])
     return Blockers(
         ids=tuple(present),
         step_s=every_steps * recording.step_s,
@@ -74,27 +76,27 @@ def blockers_of(
 
 
 def _along_lane(recording: Recording, track: Track, row: IntArray) -> Array:
-    """Unit vector of a vehicle's lane where it is, (n, 2)."""
+    """Unit vector along a vehicle's lane where the vehicle is, (n, 2). row: of its track, (n,)."""
     heading = np.zeros((len(row), 2))
     for lane in np.unique(track.lane[row]):
-        mine = track.lane[row] == lane
+        on_lane = track.lane[row] == lane
         steps = np.diff(recording.lanes[lane].shape, axis=0)
         length = np.hypot(steps[:, 0], steps[:, 1])
-        segment = np.searchsorted(np.cumsum(length), track.lane_pos[row[mine]]).clip(max=len(steps) - 1)
-        heading[mine] = steps[segment] / length[segment, None]
+        segment = np.searchsorted(np.cumsum(length), track.lane_pos[row[on_lane]]).clip(max=len(steps) - 1)
+        heading[on_lane] = steps[segment] / length[segment, None]
     return heading
 
 
 def blockage_db(
     blockers: Blockers, position: Array, site: IntArray, panels: Panels, time_s: Array, key: tuple[str | int, ...]
 ) -> Array:
-    """Loss of each echo's path, one way, dB, (S, I): of the vehicle in between that takes most.
+    """Loss of each echo's path, one way, dB, (S, I): that of the vehicle in between that attenuates most.
 
     position: of the target, m, (S, 2). site, panels: of each echo, (S, I). time_s: of each snapshot, (S,); before the
-    record's start the vehicles stand where they were at its start. The loss of a vehicle to a site is drawn once
-    a record.
+    record's start, the vehicles are where they are at its start. key: names the record and seeds the draws; the loss of
+    a vehicle toward a site is drawn once for each record.
     """
-    row = _row(blockers, time_s)
+    row = _column(blockers, time_s)
     worst = np.zeros(site.shape)
     for vehicle, name in enumerate(blockers.ids):
         hidden = _between(blockers, vehicle, row, position, panels)
@@ -105,30 +107,30 @@ def blockage_db(
         mean, deviation = mean_loss_db(distance, low, top, float(blockers.height_m[vehicle]))
         for number in np.unique(site[hidden]):
             draw = stream(*key, "blockage", int(number), name).standard_normal()
-            mine = hidden & (site == number)
-            worst[mine] = np.maximum(worst[mine], np.maximum(mean + deviation * draw, 0.0)[mine])
+            of_site = hidden & (site == number)
+            worst[of_site] = np.maximum(worst[of_site], np.maximum(mean + deviation * draw, 0.0)[of_site])
     return worst
 
 
 def hides(blockers: Blockers, position: Array, panels: Panels, time_s: Array) -> BoolArray:
-    """Whether any vehicle cuts the line from each panel to the target, (S, I). Arguments as `blockage_db`."""
-    row = _row(blockers, time_s)
+    """Whether any vehicle cuts the line from each panel to the target, (S, I). Arguments as in `blockage_db`."""
+    row = _column(blockers, time_s)
     hidden = np.zeros(panels.x.shape, dtype=bool)
     for vehicle in range(len(blockers.ids)):
         hidden |= _between(blockers, vehicle, row, position, panels)
     return hidden
 
 
-def _row(blockers: Blockers, time_s: Array) -> IntArray:
-    """Row of the blockers' arrays at each instant, (S,)."""
+def _column(blockers: Blockers, time_s: Array) -> IntArray:
+    """Column of the blockers' arrays at each instant, (S,)."""
     return np.clip(np.round(time_s / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
 
 
 def mean_loss_db(distance_m: Array, low_m: Array, top_m: Array, blocker_m: float) -> tuple[Array, Array]:
-    """Mean and deviation of one vehicle's loss, one way, dB (TR 37.885, 6.2.1, NLOSv).
+    """Mean and standard deviation of one vehicle's loss, one way, dB; both 0 if both ends are above the vehicle.
 
-    distance_m: between the ends. low_m, top_m: heights of the lower and the higher end. blocker_m: the
-    vehicle's height. None where both ends are above the vehicle.
+    distance_m: between the ends of the path, (...). low_m, top_m: heights of the lower and the higher end, m, (...).
+    blocker_m: height of the vehicle, m. Source: 3GPP TR 37.885, 6.2.1, NLOSv.
     """
     grows = np.maximum(0.0, 15 * np.log10(distance_m) - 41)
     buried = top_m < blocker_m
@@ -150,13 +152,13 @@ def _between(blockers: Blockers, vehicle: int, row: IntArray, position: Array, p
     centre_x = blockers.x[vehicle, row][:, None] - heading[..., 0] * blockers.length_m[vehicle] / 2
     centre_y = blockers.y[vehicle, row][:, None] - heading[..., 1] * blockers.length_m[vehicle] / 2
 
-    def own_frame(x: Array, y: Array) -> tuple[Array, Array]:
+    def in_its_frame(x: Array, y: Array) -> tuple[Array, Array]:
         along = (x - centre_x) * heading[..., 0] + (y - centre_y) * heading[..., 1]
         across = (y - centre_y) * heading[..., 0] - (x - centre_x) * heading[..., 1]
         return along, across
 
-    start = own_frame(panels.x, panels.y)
-    end = own_frame(position[:, :1], position[:, 1:])
+    start = in_its_frame(panels.x, panels.y)
+    end = in_its_frame(position[:, :1], position[:, 1:])
     enter, leave = np.zeros(panels.x.shape), np.ones(panels.x.shape)
     for first, last, half in zip(
         start, end, (blockers.length_m[vehicle] / 2, blockers.width_m[vehicle] / 2), strict=True

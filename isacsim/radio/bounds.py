@@ -1,4 +1,4 @@
-"""Cramer-Rao bounds of one echo; those of a position are in `isacsim.tracking.fusion`.
+"""Cramer-Rao bounds of what one echo measures; those of a position are in `isacsim.tracking.fusion`.
 
 A single target of unknown complex amplitude in white noise, rho = |b|^2 / sigma^2 the per-element SNR and N
 the number of elements. Source: Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974), for the model of Eq. (1) of ASI-BIP.
@@ -13,7 +13,7 @@ from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
 
 
 def cell_bound(snr: Array, waveform: Waveform) -> Array:
-    """Bound of the frequency along each axis: variance 6 / (rho N (Ni^2 - 1)) in radians a step.
+    """Bound of the frequency along each axis, whose variance is 6 / (rho N (Ni^2 - 1)) in radians per element.
 
     snr: per-element SNR, linear, shape (...). Returns the standard deviation in cells, shape (..., 3).
     """
@@ -23,12 +23,18 @@ def cell_bound(snr: Array, waveform: Waveform) -> Array:
 
 
 def measured_bound(snr: Array, waveform: Waveform) -> Array:
-    """Bound of (sine of angle, range in m, radial velocity in m/s): standard deviations, shape (..., 3)."""
+    """Bound of sine of the angle, range (m) and radial velocity (m/s).
+
+    snr: per-element, linear, shape (...). Returns standard deviations, shape (..., 3).
+    """
     return np.asarray(cell_bound(snr, waveform) / np.abs(waveform.cells_per_unit))
 
 
 def angle_bound(snr: Array, sine: Array, waveform: Waveform) -> Array:
-    """Bound of the angle of arrival: standard deviation in radians, shape (...). sine: of the true angle."""
+    """Bound of the angle of arrival: standard deviation in radians, shape (...).
+
+    snr: per-element, linear. sine: of the true angle. Both of shape (...).
+    """
     return np.asarray(measured_bound(snr, waveform)[..., 0] / np.sqrt(1 - np.asarray(sine) ** 2))
 
 

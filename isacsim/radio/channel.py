@@ -1,12 +1,17 @@
-"""Where the SNR of an echo comes from: a number, a range, a link budget; and what rain and other vehicles take off it.
+"""The SNR of every echo: a fixed number, a draw from a range, or a link budget; then rain and blocking vehicles.
 
-Source of the link budget: the monostatic radar equation per array element; of the vehicle's radar cross-section: 3GPP
-TR 38.901 clause 7.9. The defaults of `link` give 33.7, 21.7 and 9.6 dB at 50, 100 and 200 m for 10 dBsm. Rain and
-vehicles in between (`isacsim.radio.blockage`) come off any of the three.
+The link budget is the monostatic radar equation per array element; the radar cross-section of a vehicle is in
+`isacsim.radio.cross_section`. The defaults give, for a cross-section of 10 dBsm:
+
+>>> link_snr_db(LinkBudget(), Waveform(), np.array([50.0, 100.0, 200.0]), 10.0).round(1).tolist()
+[33.7, 21.6, 9.6]
+
+Rain and blocking vehicles (`isacsim.radio.blockage`) lower the SNR of all three kinds.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -16,6 +21,7 @@ from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers, blockage_db
+from isacsim.radio.cross_section import aspect_dbsm, random_mean_db
 from isacsim.radio.waveform import Waveform
 from isacsim.seeding import stream
 from isacsim.settings import Settings
@@ -24,22 +30,38 @@ _THERMAL_DBM_PER_HZ = -173.98
 
 
 class LinkBudget(Settings):
-    """Transmit and receive chain of one panel."""
+    """Transmit and receive chain of one panel, and the vehicle's radar cross-section."""
 
     power_dbm: float = Field(29.8, description="Transmit power over the sensing bandwidth.")
     transmit_gain_db: float = Field(8.0, description="Gain of the transmitting panel toward the vehicle.")
     element_gain_db: float = Field(8.0, description="Gain of one receiving element.")
     noise_figure_db: float = Field(5.0, ge=0, description="Receiver noise figure.")
     loss_db: float = Field(3.0, ge=0, description="Losses of the chain, both ways.")
-    cross_section_dbsm: float = Field(11.25, description="Mean radar cross-section of a vehicle (TR 38.901, 7.9).")
-    cross_section_sd_db: float = Field(3.41, ge=0, description="Its spread, drawn a record and site (TR 38.901, 7.9).")
+    cross_section: Literal["aspect", "constant"] = Field(
+        "aspect",
+        description="Mean radar cross-section: by the angle at which the panel sees the vehicle (TR 38.901, 7.9.2.1), "
+        "or the same from everywhere.",
+    )
+    cross_section_dbsm: float = Field(
+        11.25,
+        description="Linear mean of the `constant` cross-section, in dBsm (TR 38.901, 7.9.2.1); also used for a "
+        "vehicle that never moves, whose heading is unknown.",
+    )
+    cross_section_sd_db: float = Field(
+        3.41,
+        ge=0,
+        description="Standard deviation of the log-normal part, drawn once for each record and site; its linear mean "
+        "is one (TR 38.901, 7.9.2.1).",
+    )
 
 
 class ChannelSettings(Settings):
     """The per-element SNR of every echo of a record."""
 
     kind: Literal["fixed", "uniform", "link"] = Field(
-        "uniform", description="One number; one draw a record, alike at all its sites (the paper); the link budget."
+        "uniform",
+        description="fixed: one number. uniform: one draw for each record, the same at all its sites (the paper). "
+        "link: the link budget.",
     )
     snr_db: float = Field(5.0, ge=-60, le=80, description="Per-element SNR of `fixed`.")
     snr_range_db: tuple[float, float] = Field((0.0, 10.0), description="Range of `uniform`: lowest, highest.")
@@ -55,46 +77,77 @@ class ChannelSettings(Settings):
         return self
 
 
+@dataclass(frozen=True)
+class EchoGeometry:
+    """Where a record's vehicle and the panels of its echoes are, at S instants and for I echoes of each.
+
+    position: true x, y, m, (S, 2). heading_rad: of the vehicle, counter-clockwise from +x, (S,), NaN if unknown.
+    site: number of each echo's site, (S, I). panels: of each echo, (S, I). time_s: from the record's start, (S,).
+    """
+
+    position: Array
+    heading_rad: Array
+    site: IntArray
+    panels: Panels
+    time_s: Array
+
+
 def snr_db(
     settings: ChannelSettings,
     waveform: Waveform,
-    position: Array,
-    site: IntArray,
-    panels: Panels,
-    time_s: Array,
+    geometry: EchoGeometry,
     blockers: Blockers | None,
     key: tuple[str | int, ...],
 ) -> Array:
     """Per-element SNR of every echo of a record, dB, (S, I).
 
-    position: true x, y, m, (S, 2). site: number of each echo's site, (S, I), and panels its geometry. time_s: of each
-    snapshot from the record's start, (S,). blockers: the other vehicles, where the settings ask for blockage.
-    key: names the record; every draw is seeded by it.
+    blockers: the other vehicles, needed if the settings include blockage. key: names the record and seeds every draw.
+    Raises InputError if blockage is on and there are no blockers.
     """
+    position, panels = geometry.position, geometry.panels
     _, _, distance = panels.sight(position[:, :1], position[:, 1:])
     if settings.kind == "fixed":
         level = np.full(distance.shape, settings.snr_db)
     elif settings.kind == "uniform":
         level = np.full(distance.shape, stream(*key, "channel").uniform(*settings.snr_range_db))
     else:
-        numbers = np.unique(site)
-        spread = np.zeros(int(numbers.max()) + 1)
-        spread[numbers] = [stream(*key, "cross-section", int(k)).standard_normal() for k in numbers]
-        section = settings.link.cross_section_dbsm + settings.link.cross_section_sd_db * spread[site]
+        section = cross_section_dbsm(settings.link, geometry, key)
         level = link_snr_db(settings.link, waveform, distance, section)
     if settings.rain_mm_per_h:
         level = level - 2 * distance / 1000 * rain_db_per_km(waveform.carrier_hz, settings.rain_mm_per_h)
     if settings.blockage:
         if blockers is None:
             raise InputError(
-                "blockage asks for the other vehicles, which were not given: sense from traffic, or turn it off"
+                "blockage needs the other vehicles, which were not given: sense from traffic, or turn blockage off"
             )
-        level = level - 2 * blockage_db(blockers, position, site, panels, time_s, key)
+        level = level - 2 * blockage_db(blockers, position, geometry.site, panels, geometry.time_s, key)
     return level
 
 
+def cross_section_dbsm(link: LinkBudget, geometry: EchoGeometry, key: tuple[str | int, ...]) -> Array:
+    """Radar cross-section that each echo of a record sees, dBsm, (S, I).
+
+    The mean follows the aspect from instant to instant; the random part is drawn once for each site.
+    """
+    numbers = np.unique(geometry.site)
+    draw = np.zeros(int(numbers.max()) + 1)
+    draw[numbers] = [stream(*key, "cross-section", int(k)).standard_normal() for k in numbers]
+    random = random_mean_db(link.cross_section_sd_db) + link.cross_section_sd_db * draw[geometry.site]
+    if link.cross_section == "constant":
+        return np.asarray(link.cross_section_dbsm + random)
+    dx, dy, distance = geometry.panels.sight(geometry.position[:, :1], geometry.position[:, 1:])
+    heading = geometry.heading_rad[:, None]
+    # From the vehicle to the panel, hence the signs.
+    azimuth = np.arctan2(-dy, -dx) - np.where(np.isnan(heading), 0.0, heading)
+    mean = aspect_dbsm(azimuth, np.arccos(geometry.panels.height_m / distance))
+    return np.asarray(np.where(np.isnan(heading), link.cross_section_dbsm, mean) + random)
+
+
 def link_snr_db(link: LinkBudget, waveform: Waveform, distance_m: Array, cross_section_dbsm: Array | float) -> Array:
-    """Per-element SNR by the radar equation, dB. distance_m: slant range, (...). Returns (...)."""
+    """Per-element SNR by the monostatic radar equation, dB.
+
+    distance_m: slant range, (...). cross_section_dbsm: of the vehicle, (...). Returns (...).
+    """
     bandwidth_hz = waveform.subcarriers * waveform.subcarrier_spacing_hz
     received = (
         link.power_dbm

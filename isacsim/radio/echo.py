@@ -1,4 +1,4 @@
-"""Echo synthesis by the DFT window: the few statistics of an echo on which its estimate depends, drawn exactly.
+"""Echo synthesis by the DFT block: the few statistics of an echo on which its estimate depends, drawn exactly.
 
 The full echo is 43,008 complex numbers, of which an estimator uses a handful: the cells around the peak of the DFT, and
 near the maximum of the likelihood the value and the slopes of the matched filter. Both are inner products of the echo
@@ -12,8 +12,8 @@ Two groups of vectors, in units where the noise has unit variance and a target t
   give the matched filter near the target; at -30 dB the third degree, left out, moves an estimate by 3 % of its
   standard deviation, and less in proportion to the noise above.
 
-What is not drawn, the cells far from the target, enters by the largest of them (`Rival`). `isacsim.radio.echo_tensor`
-is the slow oracle that draws all 43,008 numbers and knows nothing of where the target is.
+The cells far from the target are not drawn; the largest of them stands for all (`Rival`). The slow oracle, which draws
+all 43,008 numbers, is `isacsim.radio.echo_tensor`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from isacsim.radio.waveform import Waveform, centred
 Search = Literal["whole", "half", "pairs"]
 
 BLOCK = 6
-"""Search cells drawn along each axis, the target between the middle two."""
+"""Width of the DFT block: search cells drawn along each axis, with the target between the middle two."""
 
 DEGREES = (
     (0, 0, 0),
@@ -84,12 +84,15 @@ def white(shape: tuple[int, ...], rng: np.random.Generator) -> ComplexArray:
 
 
 def draw_moments(snr: Array, waveform: Waveform, rng: np.random.Generator) -> Moments:
-    """Moments of snapshots whose peak is not in question. snr: per-element, linear, (B,)."""
+    """Draw the moments of snapshots whose search cannot fail. snr: per-element, linear, (B,)."""
     return Moments(np.sqrt(snr * waveform.size), white((len(DEGREES), len(snr)), rng))
 
 
 def draw_bins(cells: Array, snr: Array, search: Search, waveform: Waveform, rng: np.random.Generator) -> Bins:
-    """Search cells around targets at `cells` (B, 3) with per-element SNR `snr` (B,), linear."""
+    """Draw the DFT blocks around B targets.
+
+    cells: true coordinates, (B, 3). snr: per-element, linear, (B,). search: which grid of cells.
+    """
     spacing = 0.5 if search == "half" else 1.0
     first = (np.ceil(cells / spacing) - BLOCK // 2) * spacing
     responses = [_response(cells[:, axis] - first[:, axis], spacing, axis, 0, waveform) for axis in range(3)]
@@ -105,9 +108,9 @@ def draw_bins(cells: Array, snr: Array, search: Search, waveform: Waveform, rng:
 
 
 def draw_search(cells: Array, snr: Array, waveform: Waveform, rng: np.random.Generator) -> tuple[Bins, Moments]:
-    """Whole search cells and moments of the same snapshots, with their joint law.
+    """Draw whole search cells and moments of the same snapshots, with their joint law. Arguments as in `draw_bins`.
 
-    The moments' noise is the part that lies in the drawn cells, found from their values, plus the part outside, whose
+    The noise of the moments has a part within the drawn cells, computed from their values, and a part outside, whose
     covariance is what the cells leave of the identity.
     """
     bins = draw_bins(cells, snr, "pairs", waveform, rng)
@@ -147,7 +150,7 @@ _TABLE_STEP = 1 / 1024
 
 @lru_cache(maxsize=32)
 def _kernel(count: int, degree: int) -> tuple[Array, Array]:
-    """Moment of `degree` of a unit tone, tabulated over its distance in cells: the Dirichlet kernel and its slopes.
+    """Tabulate the moment of `degree` of a unit tone over its distance in cells: the Dirichlet kernel and its slopes.
 
     Degree d is the d-th derivative of the matched filter over the scaled frequency, made orthonormal: real for every d
     because elements are counted from the centre.
@@ -186,7 +189,7 @@ _CELLS_PER_ELEMENT: dict[Search, tuple[float, float]] = {
 
 
 def _draw_rival(count: int, search: Search, waveform: Waveform, rng: np.random.Generator) -> Rival:
-    """The largest of the search cells that hold noise alone.
+    """Draw the largest of the search cells that hold noise alone.
 
     The power of one is exponential, so the largest of n independent ones is -ln(1 - U^(1/n)). Cells of a grid finer
     than the transform overlap; they count as g N with g = a + b x, at most 8, at the level x, measured on noise alone

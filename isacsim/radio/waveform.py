@@ -1,8 +1,8 @@
 """OFDM numerology and the separable phase model of one echo (Eq. 1-2 of ASI-BIP).
 
-An echo has three axes: antennas, subcarriers, symbols. Along each of them the phase advances by a constant, and this
-module counts that frequency in **cells** of the axis' DFT (N cells are one turn a step): a target is a point
-(angle, delay, Doppler) of three cell coordinates.
+An echo has three axes: antennas, subcarriers, symbols. Along each axis the phase advances by a constant from element to
+element. This module counts that frequency in **cells** of the axis' DFT (on an axis of N elements, N cells are one turn
+per element), so that a target is a point of three cell coordinates: angle, delay, Doppler.
 """
 
 from __future__ import annotations
@@ -18,12 +18,18 @@ LIGHT_SPEED_MPS = 299_792_458.0
 
 
 class Waveform(Settings):
-    """The sensing waveform and the receiving array. Defaults: Section IV-A of ASI-BIP."""
+    """The sensing waveform and the receiving array. The defaults are those of Section IV-A of ASI-BIP."""
 
     carrier_hz: float = Field(3.5e9, gt=0, description="Carrier frequency.")
     subcarrier_spacing_hz: float = Field(30e3, gt=0, description="Subcarrier spacing.")
     symbol_s: float = Field(
         0.5e-3 / 14, gt=0, description="OFDM symbol with its cyclic prefix (3GPP TS 38.211: 14 in a slot of 0.5 ms)."
+    )
+    cyclic_prefix_s: float | None = Field(
+        144 / 61.44e6,
+        gt=0,
+        description="Cyclic prefix of a symbol, which limits the longest range (3GPP TS 38.211, 5.3.1: 144 samples at "
+        "61.44 MHz, the normal prefix at 30 kHz; the first symbol of a slot has more). Absent: no limit.",
     )
     subcarriers: int = Field(128, ge=4, description="Subcarriers used for sensing.")
     symbols: int = Field(42, ge=4, description="OFDM symbols of one snapshot.")
@@ -36,18 +42,27 @@ class Waveform(Settings):
         return LIGHT_SPEED_MPS / self.carrier_hz
 
     @property
+    def longest_range_m(self) -> float:
+        """Range whose echo is delayed by the whole cyclic prefix: beyond it, symbols run into each other, m.
+
+        >>> round(Waveform().longest_range_m, 1)
+        351.3
+        """
+        return LIGHT_SPEED_MPS * self.cyclic_prefix_s / 2 if self.cyclic_prefix_s is not None else float("inf")
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Antennas, subcarriers, symbols: the shape of one echo."""
         return self.antennas, self.subcarriers, self.symbols
 
     @property
     def size(self) -> int:
-        """Elements of one echo: the gain of coherent processing."""
+        """Number of elements of one echo, which is the gain of coherent processing."""
         return self.antennas * self.subcarriers * self.symbols
 
     @property
     def cells_per_unit(self) -> Array:
-        """Cells per unit of sine of the angle, of range (m) and of radial velocity (m/s), shape (3,).
+        """Cells per unit of sine of the angle, per metre of range and per m/s of radial velocity, shape (3,).
 
         Delay turns the phase backwards, and so does a growing range (Doppler shift -2 v f / c): both are negative.
         """

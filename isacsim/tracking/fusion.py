@@ -1,12 +1,13 @@
-"""Position and velocity of one vehicle from several sites that measured it at the same instant.
+"""Fusion: position and velocity of one vehicle from several sites that measured it at the same instant.
 
-What a site measures of a vehicle is in `isacsim.panels`.
+This module says what a fusion method must do and holds the default one, joint maximum likelihood. What a site measures
+of a vehicle is in `isacsim.panels`; the choice of a method in `isacsim.tracking.fusion_methods`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -16,16 +17,14 @@ from isacsim.panels import Panels
 from isacsim.settings import Settings
 
 
-class FusionSettings(Settings):
-    """How several sites' measurements become one fix."""
+class FusionOptions(Settings):
+    """Options of the fusion methods; each reads those that concern it."""
 
-    method: Literal["information", "eq5"] = Field(
-        "information", description="Joint maximum likelihood; the paper's linear equations (fusion_tdoa_aoa)."
-    )
     steps: int = Field(2, ge=1, le=10, description="Gauss-Newton steps of `information`.")
     eq5_weights: Literal["paper", "covariance"] = Field(
         "paper",
-        description="Weights of `eq5`: one variance a site for its range and its angle; the rows' true covariance.",
+        description="Weights of `eq5`. paper: one variance for range and angle of a site. covariance: that of "
+        "the rows.",
     )
     speed_prior_mps: float = Field(
         60.0,
@@ -37,20 +36,36 @@ class FusionSettings(Settings):
 
 @dataclass(frozen=True)
 class Fixes:
-    """Fused x, y (m), vx, vy (m/s): state (S, 4), covariance (S, 4, 4), and which are fixes at all, valid (S,)."""
+    """Fixes of one vehicle at S instants.
+
+    state: x, y (m), vx, vy (m/s), (S, 4). covariance: (S, 4, 4). valid: whether there is a fix, (S,).
+    """
 
     state: Array
     covariance: Array
     valid: BoolArray
 
 
-def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:
-    """Joint maximum likelihood of position and velocity at each instant, by Gauss-Newton.
+class FusionMethod(Protocol):
+    """A way of fusing several sites' measurements into one fix; a function, or any other callable."""
 
-    measured: sine, range (m), radial velocity (m/s), (S, I, 3). deviation: their standard deviations, same shape.
-    used: which echoes take part, (S, I). panels: of each echo.
-    One echo is enough for a position; the velocity across its line of sight is then the prior's. Instants without any
-    echo give a fix that is not valid, at the origin, with a covariance of (1e4 m)^2.
+    def __call__(
+        self, measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions, /
+    ) -> Fixes:
+        """Fuse the measurements of each instant.
+
+        measured: sine, range (m), radial velocity (m/s), (S, I, 3). deviation: their standard deviations, same shape.
+        used: which echoes take part, (S, I). panels: of each echo, (S, I).
+        Returns a fix for each instant with an honest covariance. Where the echoes in use do not suffice, it is not
+        valid (see `checked`); nothing is ever NaN.
+        """
+
+
+def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions) -> Fixes:
+    """Fuse by joint maximum likelihood of position and velocity at each instant, by Gauss-Newton.
+
+    Arguments and result as in FusionMethod. One echo is enough for a position; the velocity across its line of sight is
+    then the prior's.
     """
     weight = np.where(used[..., None], deviation, np.inf) ** -2.0
     state = np.zeros((len(measured), 4))
@@ -63,7 +78,10 @@ def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, set
 
 
 def checked(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
-    """Fixes with symmetric covariances, and those that are not valid set to the origin and (1e4 m)^2."""
+    """Make fixes whose covariances are symmetric; one that is not valid is at the origin with (1e4 m)^2.
+
+    Arguments as the fields of Fixes. A fix with a number that is not finite is not valid.
+    """
     valid = valid & np.isfinite(state).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
     covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
     return Fixes(
@@ -72,7 +90,7 @@ def checked(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
 
 
 def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
-    """Fisher information of (x, y, vx, vy) in the sites' measurements, (S, 4, 4).
+    """Fisher information about (x, y, vx, vy) in the sites' measurements, (S, 4, 4).
 
     state: (S, 4). deviation: of sine, range and radial velocity, (S, I, 3).
     """
@@ -81,7 +99,7 @@ def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
 
 
 def position_bound(state: Array, deviation: Array, panels: Panels) -> Array:
-    """Cramer-Rao bound of x, y (m), vx, vy (m/s) estimated together from all sites' echoes of one instant.
+    """Cramer-Rao bound of x, y (m), vx, vy (m/s), estimated jointly from all sites' echoes of one instant.
 
     state: true x, y, vx, vy, (S, 4). deviation: bounds of each echo's sine, range and radial velocity, (S, I, 3), as
     `isacsim.radio.bounds.measured_bound` gives them. Returns covariances, (S, 4, 4).
@@ -90,9 +108,9 @@ def position_bound(state: Array, deviation: Array, panels: Panels) -> Array:
 
 
 def single_site(measured: Array, panels: Panels) -> tuple[Array, Array]:
-    """The position that one site's sine and slant range give, height taken into account: x, y, m, shape (S, I).
+    """Position x, y that each site's sine and slant range give by themselves, m, (S, I), its height considered.
 
-    Of the two points of the circle the one before the panel is taken: behind it the panel sees nothing.
+    measured: (S, I, 3). Of the two possible points the one in front of the panel is taken: it sees nothing behind it.
     """
     along = measured[..., 0] * measured[..., 1]
     ahead = np.sqrt(np.maximum(measured[..., 1] ** 2 - along**2 - panels.height_m**2, 1.0))
@@ -102,7 +120,7 @@ def single_site(measured: Array, panels: Panels) -> tuple[Array, Array]:
 
 
 def _first_position(measured: Array, weight: Array, used: BoolArray, panels: Panels) -> Array:
-    """Each site's own position weighed by its information, u u^T / sr^2 + n n^T / (r st)^2: (S, 2)."""
+    """Mean of the sites' single positions, weighted by their information u u^T / sr^2 + n n^T / (r st)^2, (S, 2)."""
     x, y = single_site(measured, panels)
     dx, dy, distance = panels.sight(x, y)
     ground = np.hypot(dx, dy)
@@ -120,7 +138,7 @@ def _first_position(measured: Array, weight: Array, used: BoolArray, panels: Pan
 
 
 def _jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
-    """Derivatives of sine, range and radial velocity over x, y, vx, vy at a state (S, 4): (S, I, 3, 4)."""
+    """Derivatives of sine, range and radial velocity with respect to x, y, vx, vy at a state (S, 4), (S, I, 3, 4)."""
     dx, dy, distance = panels.sight(state[:, 0, None], state[:, 1, None])
     unit = np.stack([dx / distance, dy / distance], axis=-1)
     jacobian = np.zeros((*distance.shape, 3, 4))
@@ -132,7 +150,7 @@ def _jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
 
 
 def _normal_equations(
-    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionSettings
+    state: Array, measured: Array, weight: Array, panels: Panels, settings: FusionOptions
 ) -> tuple[Array, Array]:
     """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
     predicted = panels.measured(state)
@@ -144,7 +162,7 @@ def _normal_equations(
     information[:, 2, 2] += prior
     information[:, 3, 3] += prior
     gradient[:, 2:] -= prior * state[:, 2:]
-    # Without an echo there is no information of the place: keep the matrix regular, the caller drops the fix.
+    # Without an echo there is no information about the position: keep the matrix regular, the caller drops the fix.
     idle = weight.sum(axis=(1, 2)) == 0
     information[idle, :2, :2] += np.eye(2)
     return information, gradient

@@ -1,12 +1,12 @@
-"""The paper's fusion: TDoA and AoA as linear equations in position and first range (Eq. 5), velocity from the Dopplers.
+"""The paper's fusion: TDoA and AoA as linear equations in position and first range (Eq. 5), then the Dopplers.
 
 With the bearings theta_i, the ground ranges r_i and r_i1 = r_i - r_1, each site gives a row in (x, y, r_1):
 
     -2 x_i1 x - 2 y_i1 y - 2 r_i1 r_1 = r_i1^2 - k_i + k_1        (i > 1)
     sin(theta_i) x - cos(theta_i) y   = sin(theta_i) x_i - cos(theta_i) y_i
 
-The leading minus of Eq. (5) covers the whole matrix. The paper weighs range and angle rows of a site alike, though the
-range rows have coefficients of hundreds; `covariance` weighs by what noise really does to each row.
+The leading minus of Eq. (5) covers the whole matrix. The paper weighs range and angle rows of a site alike, although
+the range rows have coefficients of hundreds; the weights `covariance` follow what noise does to each row.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 
 from isacsim.arrays import Array, BoolArray
 from isacsim.panels import Panels
-from isacsim.tracking.fusion import Fixes, FusionSettings, checked, single_site
+from isacsim.tracking.fusion import Fixes, FusionOptions, checked, single_site
 
 
-def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings) -> Fixes:
-    """Fuse the measurements of each instant by Eq. (5); arguments and result as `fusion.fuse`.
+def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions) -> Fixes:
+    """Fuse the measurements of each instant by Eq. (5); arguments and result as in `fusion.FusionMethod`.
 
-    Takes two sites at least. The covariance is that of the estimate whatever its weights.
+    It needs two sites. The covariance is that of the estimate with the weights that it used.
     """
-    # The first range is the reference of all others: it has to be one that was measured.
+    # The first range is the reference of all others, so it has to be one that was measured.
     order = np.argsort(~used, axis=1, kind="stable")
     measured, deviation = (np.take_along_axis(a, order[..., None], axis=1) for a in (measured, deviation))
     used = np.take_along_axis(used, order, axis=1)
@@ -34,7 +34,7 @@ def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels,
 
 
 def _position(
-    measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionSettings
+    measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions
 ) -> tuple[Array, Array]:
     """Position (S, 2) and its covariance (S, 2, 2)."""
     matrix, right = _equations(measured, panels)
@@ -45,11 +45,13 @@ def _position(
     if settings.eq5_weights == "covariance":
         weight = np.where(both, np.linalg.inv(noise + (~row_used)[:, :, None] * np.eye(noise.shape[1])), 0.0)
     else:
-        own = deviation[..., 1] ** -2.0
-        weight = np.where(row_used, np.concatenate([own[:, 1:], own], axis=1), 0.0)[..., None] * np.eye(noise.shape[1])
+        site_weight = deviation[..., 1] ** -2.0
+        weight = np.where(row_used, np.concatenate([site_weight[:, 1:], site_weight], axis=1), 0.0)[..., None] * np.eye(
+            noise.shape[1]
+        )
     projected = matrix.transpose(0, 2, 1) @ weight
     normal = projected @ matrix
-    # Two sites in line with the vehicle leave the equations singular: keep them solvable, the covariance says the rest.
+    # Two sites in line with the vehicle make the equations singular: keep them solvable, with a large covariance.
     ridge = 1e-15 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-300
     solved = np.linalg.solve(
         normal + ridge * np.eye(3), np.concatenate([projected @ right[..., None], projected], axis=2)
@@ -69,7 +71,7 @@ def _bearing(measured: Array, panels: Panels) -> tuple[Array, Array, Array]:
 
 
 def _equations(measured: Array, panels: Panels) -> tuple[Array, Array]:
-    """Matrix (S, 2I-1, 3) and right side (S, 2I-1) of Eq. (5), coordinates counted from the first site."""
+    """Matrix (S, 2I-1, 3) and right side (S, 2I-1) of Eq. (5), in coordinates relative to the first site."""
     ground, cosine, sine = _bearing(measured, panels)
     x, y = panels.x - panels.x[:, :1], panels.y - panels.y[:, :1]
     longer = ground - ground[:, :1]
@@ -80,7 +82,7 @@ def _equations(measured: Array, panels: Panels) -> tuple[Array, Array]:
 
 
 def _row_covariance(measured: Array, deviation: Array, panels: Panels) -> Array:
-    """Covariance of the rows' errors, (S, 2I-1, 2I-1): what noise in each site's sine and range does to them.
+    """Covariance of the rows' errors that noise in each site's sine and range causes, (S, 2I-1, 2I-1).
 
     A range row errs by -2 r_i (dr_i - dr_1), an angle row by r_i dtheta_i; dr = (R / r) dR, and the bearing follows
     from sin(theta - broadside) = R s / r, which mixes a little of the range into the angle where the mast is high.
@@ -111,20 +113,23 @@ def _velocity(
     deviation: Array,
     used: BoolArray,
     panels: Panels,
-    settings: FusionSettings,
+    settings: FusionOptions,
 ) -> tuple[Array, Array]:
-    """Velocity (S, 2) of greatest likelihood at that position (Step 3), and the covariance of both, (S, 4, 4)."""
+    """Most likely velocity at a position (Step 3 of ASI-BIP), (S, 2), and the covariance of both, (S, 4, 4).
+
+    spread: covariance of the position, (S, 2, 2).
+    """
     dx, dy, distance = panels.sight(position[:, :1], position[:, 1:])
     unit = np.stack([dx / distance, dy / distance], axis=-1)
     weight = np.where(used, deviation[..., 2], np.inf) ** -2.0
     weighted = (unit * weight[..., None]).transpose(0, 2, 1)
-    own = np.linalg.inv(weighted @ unit + settings.speed_prior_mps**-2 * np.eye(2))
-    velocity = (own @ (weighted @ measured[..., 2, None]))[..., 0]
+    alone = np.linalg.inv(weighted @ unit + settings.speed_prior_mps**-2 * np.eye(2))
+    velocity = (alone @ (weighted @ measured[..., 2, None]))[..., 0]
     radial = (unit * velocity[:, None, :]).sum(axis=2)
     turning = (velocity[:, None, :] - radial[..., None] * unit) / distance[..., None]
-    carried = -own @ (weighted @ turning)
+    carried = -alone @ (weighted @ turning)
     cross = carried @ spread
-    lower = own + cross @ carried.transpose(0, 2, 1)
+    lower = alone + cross @ carried.transpose(0, 2, 1)
     return velocity, np.concatenate(
         [np.concatenate([spread, cross.transpose(0, 2, 1)], axis=2), np.concatenate([cross, lower], axis=2)], axis=1
     )

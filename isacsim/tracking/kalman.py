@@ -6,45 +6,54 @@ States x, y, vx, vy, ax, ay; a fix is x, y, vx, vy with its own covariance at ev
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isacsim.arrays import Array, BoolArray
 from isacsim.settings import Settings
 
 
 class TrackingSettings(Settings):
-    """The filter's model of how vehicles move, and its start."""
+    """The filter's model of how vehicles move, and how it starts."""
 
     jerk_density: float = Field(10.0, gt=0, description="Spectral density of the white jerk along either axis, m2/s5.")
     start_acceleration_mps2: float = Field(
-        4.0, gt=0, description="Standard deviation of either acceleration before the first fix."
+        4.0, gt=0, description="Standard deviation of the acceleration along either axis before the first fix."
     )
     gate: float = Field(
         1000.0,
         gt=0,
-        description="A fix whose normalised innovation squared exceeds this is an outlier and not used; far "
-        "above chi-square, so that a maneuver the model did not expect is never mistaken for one.",
+        description="A fix whose normalised innovation squared exceeds this is an outlier and is not used; far above "
+        "chi-square, so that an unexpected maneuver is never mistaken for an outlier.",
     )
     reacquire_s: float = Field(
-        0.1, gt=0, description="After so long with nothing but outliers the filter starts anew from the next fix."
+        0.1, gt=0, description="After this long with nothing but outliers the filter starts anew from the next fix."
     )
-    prelude_s: float = Field(
+    run_in_s: float = Field(
         0.5,
         ge=0,
         le=5,
-        description="Sensing before the record begins, to let the filter settle; the motion is the "
+        description="Run-in: time sensed before the record begins, in which the filter settles; the motion is the "
         "record's first state carried back at constant acceleration.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _former_key(cls, content: Any) -> Any:
+        """Accept files written before, which call the run-in `prelude_s`."""
+        if isinstance(content, dict) and "prelude_s" in content and "run_in_s" not in content:
+            return {("run_in_s" if key == "prelude_s" else key): value for key, value in content.items()}
+        return content
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """What the filter made of B records.
+    """Filtered states of B records.
 
-    state: (B, S, 6). covariance: after the last step, (B, 6, 6). innovation: of each fix, its distance from the
-    prediction squared in units of their covariance, (B, S); zero at the first fix and where there is none.
+    state: x, y, vx, vy, ax, ay, (B, S, 6). covariance: after the last step, (B, 6, 6). innovation: normalised
+    innovation squared of each fix, (B, S); zero for the first fix and where there is none.
     """
 
     state: Array
@@ -53,7 +62,7 @@ class Tracks:
 
 
 def transition(step_s: float) -> Array:
-    """Constant acceleration over one step, (6, 6)."""
+    """Transition matrix of constant acceleration over one step, (6, 6)."""
     pair = np.eye(2)
     zero = np.zeros((2, 2))
     return np.block([[pair, step_s * pair, step_s**2 / 2 * pair], [zero, pair, step_s * pair], [zero, zero, pair]])
@@ -70,7 +79,7 @@ def process_noise(step_s: float, jerk_density: float) -> Array:
 
 
 def start(fix: Array, covariance: Array, settings: TrackingSettings) -> tuple[Array, Array]:
-    """State (B, 6) and covariance (B, 6, 6) after the first fix (B, 4) with its covariance (B, 4, 4)."""
+    """Start the filter with a first fix (B, 4) and its covariance (B, 4, 4): state (B, 6), covariance (B, 6, 6)."""
     state = np.zeros((len(fix), 6))
     state[:, :4] = fix
     spread = np.zeros((len(fix), 6, 6))
@@ -82,31 +91,31 @@ def start(fix: Array, covariance: Array, settings: TrackingSettings) -> tuple[Ar
 def track(fixes: Array, covariances: Array, valid: BoolArray, step_s: float, settings: TrackingSettings) -> Tracks:
     """Filter the fixes of B records.
 
-    fixes: (B, S, 4). covariances: (B, S, 4, 4). valid: (B, S); where false the filter predicts only. The first fix of
-    every record has to be valid or carry a covariance that says how little it is worth.
+    fixes: x, y, vx, vy, (B, S, 4). covariances: (B, S, 4, 4). valid: (B, S); where false, the filter only predicts. The
+    first fix of every record must be valid, or have a covariance that says how uncertain it is.
     """
     move, noise = transition(step_s), process_noise(step_s, settings.jerk_density)
     state, spread = start(fixes[:, 0], covariances[:, 0], settings)
     states = np.empty((*fixes.shape[:2], 6))
     innovations = np.zeros(fixes.shape[:2])
     states[:, 0] = state
-    worthless = ~valid
+    missing = ~valid
     refused = np.zeros(len(fixes), dtype=np.int64)
     for k in range(1, fixes.shape[1]):
         state = (move @ state[..., None])[..., 0]
         spread = move @ spread @ move.T + noise
-        # An invalid fix weighs nothing: its gain is set to zero.
+        # A fix that is not valid has no weight: its gain is set to zero.
         weight = np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
-        weight[worthless[:, k]] = 0.0
+        weight[missing[:, k]] = 0.0
         surprise = (fixes[:, k] - state[:, :4])[..., None]
         innovations[:, k] = (surprise.transpose(0, 2, 1) @ (weight @ surprise))[:, 0, 0]
         outlier = innovations[:, k] > settings.gate
-        refused = np.where(outlier, refused + 1, np.where(worthless[:, k], refused, 0))
+        refused = np.where(outlier, refused + 1, np.where(missing[:, k], refused, 0))
         weight[outlier] = 0.0
         gain = spread[:, :, :4] @ weight
         state = state + (gain @ surprise)[..., 0]
         spread = spread - gain @ spread[:, :4]
-        # Rounding makes the covariance drift from symmetry, and the filter from its reference with it.
+        # Without this, rounding makes the covariance drift from symmetry, and the filter from its reference.
         spread = (spread + spread.transpose(0, 2, 1)) / 2
         lost = refused > settings.reacquire_s / step_s
         if lost.any():

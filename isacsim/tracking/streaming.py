@@ -1,6 +1,6 @@
-"""The filter of `isacsim.tracking.kalman` for one vehicle as its fixes come: one fix in, state out, on filterpy.
+"""The filter of `isacsim.tracking.kalman` for one vehicle, fix by fix as they come in, on filterpy.
 
-The same model, gate and new start as the batched filter, whose reference it is in the tests.
+It has the model, the gate and the restart of the batched filter, and is its reference in the tests.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from isacsim.tracking.kalman import TrackingSettings, process_noise, start, tran
 class StreamingFilter:
     """Six-state constant-acceleration Kalman filter over the fixes of one vehicle.
 
-    step_s: time between calls of `step`, s. state: x, y, vx, vy, ax, ay, m, m/s, m/s2, (6,), and covariance, (6, 6),
-    after the latest step. Both are None until the first fix.
+    step_s: time between calls of `step`, s. state: x, y, vx, vy, ax, ay after the latest step, m, m/s, m/s2, (6,).
+    covariance: of the state, (6, 6). Both are None until the first fix.
     """
 
     def __init__(self, step_s: float, settings: TrackingSettings | None = None) -> None:
@@ -30,10 +30,11 @@ class StreamingFilter:
         self._kalman.Q = process_noise(step_s, self.settings.jerk_density)
 
     def step(self, fix: Array | None, covariance: Array | None = None) -> Array | None:
-        """Take one time step, with the fix that came in it, x, y, vx, vy, (4,), and its covariance, (4, 4), if any.
+        """Advance by one time step, and use the fix that came in, if any.
 
-        Returns the state after it, (6,), or None as long as there was no fix. A fix whose normalised innovation squared
-        exceeds the settings' gate is not used; after `reacquire_s` of nothing but such fixes the filter starts anew.
+        fix: x, y, vx, vy, (4,). covariance: of the fix, (4, 4). A fix whose normalised innovation squared exceeds the
+        settings' gate is not used; after `reacquire_s` of nothing but such fixes the filter starts anew.
+        Returns the state after the step, (6,), or None if there has been no fix yet.
         """
         if self.state is None:
             if fix is not None and covariance is not None:

@@ -25,7 +25,11 @@ from isacsim.files import replace_file
 from isacsim.settings import Settings
 from labeling.intentions import Intention
 
-SCHEMA_VERSION: Literal[1] = 1
+SCHEMA_VERSION: Literal[2] = 2
+"""Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
+follows 3GPP TR 38.901. The layout is that of 1."""
+READABLE = (1, 2)
+"""Schema versions that can be read."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: m, m/s, m/s2, in the scenario's plane, of the front bumper centre."""
 ARRAYS = ("tv", "tv_truth", "uv")
@@ -75,7 +79,7 @@ class Episode(Settings):
 
     scenario: str
     seed: int
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[1, 2] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -202,7 +206,7 @@ def read_shard(path: Path) -> Shard:
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
         stored = json.loads(table.schema.metadata[_EPISODE_KEY])
-        if (version := stored.get("schema_version")) != SCHEMA_VERSION:
+        if (version := stored.get("schema_version")) not in READABLE:
             raise InputError(
                 f"{path}: a shard of schema version {version}, not {SCHEMA_VERSION}; read it with the tool's version "
                 "that made it, or delete it and generate again"

@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from isacsim.sensors import SENSORS
 from isacsim.traffic.motion_sources import motion_source
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import KNOWN
 
 SENSED_S = 23e-6
 """Processor time a sensing instant, s."""
-SENSED_ANEW_S = {"isac": 9.5e-6, "radar": 3.1e-6, "truth": 0.4e-6}
-"""Processor time a sensing instant of `cosim sense`, by sensor, s; measured on the 1,657 records of the quick study."""
 FOUND = 0.9
 """Share of the samples that the selection allows which an episode of FULL_S holds; a shorter one holds less."""
 FULL_S = 240.0
@@ -53,4 +52,4 @@ def estimate(study: DatasetStudy) -> Estimate:
 def sensed_anew(study: DatasetStudy, made: Estimate, sensor: str) -> Estimate:
     """What sensing all records of a study's dataset anew will take, about."""
     instants = made.samples * study.record.duration_s * study.record.tv_rate_hz
-    return Estimate(0, made.samples, round(instants * SENSED_ANEW_S[sensor], 1), made.bytes)
+    return Estimate(0, made.samples, round(instants * SENSORS[sensor].cost_s, 1), made.bytes)

@@ -136,9 +136,13 @@ def report(state: Array, settings: ReportSettings, key: tuple[str | int, ...]) -
 
     state: true state, (6, n). key: names the draw.
     """
+    return np.asarray(state + report_noise(state.shape[1], settings, key), np.float32)
+
+
+def report_noise(count: int, settings: ReportSettings, key: tuple[str | int, ...]) -> Array:
+    """Noise of a UV's `count` reports, (6, count). key: as in `report`; the same key gives the same noise."""
     sd = np.repeat([settings.position_sd_m, settings.speed_sd_mps, settings.acceleration_sd_mps2], 2)
-    noise = stream("report", *key).standard_normal(state.shape) * sd[:, None]
-    return np.asarray(state + noise, np.float32)
+    return np.asarray(stream("report", *key).standard_normal((6, count)) * sd[:, None])
 
 
 def _states(study: DatasetStudy, recording: Recording, vehicle: str, each: Candidate, rate_hz: float) -> Array:

@@ -1,7 +1,7 @@
-"""The records of a dataset sensed anew: another channel, estimator or sensor over the same motion.
+"""Sensing a dataset's records anew: another channel, estimator or sensor over the same motion.
 
-A dataset holds the true motion of its TVs, what its UVs reported, and the sites; sensing needs no more, but for the
-other vehicles that blockage and a line of sight ask for.
+A dataset holds the true motion of its TVs, what its UVs reported, and the sites. That is all that sensing needs, except
+the other vehicles: what depends on them (blockage, the radar's line of sight) cannot be sensed anew.
 """
 
 from __future__ import annotations
@@ -11,45 +11,43 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from isacsim.errors import InputError, OutputError, RunError
 from isacsim.feedback import SILENT, Feedback, Move
-from isacsim.onboard_radar import Carrier, RadarSettings, sense_onboard
+from isacsim.onboard_radar import Carrier
+from isacsim.radio.cross_section import random_mean_db
 from isacsim.scenarios.scenario import Site
-from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings, sense
-from isacsim.settings import Settings
+from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings
+from isacsim.sensors import SENSORS
+from isacsim.sensors.protocol import SensorSettings, StoredRecords
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
-from labeling.dataset.shard import read_samples
+from labeling.dataset.shard import SCHEMA_VERSION, read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import UNSEEN, median_error_m, record_key
+from labeling.generation.episode import median_error_m, record_key, report_noise
 from labeling.generation.folder import claimed, fingerprint, finish, standing
 from labeling.generation.log import Note
-from labeling.generation.settings import checked
+from labeling.generation.settings import ReportSettings, checked
 
-UNDETECTED = "not_detected"
-"""Why a record is left out that the radar never saw before it began."""
 REPEAT = "-r"
-"""What stands in a sample's id before the number of its repeat."""
+"""Separates a sample's id from the number of its repeat."""
 
 
-class ResenseSettings(Settings):
+class ResenseSettings(SensorSettings):
     """How records are sensed anew."""
 
-    sensor: Literal["isac", "radar", "truth"] = Field(
-        "isac", description="the sites; the UV's own radar; neither: the true state"
+    sensor: Annotated[str, AfterValidator(SENSORS.check)] = Field(
+        "isac", description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
-    sensing: SensingSettings = SensingSettings()
-    radar: RadarSettings = RadarSettings()
     records: int | None = Field(
         None,
         ge=1,
-        description="records to sense, the dataset's over and over with new noise; its own number when absent",
+        description="records to sense, the dataset's over and over with new noise; as many as it holds when absent",
     )
 
 
@@ -63,12 +61,37 @@ class Job:
 
     @property
     def records(self) -> int:
+        """Records to sense, repeats included."""
         return self.times * self.shard.samples + self.more
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
-    """The sensing settings that a dataset was made with."""
-    return checked(SensingSettings, dataset.meta.study.get("sensing", {}), dataset.path)
+    """The sensing settings that a dataset was made with, also if a version before schema 2 made it."""
+    return checked(SensingSettings, _current_sensing(dataset.meta.study.get("sensing", {})), dataset.path)
+
+
+def _current_sensing(stored: dict[str, Any]) -> dict[str, Any]:
+    """Stored sensing settings in today's terms, with the same law of every draw.
+
+    Before schema 2 the waveform had no cyclic prefix, and so no longest range; and the cross-section was the same from
+    every side, with `cross_section_dbsm` the mean of its dB values instead of its linear mean.
+    """
+    if "waveform" not in stored or "cyclic_prefix_s" in stored["waveform"]:
+        return stored
+    current = {**stored, "waveform": {**stored["waveform"], "cyclic_prefix_s": None}}
+    channel = stored.get("channel", {})
+    if channel.get("kind") == "link":
+        link = channel["link"]
+        mean_dbsm = link["cross_section_dbsm"] - random_mean_db(link["cross_section_sd_db"])
+        link = {**link, "cross_section": "constant", "cross_section_dbsm": mean_dbsm}
+        current["channel"] = {**channel, "link": link}
+    return current
+
+
+def own_report(dataset: Dataset) -> ReportSettings:
+    """The noise that a dataset's UVs reported with; none if the dataset does not say."""
+    silent = {"position_sd_m": 0.0, "speed_sd_mps": 0.0, "acceleration_sd_mps2": 0.0}
+    return checked(ReportSettings, silent | dataset.meta.study.get("report", {}), dataset.path)
 
 
 def resense(
@@ -78,36 +101,37 @@ def resense(
     engine: Engine | None = None,
     feedback: Feedback = SILENT,
 ) -> Dataset:
-    """Sense a dataset's records anew into another folder, or finish it where it was begun, and open it.
+    """Sense a dataset's records anew into another folder, or finish one begun before, and open it.
 
-    With a dataset's own settings its `tv` comes out the same, to the bit. Records that the sensor cannot use are left
-    out, and counted in their episode. engine: what senses the shards, one worker process when absent; the samples do
-    not depend on it. feedback: where progress is reported.
-    Raises InputError where settings, dataset or folder are at fault, RunError where a shard fails.
+    With the dataset's own settings `tv` comes out the same, to the bit. Records that the sensor cannot use are left out
+    and counted in their episode.
+    engine: senses the shards; one worker process when absent. The samples do not depend on it. feedback: where
+    progress is reported.
+    Raises InputError if settings, dataset or folder are wrong, RunError if a shard fails.
     """
     _check(dataset, settings, out)
     started = _describe(dataset, settings)
     jobs = plan(dataset.meta.shards, settings.records)
-    made: dict[str, Shard] = {}
+    sensed: dict[str, Shard] = {}
     roads = {scenario.name: dataset.roads(scenario.name) for scenario in dataset.meta.scenarios}
     with claimed(out, started):
         for name, lanes in roads.items():
             write_roads(out, name, lanes)
-        made |= standing(out, started)
-        missing = [job for job in jobs if job.shard.file not in made]
+        sensed |= standing(out, started)
+        missing = [job for job in jobs if job.shard.file not in sensed]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
             noted = partial(log.record, out, feedback)
             with feedback.bar("sensing", "records") as move:
-                _make(task, jobs, made, engine or LocalEngine(1), move, noted)
-        finish(out, started, [made[job.shard.file] for job in jobs], dataset.meta.lost, dataset.meta.short)
+                _sense_missing(task, jobs, sensed, engine or LocalEngine(1), move, noted)
+        finish(out, started, [sensed[job.shard.file] for job in jobs], dataset.meta.lost, dataset.meta.short)
     return Dataset.open(out)
 
 
 def plan(shards: Sequence[Shard], records: int | None) -> list[Job]:
-    """How often each record is sensed, so that `records` come of all shards, taken in their order over and over."""
-    own = sum(shard.samples for shard in shards)
-    times, rest = (1, 0) if records is None or not own else divmod(records, own)
+    """Plan how often each record is sensed, so that there are `records` of all shards, taken in order over and over."""
+    stored = sum(shard.samples for shard in shards)
+    times, rest = (1, 0) if records is None or not stored else divmod(records, stored)
     jobs = []
     for shard in shards:
         more = min(rest, shard.samples)
@@ -116,25 +140,25 @@ def plan(shards: Sequence[Shard], records: int | None) -> list[Job]:
     return jobs
 
 
-def _make(
+def _sense_missing(
     task: Callable[[Job], Shard | InputError | OutputError],
     jobs: Sequence[Job],
-    made: dict[str, Shard],
+    sensed: dict[str, Shard],
     engine: Engine,
     move: Move,
     note: Note,
 ) -> None:
-    """Sense the shards that are not among those made, and add them there."""
+    """Sense the shards that are not yet among those sensed, and add them there."""
     total = sum(job.records for job in jobs)
-    done = sum(job.records for job in jobs if job.shard.file in made)
+    done = sum(job.records for job in jobs if job.shard.file in sensed)
     move(done, total)
-    with closing(engine.run(task, [job for job in jobs if job.shard.file not in made])) as outcomes:
+    with closing(engine.run(task, [job for job in jobs if job.shard.file not in sensed])) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome.result, InputError | OutputError):
                 raise outcome.result
             if outcome.result is None:
                 raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
-            made[outcome.item.shard.file] = outcome.result
+            sensed[outcome.item.shard.file] = outcome.result
             note(log.made(outcome.result, outcome))
             done += outcome.item.records
             move(done, total)
@@ -143,7 +167,7 @@ def _make(
 def _work(
     dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job
 ) -> Shard | InputError | OutputError:
-    """Sense one shard; runs in a worker. A fault that another try would not mend is returned."""
+    """Sense one shard; runs in a worker. Returns an error that a second try would not fix."""
     try:
         return _sense_shard(dataset, settings, mark, folder, job)
     except (InputError, OutputError) as error:
@@ -151,94 +175,104 @@ def _work(
 
 
 def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job) -> Shard:
-    own = read_samples(dataset.shard_path(job.shard))
-    wanted = [_repeated(each, turn) for turn in range(job.times) for each in own]
-    wanted += [_repeated(each, job.times) for each in own[: job.more]]
-    episode, meta = job.shard.episode, dataset.meta
-    sites = dataset.sites(episode.scenario)
+    stored = read_samples(dataset.shard_path(job.shard))
+    wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
+    wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
+    episode, sensor = job.shard.episode, SENSORS[settings.sensor]
+    sites, report = dataset.sites(episode.scenario), own_report(dataset)
     samples: list[Sample] = []
     fix_errors: list[float] = []
     for begin in range(0, len(wanted), TOGETHER):
         part = wanted[begin : begin + TOGETHER]
-        if settings.sensor == "truth":
-            samples += [replace(each, sensor="truth", snr_db=np.nan, n_sites=0, tv=each.tv_truth) for each in part]
-            continue
-        for each, got in zip(part, _sensed(part, sites, meta, settings), strict=True):
-            if got.usable:
-                samples.append(_with(each, got, settings.sensor))
-                fix_errors.append(median_error_m(got.fixes, each.tv_truth))
+        sensed = sensor.sense(_records(part, sites, dataset.meta, report), settings)
+        for sample, record in zip(part, sensed, strict=True):
+            if record.usable:
+                samples.append(_with(sample, record, settings.sensor))
+                if sensor.filtered:
+                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
     left_out = dict(episode.left_out)
     if dropped := len(wanted) - len(samples):
-        why = UNSEEN if settings.sensor == "isac" else UNDETECTED
-        left_out[why] = left_out.get(why, 0) + dropped
+        left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + dropped
     update = {
+        "schema_version": SCHEMA_VERSION,
         "fingerprint": mark,
         "left_out": left_out,
         "fix_error_m": tuple(fix_errors),
-        "state_error_m": tuple(median_error_m(each.tv, each.tv_truth) for each in samples),
+        "state_error_m": tuple(median_error_m(sample.tv, sample.tv_truth) for sample in samples),
     }
+    meta = dataset.meta
     return write_shard(folder, samples, episode.model_copy(update=update), meta.tv_length, meta.uv_length)
 
 
-def _sensed(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, settings: ResenseSettings) -> list[SensedRecord]:
-    """Sense records with the sites or with the UVs' radars."""
-    truth = np.stack([each.tv_truth for each in part]).astype(np.float64)
-    keys = [_key(each) for each in part]
-    if settings.sensor == "isac":
-        return sense(truth, meta.tv_rate_hz, sites, settings.sensing, keys)
-    carrier = Carrier(np.stack([each.uv for each in part]).astype(np.float64), meta.uv_rate_hz)
-    return sense_onboard(truth, meta.tv_rate_hz, carrier, settings.radar, keys)
+def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: ReportSettings) -> StoredRecords:
+    """Samples as sensors take them.
+
+    A dataset stores what the UVs reported. Their true motion, on which a radar rides, is that less the noise, which is
+    drawn again from the record's key.
+    """
+    reported = np.stack([sample.uv for sample in part]).astype(np.float64)
+    noise = np.stack([report_noise(meta.uv_length, report, _record_key(sample)) for sample in part])
+    return StoredRecords(
+        truth=np.stack([sample.tv_truth for sample in part]).astype(np.float64),
+        rate_hz=meta.tv_rate_hz,
+        keys=[_key(sample) for sample in part],
+        sites=sites,
+        carrier=Carrier(
+            state=reported - noise,
+            rate_hz=meta.uv_rate_hz,
+            reported=reported,
+            position_sd_m=report.position_sd_m,
+            speed_sd_mps=report.speed_sd_mps,
+        ),
+    )
 
 
-def _with(sample: Sample, got: SensedRecord, sensor: str) -> Sample:
-    """A sample as sensed now; the radar uses no site."""
-    n_sites = got.n_sites if sensor == "isac" else 0
-    return replace(sample, sensor=sensor, snr_db=got.snr_db, n_sites=n_sites, tv=got.state.astype(np.float32))
+def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
+    """A sample with its TV as sensed now."""
+    return replace(
+        sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=record.state.astype(np.float32)
+    )
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:
-    """A record as it is sensed for the (turn + 1)-th time; the first time keeps its id."""
+    """A record in its (turn + 1)-th sensing; the first keeps its id."""
     return replace(sample, sample_id=f"{sample.sample_id}{REPEAT}{turn}") if turn else sample
 
 
+def _record_key(sample: Sample) -> tuple[str | int, ...]:
+    """The key of a record when its dataset was generated."""
+    return record_key(sample.scenario, sample.seed, sample.tv_id, sample.intention, sample.t_start)
+
+
 def _key(sample: Sample) -> tuple[str | int, ...]:
-    """Names a record's draws: as when its dataset was generated, and the number of its repeat."""
-    key = record_key(sample.scenario, sample.seed, sample.tv_id, sample.intention, sample.t_start)
-    # Scenario names may hold what stands before a repeat's number; what follows the seed does not.
+    """The key that seeds a record's draws: that of its generation, and the number of its repeat."""
+    # The name of a scenario may contain REPEAT; what follows the seed does not.
     _, _, turn = sample.sample_id.removeprefix(f"{sample.scenario}-{sample.seed}-").partition(REPEAT)
-    return (*key, "repeat", int(turn)) if turn else key
+    return (*_record_key(sample), "repeat", int(turn)) if turn else _record_key(sample)
 
 
 def _check(dataset: Dataset, settings: ResenseSettings, out: Path) -> None:
+    """Refuse what cannot be sensed. Raises InputError."""
     if out.resolve() == dataset.path.resolve():
         raise InputError(f"{out}: is the dataset to sense anew; choose another folder with -o")
-    if settings.sensor == "isac" and settings.sensing.channel.blockage:
-        raise InputError(
-            f"{dataset.path}: blockage asks for the other vehicles, which a dataset does not hold; "
-            "generate with it, or sense without it (--no-blockage)"
-        )
-    if settings.sensor == "radar" and settings.radar.condition == "nlos" and settings.radar.pattern == "line_of_sight":
-        raise InputError(
-            f"{dataset.path}: pattern line_of_sight asks for the other vehicles, which a dataset does not hold; "
-            "choose random or contiguous"
-        )
+    if refusal := SENSORS[settings.sensor].refusal(settings):
+        raise InputError(f"{dataset.path}: {refusal}")
     before = dataset.meta.resensed or {}
     if settings.records is not None and before.get("settings", {}).get("records") is not None:
-        raise InputError(
-            f"{dataset.path}: repeats records already; give --records with the dataset that it was made of"
-        )
+        raise InputError(f"{dataset.path}: repeats records already; give --records with the dataset it was made from")
 
 
 def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
-    """The `dataset.json` of a dataset of which no shard is sensed yet."""
+    """The `dataset.json` of a dataset none of whose shards is sensed yet."""
     resensed: dict[str, Any] = {"of": dataset.digest, "settings": settings.model_dump(mode="json")}
     study, now = dict(dataset.meta.study), versions(OF_DATASETS)
-    if settings.sensor == "isac":
+    if SENSORS[settings.sensor].by_sites:
         study["sensing"] = resensed["settings"]["sensing"]
-    scenarios = [each.model_dump(mode="json") for each in dataset.meta.scenarios]
+    scenarios = [scenario.model_dump(mode="json") for scenario in dataset.meta.scenarios]
     update = {
+        "schema_version": SCHEMA_VERSION,
         "complete": False,
-        "fingerprint": fingerprint(study, now, scenarios, resensed),
+        "fingerprint": fingerprint(study, now, scenarios, resensed, SCHEMA_VERSION),
         "study": study,
         "versions": now,
         "shards": (),

@@ -60,11 +60,17 @@ class SelectionSettings(Settings):
 
 
 class ReportSettings(Settings):
-    """How well the UV knows its own state: standard deviations of white Gaussian noise on what it reports."""
+    """How well the UV knows its own state: white Gaussian noise on each axis of what it reports.
 
-    position_sd_m: float = Field(0.0, ge=0.0, le=100.0)
-    speed_sd_mps: float = Field(0.0, ge=0.0, le=100.0)
-    acceleration_sd_mps2: float = Field(0.0, ge=0.0, le=100.0)
+    The defaults are those of a UV with satellite positioning corrected in real time (RTK) and an inertial sensor:
+    position and speed as data sheets of two-band RTK receivers such as u-blox' ZED-F9P give them (0.01 m and 1 ppm of
+    the distance to the reference station; 0.05 m/s), acceleration as the step in which cooperative awareness messages
+    report it (ETSI TS 102 894-2, 0.1 m/s2).
+    """
+
+    position_sd_m: float = Field(0.02, ge=0.0, le=100.0, description="standard deviation of x and of y")
+    speed_sd_mps: float = Field(0.05, ge=0.0, le=100.0, description="standard deviation of vx and of vy")
+    acceleration_sd_mps2: float = Field(0.1, ge=0.0, le=100.0, description="standard deviation of ax and of ay")
 
 
 class DatasetStudy(Settings):

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -18,10 +18,9 @@ from isacsim.errors import InputError
 from isacsim.parsing import channel
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
+from isacsim.sensors import SENSORS
 from isacsim.settings import Settings
 from models.run import Model
-
-Sensor = Literal["isac", "radar", "truth"]
 
 
 def _channel_of(text: str) -> str:
@@ -42,8 +41,8 @@ class SweepAxes(Settings):
     snr: tuple[Annotated[str, AfterValidator(_channel_of)], ...] = Field(
         (), description="per-element SNR of the sites, dB: LO:HI, one value, or link, as `cosim sense --snr` takes it"
     )
-    sensors: tuple[Sensor, ...] = Field(
-        ("isac",), min_length=1, description="the sites, at every SNR; the UV's own radar; neither: the true state"
+    sensors: tuple[Annotated[str, AfterValidator(SENSORS.check)], ...] = Field(
+        ("isac",), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
     models: tuple[Model, ...] = Field((), description="predictors; trees are always among them, as the floor")
     training_seeds: tuple[int, ...] = Field((), description="seeds of training; the table has mean and spread of them")
@@ -54,7 +53,7 @@ class SweepAxes(Settings):
         for axis, values in (*_values(self), ("scenarios", [network_name(each) for each in self.scenarios])):
             if twice := [each for each, times in Counter(values).items() if times > 1]:
                 raise ValueError(f"{axis} has {twice[0]} twice: take one out, or rename it")
-        if self.snr and "isac" not in self.sensors:
+        if self.snr and not any(SENSORS[name].by_sites for name in self.sensors):
             raise ValueError("snr is of the sites: add isac to sensors, or take snr out")
         if foreign := [each for each in self.test_on if each not in self.scenarios]:
             raise ValueError(f"test_on names {foreign[0]}, which is not among scenarios: add it there")
@@ -65,7 +64,7 @@ class SweepAxes(Settings):
 class Sensing:
     """What senses, and for the sites the SNR, as `cosim sense --snr` takes it; None is the study's own channel."""
 
-    sensor: Sensor
+    sensor: str
     snr: str | None = None
 
     @property
@@ -101,7 +100,7 @@ def sensings(axes: SweepAxes) -> list[Sensing]:
     return [
         Sensing(sensor, snr)
         for sensor in axes.sensors
-        for snr in ((axes.snr or (None,)) if sensor == "isac" else (None,))
+        for snr in ((axes.snr or (None,)) if SENSORS[sensor].by_sites else (None,))
     ]
 
 

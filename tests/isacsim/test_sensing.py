@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy import stats
 
 from isacsim.errors import InputError
@@ -11,14 +12,16 @@ from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
 from isacsim.radio.bounds import measured_bound
 from isacsim.radio.channel import ChannelSettings
+from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.sensing import SensingSettings, ViewSettings, assign, before, fix, sense
-from isacsim.tracking.fusion import FusionSettings, position_bound
+from isacsim.sensing import SensingSettings, ViewSettings, _heading_rad, assign, before, fix, sense
+from isacsim.tracking.fusion import position_bound
+from isacsim.tracking.fusion_methods import FusionSettings
+from isacsim.tracking.kalman import TrackingSettings
 from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
 
 SITES = road_sites()
-# Masts 200 m apart leave three within 400 m at times; these tests want four throughout.
-DEFAULT = SensingSettings(view=ViewSettings(range_m=450))
+DEFAULT = SensingSettings()
 
 
 def errors(truth: np.ndarray, records: list) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +138,7 @@ def test_sites_change_over_as_the_vehicle_drives_on() -> None:
     assert np.all(changes % 40 == 0)
 
 
-def test_the_prelude_is_the_motion_carried_back() -> None:
+def test_the_run_in_is_the_motion_carried_back() -> None:
     truth = drive(50, 3.0, 4.0, 20.0, along=-2.0, aside=1.0)
     earlier = before(truth[None], RATE_HZ, 3)[0]
     t = -3 / RATE_HZ
@@ -157,12 +160,12 @@ def test_the_snr_can_be_set() -> None:
 
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize("estimator", ["ml", "candan", "padded_grid", "grid"])
-def test_full_tensors_do_as_the_window_does(estimator: str) -> None:
+def test_full_tensors_do_as_the_dft_block_does(estimator: str) -> None:
     truth = drive(12, 130.0, 1.0, 25.0)[None]
-    base = {"estimator": estimator, "tracking": {"prelude_s": 0.02}, "view": {"range_m": 450}}
-    window = SensingSettings.model_validate(base)
+    base = {"estimator": estimator, "tracking": {"run_in_s": 0.02}}
+    block = SensingSettings.model_validate(base)
     tensor = SensingSettings.model_validate({**base, "echo": "tensor"})
-    fast = [sense(truth, RATE_HZ, SITES, window, [("w", k)])[0] for k in range(20)]
+    fast = [sense(truth, RATE_HZ, SITES, block, [("w", k)])[0] for k in range(20)]
     slow = sense(truth, RATE_HZ, SITES, tensor, [("t", 0)])[0]
     spread = rms(np.stack([r.fixes for r in fast]) - truth[:, :4])
     assert 0.3 * spread < rms(slow.fixes - truth[0, :4]) < 3 * spread
@@ -171,11 +174,11 @@ def test_full_tensors_do_as_the_window_does(estimator: str) -> None:
 def test_eq5_and_the_link_budget_run_through_the_chain() -> None:
     truth = drive(80, 130.0, 1.0, 25.0)[None]
     link = {"kind": "link", "rain_mm_per_h": 20}
-    best = SensingSettings.model_validate({"view": {"range_m": 450}, "channel": link})
+    best = SensingSettings.model_validate({"channel": link})
     paper = best.model_copy(update={"fusion": FusionSettings(method="eq5")})
-    ours, theirs = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
-    assert ours.snr_db == theirs.snr_db
-    assert rms(ours.fixes - truth[0, :4]) < 0.5 * rms(theirs.fixes - truth[0, :4])
+    joint, linear = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
+    assert joint.snr_db == linear.snr_db
+    assert rms(joint.fixes - truth[0, :4]) < 0.5 * rms(linear.fixes - truth[0, :4])
 
 
 def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
@@ -200,9 +203,35 @@ def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
     assert np.isfinite(hidden.state).all()
 
 
+def test_a_view_beyond_the_cyclic_prefix_is_refused() -> None:
+    """144 samples at 61.44 MHz are 2.34 us, and light goes out and back over 351 m in them."""
+    with pytest.raises(ValidationError, match=r"view.range_m 352 is beyond the 351 m .*: lower it to 351"):
+        SensingSettings(view=ViewSettings(range_m=352))
+    assert SensingSettings(view=ViewSettings(range_m=351)).view.range_m == 351
+    longer = Waveform(cyclic_prefix_s=2 * 352 / 299_792_458 + 1e-12)
+    assert SensingSettings(view=ViewSettings(range_m=352), waveform=longer).view.range_m == 352
+    assert SensingSettings(view=ViewSettings(range_m=4000), waveform=Waveform(cyclic_prefix_s=None))
+
+
+def test_names_of_former_versions_are_read() -> None:
+    settings = SensingSettings.model_validate({"echo": "window", "tracking": {"prelude_s": 0.25}})
+    assert (settings.echo, settings.tracking.run_in_s) == ("block", 0.25)
+    assert settings == SensingSettings.model_validate(settings.model_dump(mode="json"))
+    with pytest.raises(ValidationError):
+        TrackingSettings.model_validate({"prelude_s": 0.25, "run_in_s": 0.5})
+
+
+def test_a_vehicle_that_drives_off_is_seen_from_where_it_will_go_in_the_run_in() -> None:
+    """Carried back at constant acceleration it would have reversed; its cross-section must not turn around for that."""
+    truth = drive(400, 60.0, 0.0, 0.0, along=3.0)
+    motion = np.concatenate([before(truth[None], RATE_HZ, 200)[0], truth], axis=1)
+    assert motion[2, 0] < -1
+    assert np.all(_heading_rad(motion, 200) == 0)
+
+
 def test_wrong_input_says_what_is_wrong() -> None:
     truth = drive(10, 0.0, 0.0, 20.0)[None]
-    with pytest.raises(InputError, match="one key a record"):
+    with pytest.raises(InputError, match="one key per record"):
         sense(truth, RATE_HZ, SITES, DEFAULT, [])
     with pytest.raises(InputError, match="isac_site"):
         sense(truth, RATE_HZ, [], DEFAULT, [(0,)])

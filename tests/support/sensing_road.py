@@ -7,10 +7,10 @@ from isacsim.scenarios.scenario import Site
 RATE_HZ = 400.0
 
 
-def road_sites(masts: int = 12) -> list[Site]:
-    """Masts every 200 m along +x from -600 m, 20 m aside, 10 or 25 m high, two panels each toward the road."""
+def road_sites(masts: int = 16, spacing_m: float = 150.0) -> list[Site]:
+    """Masts along +x from -600 m, 20 m aside, 10 or 25 m high, each with two panels toward the road."""
     return [
-        Site(f"m{mast}-{azimuth}", -600 + 200.0 * mast, (-20.0, 20.0)[side], 25.0 if mast % 3 else 10.0, azimuth)
+        Site(f"m{mast}-{azimuth}", -600 + spacing_m * mast, (-20.0, 20.0)[side], 25.0 if mast % 3 else 10.0, azimuth)
         for mast in range(masts)
         for side in [(mast + 1) % 2]
         for azimuth in ((45.0, 315.0), (135.0, 225.0))[side]

@@ -69,5 +69,6 @@ def test_a_fix_of_two_masts() -> None:
     amplitudes = np.sqrt(snr[0])[:, None] * [0.6, -0.8]
     information = fisher(echoes, np.concatenate([state, amplitudes.ravel()]), np.full(8, 1e-4))
     expected = np.linalg.inv(information)[:4, :4]
-    ours = position_bound(state[None], measured_bound(snr, WAVEFORM), Panels.of(sites, 0.8).take(np.array([[0, 1]])))[0]
-    assert ours == pytest.approx(expected, rel=1e-4, abs=1e-9)
+    panels = Panels.of(sites, 0.8).take(np.array([[0, 1]]))
+    bound = position_bound(state[None], measured_bound(snr, WAVEFORM), panels)[0]
+    assert bound == pytest.approx(expected, rel=1e-4, abs=1e-9)

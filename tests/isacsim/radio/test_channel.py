@@ -7,7 +7,16 @@ from pydantic import ValidationError
 from isacsim.errors import InputError
 from isacsim.panels import Panels
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
-from isacsim.radio.channel import ChannelSettings, LinkBudget, link_snr_db, rain_db_per_km, snr_db
+from isacsim.radio.channel import (
+    ChannelSettings,
+    EchoGeometry,
+    LinkBudget,
+    cross_section_dbsm,
+    link_snr_db,
+    rain_db_per_km,
+    snr_db,
+)
+from isacsim.radio.cross_section import aspect_dbsm
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
@@ -20,15 +29,24 @@ SITES = [Site("a", 0.0, 0.0, 25.0, 90.0), Site("b", 300.0, 0.0, 25.0, 270.0)]
 def levels(settings: ChannelSettings, key: tuple, position: np.ndarray, blockers: Blockers | None = None) -> np.ndarray:
     number = np.tile([0, 1], (len(position), 1))
     panels = Panels.of(SITES, 0.8).take(number)
-    return snr_db(settings, WAVEFORM, position, number, panels, np.arange(len(position)) / 100, blockers, key)
+    # All vehicles of these tests drive along +x.
+    geometry = EchoGeometry(position, np.zeros(len(position)), number, panels, np.arange(len(position)) / 100)
+    return snr_db(settings, WAVEFORM, geometry, blockers, key)
 
 
 ROAD = np.stack([np.linspace(100, 120, 50), np.zeros(50)], axis=1)
 
 
 def test_link_budget_figures() -> None:
-    at = link_snr_db(LinkBudget(), WAVEFORM, np.array([50.0, 100.0, 200.0]), 10.0)
-    assert at == pytest.approx([33.7, 21.7, 9.6], abs=0.1)
+    """Against the radar equation in linear units: power over kTB F at each element."""
+    distance = np.array([50.0, 100.0, 200.0])
+    wavelength = 299_792_458 / 3.5e9
+    gain = 10 ** ((8 + 8 - 3) / 10)
+    received = 10 ** (29.8 / 10) * 1e-3 * gain * wavelength**2 * 10 / ((4 * np.pi) ** 3 * distance**4)
+    noise = 1.380649e-23 * 290 * 128 * 30e3 * 10**0.5
+    level = link_snr_db(LinkBudget(), WAVEFORM, distance, 10.0)
+    assert level == pytest.approx(10 * np.log10(received / noise), abs=0.01)
+    assert level == pytest.approx([33.7, 21.6, 9.6], abs=0.06)
 
 
 def test_rain_figures() -> None:
@@ -52,11 +70,41 @@ def test_uniform_is_one_draw_a_record() -> None:
 
 
 def test_link_falls_with_the_fourth_power_and_spreads_by_site() -> None:
-    settings = ChannelSettings(kind="link")
+    settings = ChannelSettings(kind="link", link=LinkBudget(cross_section="constant"))
     level = np.stack([levels(settings, (k,), ROAD)[:, 0] for k in range(300)])
     distance = np.sqrt(ROAD[[0, -1], 0] ** 2 + 24.2**2)
     assert level[:, 0] - level[:, -1] == pytest.approx(np.full(300, 40 * np.log10(distance[1] / distance[0])))
     assert level[:, 0].std() == pytest.approx(3.41, rel=0.15)
+
+
+def section(heading: float, link: LinkBudget, key: tuple = (0,)) -> np.ndarray:
+    """Cross-sections that site a, 25 m high at the origin, sees of a vehicle on ROAD with a constant heading."""
+    number = np.zeros((len(ROAD), 1), dtype=int)
+    panels = Panels.of(SITES, 0.8).take(number)
+    geometry = EchoGeometry(ROAD, np.full(len(ROAD), heading), number, panels, np.arange(len(ROAD)) / 100)
+    return cross_section_dbsm(link, geometry, key)[:, 0]
+
+
+def test_the_cross_section_follows_the_aspect_over_a_record() -> None:
+    plain = LinkBudget(cross_section_sd_db=0.0)
+    zenith = np.arctan2(ROAD[:, 0], 24.2)
+    # The panel stands behind a vehicle that drives along +x, ahead of one along -x, left of one along -y.
+    for heading, azimuth in ((0.0, np.pi), (np.pi, 0.0), (-np.pi / 2, -np.pi / 2), (np.pi / 2, np.pi / 2)):
+        assert section(heading, plain) == pytest.approx(aspect_dbsm(np.array(azimuth), zenith))
+    assert np.ptp(section(np.pi, plain)) > 0.1
+    assert section(0.0, LinkBudget(cross_section="constant", cross_section_sd_db=0.0)) == pytest.approx(11.25)
+    # A vehicle that never moves has no heading.
+    assert section(np.nan, plain) == pytest.approx(11.25)
+
+
+@pytest.mark.parametrize("kind", ["aspect", "constant"])
+def test_the_random_part_has_unit_linear_mean(kind: str) -> None:
+    link = LinkBudget(cross_section=kind)
+    still = link.model_copy(update={"cross_section_sd_db": 0.0})
+    random = np.array([section(0.3, link, (k,))[0] for k in range(20_000)]) - section(0.3, still)[0]
+    assert random.std() == pytest.approx(3.41, rel=0.02)
+    # Its linear standard deviation is 0.92, of the mean of 20,000 draws 0.0065.
+    assert (10 ** (random / 10)).mean() == pytest.approx(1, abs=0.025)
 
 
 def test_rain_takes_both_ways() -> None:

@@ -1,4 +1,4 @@
-"""The DFT window against the full tensor, which draws every number and knows nothing of the target's place."""
+"""The DFT block against the full tensor, which draws every number and knows nothing of the target's place."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from scipy import stats
 import benchmarks.echo
 from isacsim.radio.echo import BLOCK, DEGREES, _kernel, draw_bins, draw_search, fourth_moment, spread
 from isacsim.radio.echo_tensor import observe_tensor, synthesise
-from isacsim.radio.estimation import observe
+from isacsim.radio.estimators import ESTIMATORS
 from isacsim.radio.waveform import Waveform, centred, steering
 
 WAVEFORM = Waveform()
@@ -33,8 +33,8 @@ def test_tensor_is_equation_1() -> None:
     expected = np.exp(
         2j * np.pi * (0.5 * p * sine - n * WAVEFORM.subcarrier_spacing_hz * delay + m * WAVEFORM.symbol_s * doppler)
     )
-    ours = quiet[0].numpy()
-    assert np.abs(ours / ours[0, 0, 0] - expected).max() < 1e-4
+    echo = quiet[0].numpy()
+    assert np.abs(echo / echo[0, 0, 0] - expected).max() < 1e-4
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -80,13 +80,13 @@ def test_half_cells_overlap_as_in_a_padded_transform() -> None:
 
 
 @pytest.mark.parametrize("snr_db", [-30, -20, 0, 20])
-def test_window_and_tensor_give_estimates_of_one_law(snr_db: int) -> None:
+def test_block_and_tensor_give_estimates_of_one_law(snr_db: int) -> None:
     """Kolmogorov-Smirnov on each coordinate's error; the tensor's estimator starts from its own coarse search."""
     count, snr = 500, 10 ** (snr_db / 10)
     cells = anywhere(count, 5)
-    slow = observe_tensor(cells, np.full(count, snr), "ml", WAVEFORM, 6)
+    slow = observe_tensor(cells, np.full(count, snr), ESTIMATORS["ml"], WAVEFORM, 6)
     fast_cells = anywhere(20 * count, 7)
-    fast = observe(fast_cells, np.full(20 * count, snr), "ml", WAVEFORM, np.random.default_rng(8))
+    fast = ESTIMATORS["ml"].observe(fast_cells, np.full(20 * count, snr), WAVEFORM, np.random.default_rng(8))
     slow_error, fast_error = slow.cells - cells, fast.cells - fast_cells
     on_target = np.all(np.abs(slow_error) < 1, axis=1), np.all(np.abs(fast_error) < 1, axis=1)
     for axis in range(3):
@@ -95,16 +95,16 @@ def test_window_and_tensor_give_estimates_of_one_law(snr_db: int) -> None:
 
 
 @pytest.mark.parametrize("estimator", ["candan", "grid", "padded_grid"])
-def test_window_and_tensor_agree_for_the_coarser_estimators(estimator: str) -> None:
+def test_block_and_tensor_agree_for_the_coarser_estimators(estimator: str) -> None:
     cells, fast_cells = anywhere(250, 9), anywhere(5000, 10)
-    slow = observe_tensor(cells, np.full(250, 1.0), estimator, WAVEFORM, 11)
-    fast = observe(fast_cells, np.full(5000, 1.0), estimator, WAVEFORM, np.random.default_rng(12))
+    slow = observe_tensor(cells, np.full(250, 1.0), ESTIMATORS[estimator], WAVEFORM, 11)
+    fast = ESTIMATORS[estimator].observe(fast_cells, np.full(5000, 1.0), WAVEFORM, np.random.default_rng(12))
     for axis in range(3):
         assert stats.ks_2samp((slow.cells - cells)[:, axis], (fast.cells - fast_cells)[:, axis]).pvalue > 1e-3
 
 
-def outliers(found: np.ndarray, cells: np.ndarray) -> int:
-    return int(np.any(np.abs(found - cells) > 1, axis=1).sum())
+def outliers(estimated: np.ndarray, cells: np.ndarray) -> int:
+    return int(np.any(np.abs(estimated - cells) > 1, axis=1).sum())
 
 
 @pytest.mark.parametrize(
@@ -119,9 +119,10 @@ def test_outlier_rates_agree_through_the_threshold(snr_db: int) -> None:
     snr = 10 ** (snr_db / 10)
     count, fast_count = 600, 12_000
     cells, fast_cells = anywhere(count, 13), anywhere(fast_count, 14)
-    slow = outliers(observe_tensor(cells, np.full(count, snr), "ml", WAVEFORM, 15).cells, cells)
+    slow = outliers(observe_tensor(cells, np.full(count, snr), ESTIMATORS["ml"], WAVEFORM, 15).cells, cells)
     fast = outliers(
-        observe(fast_cells, np.full(fast_count, snr), "ml", WAVEFORM, np.random.default_rng(16)).cells, fast_cells
+        ESTIMATORS["ml"].observe(fast_cells, np.full(fast_count, snr), WAVEFORM, np.random.default_rng(16)).cells,
+        fast_cells,
     )
     table = [[slow, count - slow], [fast, fast_count - fast]]
     assert stats.fisher_exact(table).pvalue > 1e-3

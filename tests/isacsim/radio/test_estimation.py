@@ -1,16 +1,26 @@
 """The estimators against the bound, and maximum likelihood against scoring on the same full echo."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from isacsim.radio.bounds import cell_bound
 from isacsim.radio.echo import DEGREES, Moments, fourth_moment, spread
-from isacsim.radio.echo_tensor import observe_tensor, score
-from isacsim.radio.estimation import candan_offset, estimate_deviation, maximum_likelihood, observe
+from isacsim.radio.echo_tensor import observe_tensor
+from isacsim.radio.estimation import Estimates
+from isacsim.radio.estimators import ESTIMATORS
+from isacsim.radio.estimators.candan import candan_offset
+from isacsim.radio.estimators.maximum_likelihood import maximum_likelihood
+from isacsim.radio.estimators.on_tensor import score
 from isacsim.radio.waveform import Waveform, centred, steering
+from isacsim.sensing import SensingSettings, sense
+from tests.support.sensing_road import RATE_HZ, drive, road_sites
 
 WAVEFORM = Waveform()
 
@@ -25,8 +35,8 @@ def moments_of(noise: np.ndarray, amplitude: float) -> Moments:
         weights.append([np.ones(count), -1j * scaled, -(scaled**2 - 1) / np.sqrt(fourth_moment(count) - 1)])
     partial = np.einsum("ijk,ck->ijc", noise, np.array(weights[2]))
     partial = np.einsum("ijc,bj->ibc", partial, np.array(weights[1]))
-    every = np.einsum("ibc,ai->abc", partial, np.array(weights[0]))
-    values = [every[degree] for degree in DEGREES]
+    contracted = np.einsum("ibc,ai->abc", partial, np.array(weights[0]))
+    values = [contracted[degree] for degree in DEGREES]
     return Moments(np.array([amplitude]), np.array(values)[:, None] / np.sqrt(WAVEFORM.size))
 
 
@@ -38,9 +48,9 @@ def test_moments_and_the_full_echo_give_the_same_estimate(snr_db: float, within:
     differences = []
     for _ in range(20):
         noise = (rng.normal(size=WAVEFORM.shape) + 1j * rng.normal(size=WAVEFORM.shape)) * np.sqrt(0.5)
-        ours, power = maximum_likelihood(moments_of(noise, np.sqrt(snr * WAVEFORM.size)), WAVEFORM)
+        offset, power = maximum_likelihood(moments_of(noise, np.sqrt(snr * WAVEFORM.size)), WAVEFORM)
         full, full_power = score(torch.as_tensor(noise + np.sqrt(snr))[None], torch.zeros((1, 3), dtype=torch.float64))
-        differences.append(ours[0] - full[0].numpy())
+        differences.append(offset[0] - full[0].numpy())
         assert power[0] == pytest.approx(full_power.item(), rel=0.02)
     deviation = cell_bound(np.array(snr), WAVEFORM)
     assert np.all(np.sqrt(np.mean(np.square(differences), axis=0)) < within * deviation)
@@ -53,7 +63,7 @@ def test_maximum_likelihood_is_on_the_bound_anywhere_between_cells(snr_db: float
     fraction = np.stack(np.meshgrid(*[[0.0, 0.25, 0.5]] * 3), axis=-1).reshape(-1, 3)
     cells = np.array([1.0, -40.0, 5.0]) + fraction[rng.integers(len(fraction), size=count)]
     snr = np.full(count, 10 ** (snr_db / 10))
-    error = observe(cells, snr, "ml", WAVEFORM, rng).cells - cells
+    error = ESTIMATORS["ml"].observe(cells, snr, WAVEFORM, rng).cells - cells
     ratio = np.sqrt(np.mean(error**2, axis=0)) / cell_bound(snr[0], WAVEFORM)
     assert np.all(ratio < 1.05)
     assert np.all(ratio > 0.97)
@@ -65,7 +75,7 @@ def test_maximum_likelihood_on_the_tensor_is_on_the_bound(snr_db: float) -> None
     rng = np.random.default_rng(3)
     cells = np.array([1.0, -40.0, 5.0]) + rng.choice([0.0, 0.25, 0.5], size=(count, 3))
     snr = np.full(count, 10 ** (snr_db / 10))
-    error = observe_tensor(cells, snr, "ml", WAVEFORM, 4).cells - cells
+    error = observe_tensor(cells, snr, ESTIMATORS["ml"], WAVEFORM, 4).cells - cells
     ratio = np.sqrt(np.mean((error / cell_bound(snr[0], WAVEFORM)) ** 2))
     # 240 echoes leave a standard error of 2.6 % over three axes.
     assert ratio < 1.1
@@ -75,7 +85,7 @@ def test_the_grids_err_by_their_cell() -> None:
     rng = np.random.default_rng(5)
     cells = np.stack([rng.uniform(-3, 3, 4000), rng.uniform(-90, -10, 4000), rng.uniform(-9, 9, 4000)], axis=1)
     for estimator, width in (("grid", 1.0), ("padded_grid", 0.5)):
-        error = observe(cells, np.full(4000, 10.0), estimator, WAVEFORM, rng).cells - cells
+        error = ESTIMATORS[estimator].observe(cells, np.full(4000, 10.0), WAVEFORM, rng).cells - cells
         assert np.sqrt(np.mean(error**2, axis=0)) == pytest.approx(width / np.sqrt(12) * np.ones(3), rel=0.04)
 
 
@@ -83,7 +93,7 @@ def test_candan_is_twice_the_bound_at_every_snr() -> None:
     rng = np.random.default_rng(6)
     cells = np.array([1.0, -40.0, 5.0]) + rng.random((4000, 3))
     for snr in (0.1, 1.0, 100.0):
-        error = observe(cells, np.full(4000, snr), "candan", WAVEFORM, rng).cells - cells
+        error = ESTIMATORS["candan"].observe(cells, np.full(4000, snr), WAVEFORM, rng).cells - cells
         assert np.sqrt(np.mean(error**2, axis=0)) / cell_bound(np.array(snr), WAVEFORM) == pytest.approx(2.15, rel=0.07)
 
 
@@ -99,12 +109,52 @@ def test_noise_that_outshines_the_target_is_anywhere() -> None:
     """Far below the threshold the estimates fill the whole search space evenly."""
     count = 3000
     cells = np.tile([0.5, -20.0, 1.0], (count, 1))
-    found = observe(cells, np.full(count, 1e-5), "ml", WAVEFORM, np.random.default_rng(7))
-    sine, distance, radial = WAVEFORM.measured(found.cells).T
+    estimates = ESTIMATORS["ml"].observe(cells, np.full(count, 1e-5), WAVEFORM, np.random.default_rng(7))
+    sine, distance, radial = WAVEFORM.measured(estimates.cells).T
     assert np.quantile(distance, [0.25, 0.75]) == pytest.approx([1249, 3747], rel=0.05)
     assert abs(np.mean(sine)) < 0.05
     assert abs(np.mean(radial)) < 30
-    assert np.median(found.power) == pytest.approx(13.0, abs=0.3)
+    assert np.median(estimates.power) == pytest.approx(13.0, abs=0.3)
+
+
+def test_an_estimator_that_another_package_offers_works_in_the_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that knows no noise: the chain senses with it, on DFT blocks and on full echoes."""
+
+    class Perfect:
+        label = "perfect"
+
+        def observe(self, cells, snr, waveform, rng) -> Estimates:
+            return Estimates(cells.copy(), snr * waveform.size)
+
+        def estimate(self, echo):
+            return torch.zeros((len(echo), 3), dtype=torch.float64), torch.ones(len(echo), dtype=torch.float64)
+
+        def deviation(self, power, waveform):
+            return np.full((len(power), 3), 1e-4)
+
+    with pytest.raises(ValidationError, match="unknown estimator 'perfect'"):
+        SensingSettings(estimator="perfect")
+    monkeypatch.setitem(ESTIMATORS._items, "perfect", Perfect())
+    truth = drive(20, 130.0, 1.0, 25.0)
+    record = sense(truth[None], RATE_HZ, road_sites(), SensingSettings(estimator="perfect"), [("p",)])[0]
+    assert np.abs(record.fixes - truth[:4]).max() < 1e-6
+    assert observe_tensor(np.ones((3, 3)), np.ones(3), Perfect(), WAVEFORM, 1).power.tolist() == [1, 1, 1]
+
+
+def test_names_that_are_near_are_suggested() -> None:
+    with pytest.raises(ValidationError, match="unknown estimator 'candam': did you mean candan"):
+        SensingSettings(estimator="candam")
+
+
+def test_drawing_dft_blocks_does_not_load_torch() -> None:
+    """Workers that only sense would wait seconds for it."""
+    code = (
+        "import sys, numpy as np; from isacsim.sensing import SensingSettings, sense; "
+        "from tests.support.sensing_road import drive, road_sites; "
+        "sense(drive(4, 130.0, 1.0, 25.0)[None], 400.0, road_sites(), SensingSettings(), [(1,)]); "
+        "sys.exit('torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_the_receivers_deviation_is_its_error() -> None:
@@ -112,6 +162,6 @@ def test_the_receivers_deviation_is_its_error() -> None:
     rng = np.random.default_rng(8)
     cells = np.array([1.0, -40.0, 5.0]) + rng.random((count, 3))
     for estimator in ("ml", "candan", "grid", "padded_grid"):
-        found = observe(cells, np.full(count, 0.03), estimator, WAVEFORM, rng)
-        normalised = (found.cells - cells) / estimate_deviation(found.power, estimator, WAVEFORM)
+        estimates = ESTIMATORS[estimator].observe(cells, np.full(count, 0.03), WAVEFORM, rng)
+        normalised = (estimates.cells - cells) / ESTIMATORS[estimator].deviation(estimates.power, WAVEFORM)
         assert np.sqrt(np.mean(normalised**2)) == pytest.approx(1, abs=0.1)

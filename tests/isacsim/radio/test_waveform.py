@@ -44,6 +44,6 @@ def test_a_receding_target_lowers_the_frequency() -> None:
 def test_steering_is_equation_2_about_the_centre() -> None:
     sine = 0.37
     cells = WAVEFORM.cells(np.array([sine, 0.0, 0.0]))[0]
-    ours = steering(cells, 8)
-    assert ours / ours[0] == pytest.approx(np.exp(2j * np.pi * 0.5 * np.arange(8) * sine))
+    phasors = steering(cells, 8)
+    assert phasors / phasors[0] == pytest.approx(np.exp(2j * np.pi * 0.5 * np.arange(8) * sine))
     assert centred(8).sum() == 0

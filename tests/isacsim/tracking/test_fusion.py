@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy import stats
 
 from isacsim.panels import Panels
 from isacsim.radio.bounds import measured_bound
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Fixes, FusionSettings, fuse, position_bound, single_site
+from isacsim.tracking.fusion import Fixes, fuse, position_bound, single_site
+from isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
 from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
@@ -123,6 +125,14 @@ def test_echoes_that_are_not_used_do_not_count() -> None:
             method(measured, deviation, used, panels, config).state,
             method(spoiled, deviation, used, panels, config).state,
         )
+
+
+def test_methods_are_chosen_by_name_and_a_settings_file_keeps_its_keys() -> None:
+    assert list(FUSION_METHODS)[:2] == ["information", "eq5"]
+    stored = {"method": "eq5", "steps": 3, "eq5_weights": "covariance", "speed_prior_mps": 50.0}
+    assert FusionSettings.model_validate(stored).model_dump() == stored
+    with pytest.raises(ValidationError, match="unknown fusion method 'eq6': did you mean eq5"):
+        FusionSettings(method="eq6")
 
 
 def test_too_few_echoes_are_flagged_and_nothing_is_nan() -> None:

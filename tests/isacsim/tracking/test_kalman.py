@@ -27,7 +27,7 @@ def random_fixes(records: int, snapshots: int, seed: int) -> tuple[np.ndarray, n
 def test_equals_filterpy_over_a_record() -> None:
     settings = TrackingSettings()
     fixes, covariance, valid = random_fixes(3, 2000, 1)
-    ours = track(fixes, covariance, valid, STEP_S, settings)
+    tracks = track(fixes, covariance, valid, STEP_S, settings)
     for record in range(3):
         reference = KalmanFilter(dim_x=6, dim_z=4)
         state, spread = start(fixes[record, :1], covariance[record, :1], settings)
@@ -38,15 +38,15 @@ def test_equals_filterpy_over_a_record() -> None:
             reference.predict()
             if valid[record, k]:
                 reference.update(fixes[record, k], R=covariance[record, k])
-            assert np.abs(reference.x - ours.state[record, k]).max() < 1e-6
-        assert np.abs(reference.P - ours.covariance[record]).max() < 1e-6
+            assert np.abs(reference.x - tracks.state[record, k]).max() < 1e-6
+        assert np.abs(reference.P - tracks.covariance[record]).max() < 1e-6
 
 
 def test_process_noise_is_filterpys() -> None:
-    ours = process_noise(0.01, 7.0)
+    noise = process_noise(0.01, 7.0)
     one_axis = Q_continuous_white_noise(3, 0.01, 7.0)
-    assert ours[::2, ::2] == pytest.approx(one_axis, rel=1e-12)
-    assert np.all(ours[::2, 1::2] == 0)
+    assert noise[::2, ::2] == pytest.approx(one_axis, rel=1e-12)
+    assert np.all(noise[::2, 1::2] == 0)
 
 
 def test_transition_is_constant_acceleration() -> None:

@@ -206,7 +206,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
     path = dataset.path / "dataset.json"
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "schema_version": 2}))
+    path.write_text(json.dumps({**content, "schema_version": 3}))
     with pytest.raises(InputError, match="schema_version"):
         Dataset.open(dataset.path)
     path.write_text("{")

@@ -109,9 +109,9 @@ def test_a_truncated_shard_is_told_by_whoever_reads_it(made: Dataset, capfd: pyt
 def test_a_shard_of_another_version_is_told(made: Dataset, tmp_path: Path) -> None:
     path = made.shard_path(made.meta.shards[0])
     table = pq.read_table(path)
-    episode = {**json.loads(table.schema.metadata[b"cosim.episode"]), "schema_version": 2, "new": 1}
+    episode = {**json.loads(table.schema.metadata[b"cosim.episode"]), "schema_version": 3, "new": 1}
     pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(episode)}), path)
-    with pytest.raises(InputError, match=r"road-1\.parquet: a shard of schema version 2, not 1"):
+    with pytest.raises(InputError, match=r"road-1\.parquet: a shard of schema version 3, not 2"):
         read_shard(path)
     before = made.digest
     assert generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path)).digest == before

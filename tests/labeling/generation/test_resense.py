@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +14,20 @@ import pytest
 from command_line.arguments import SenseArguments, resense_settings
 from isacsim.errors import InputError
 from isacsim.parsing import channel
-from isacsim.sensing import SensingSettings
+from isacsim.sensing import SensedRecord, SensingSettings, sense
+from isacsim.sensors import SENSORS
+from isacsim.sensors.protocol import SensorSettings, StoredRecords
+from isacsim.sensors.truth import TruthSensor
 from labeling.dataset.dataset import Dataset, Shard
-from labeling.dataset.shard import Episode
+from labeling.dataset.shard import Episode, read_samples
 from labeling.dataset.summary import summary
+from labeling.generation.cost_estimate import estimate, sensed_anew
 from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
-from labeling.generation.resense import ResenseSettings, own_sensing, plan, resense
+from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
+from models.studies.sweep_axes import SweepAxes, sensings
+from tests.support import sensing_road
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -38,13 +47,13 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def anew(dataset: Dataset, tmp_path: Path) -> Anew:
     """Senses the dataset by arguments of the command line, into a folder of its own, and checks the contract."""
 
-    def sensed(sensor: str = "isac", **arguments: object) -> Dataset:
+    def sense_anew(sensor: str = "isac", **arguments: object) -> Dataset:
         settings = resense_settings(dataset, SenseArguments(sensor, **arguments))  # type: ignore[arg-type]
-        made = resense(dataset, settings, tmp_path / f"{sensor}-{len(list(tmp_path.iterdir()))}", INLINE)
-        made.verify()
-        return made
+        sensed = resense(dataset, settings, tmp_path / f"{sensor}-{len(list(tmp_path.iterdir()))}", INLINE)
+        sensed.verify()
+        return sensed
 
-    return sensed
+    return sense_anew
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -59,22 +68,22 @@ def position_error_m(dataset: Dataset) -> float:
 
 
 def test_own_settings_give_the_same_records_to_the_bit(dataset: Dataset, anew: Anew) -> None:
-    made = anew()
+    sensed = anew()
     for name, values in dataset.arrays("tv", "tv_truth", "uv").items():
-        np.testing.assert_array_equal(made.arrays(name)[name], values)
-    assert made.frame().equals(dataset.frame())
-    assert made.meta.left_out() == dataset.meta.left_out()
-    assert made.meta.scenarios == dataset.meta.scenarios
+        np.testing.assert_array_equal(sensed.arrays(name)[name], values)
+    assert sensed.frame().equals(dataset.frame())
+    assert sensed.meta.left_out() == dataset.meta.left_out()
+    assert sensed.meta.scenarios == dataset.meta.scenarios
     roads = Path("roads/road.parquet")
-    assert (made.path / roads).read_bytes() == (dataset.path / roads).read_bytes()
-    assert summary(made)["position_error_m"] == summary(dataset)["position_error_m"]
+    assert (sensed.path / roads).read_bytes() == (dataset.path / roads).read_bytes()
+    assert summary(sensed)["position_error_m"] == summary(dataset)["position_error_m"]
 
 
 def test_other_settings_change_what_is_sensed_alone(dataset: Dataset, anew: Anew) -> None:
     loud, quiet = anew(snr="20"), anew(snr="-20:-10")
-    for made in (loud, quiet):
-        assert made.frame()[list(SAME)].equals(dataset.frame()[list(SAME)])
-        np.testing.assert_array_equal(made.arrays("tv_truth")["tv_truth"], dataset.arrays("tv_truth")["tv_truth"])
+    for sensed in (loud, quiet):
+        assert sensed.frame()[list(SAME)].equals(dataset.frame()[list(SAME)])
+        np.testing.assert_array_equal(sensed.arrays("tv_truth")["tv_truth"], dataset.arrays("tv_truth")["tv_truth"])
     assert (loud.frame()["snr_db"] == 20).all()
     assert quiet.frame()["snr_db"].between(-20, -10).all()
     assert quiet.frame()["snr_db"].is_unique
@@ -96,20 +105,20 @@ def test_every_argument_reaches_its_setting(dataset: Dataset, anew: Anew) -> Non
 
 
 def test_snr_by_the_link_budget_falls_with_the_distance(dataset: Dataset, anew: Anew) -> None:
-    """All sites stand 150 m beside the road: by the radar equation 13 dB there for 11 dBsm, less along the road."""
-    found = anew(snr="link").frame()["snr_db"]
-    assert found.is_unique
-    assert -15 < found.min() < found.max() < 25
+    """All sites stand 150 m beside the road, where 11.25 dBsm give 16 dB; along the road it is less."""
+    snr_db = anew(snr="link").frame()["snr_db"]
+    assert snr_db.is_unique
+    assert -15 < snr_db.min() < snr_db.max() < 25
 
 
 def test_the_truth_is_a_sensor_without_error(anew: Anew) -> None:
-    made = anew("truth")
-    arrays, frame = made.arrays("tv", "tv_truth"), made.frame()
+    sensed = anew("truth")
+    arrays, frame = sensed.arrays("tv", "tv_truth"), sensed.frame()
     np.testing.assert_array_equal(arrays["tv"], arrays["tv_truth"])
     assert set(frame["sensor"]) == {"truth"}
     assert (frame["n_sites"] == 0).all()
-    found = summary(made)
-    assert (found["snr_db"], found["position_error_m"]) == (None, {"before_filter": None, "sensed": 0.0})
+    figures = summary(sensed)
+    assert (figures["snr_db"], figures["position_error_m"]) == (None, {"before_filter": None, "sensed": 0.0})
 
 
 def test_the_onboard_radar_sees_from_the_uv(anew: Anew) -> None:
@@ -125,17 +134,17 @@ def test_the_onboard_radar_sees_from_the_uv(anew: Anew) -> None:
 
 
 def test_records_that_the_sensor_cannot_use_are_left_out_and_counted(dataset: Dataset, anew: Anew) -> None:
-    made = anew(sites=1)
-    assert len(made) == 0
+    sensed = anew(sites=1)
+    assert len(sensed) == 0
     before = dataset.meta.left_out().get("too_few_sites", 0)
-    assert made.meta.left_out()["too_few_sites"] == before + len(dataset)
+    assert sensed.meta.left_out()["too_few_sites"] == before + len(dataset)
 
 
 def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
-    own, extra = len(dataset), 2
-    made = anew(records=2 * own + extra)
-    frame, tv = made.frame(), made.arrays("tv")["tv"]
-    assert len(made) == 2 * own + extra
+    stored, extra = len(dataset), 2
+    sensed = anew(records=2 * stored + extra)
+    frame, tv = sensed.frame(), sensed.arrays("tv")["tv"]
+    assert len(sensed) == 2 * stored + extra
     assert frame["sample_id"].is_unique
     turn = frame["sample_id"].str.partition("-r")[2]
     np.testing.assert_array_equal(tv[(turn == "").to_numpy()], dataset.arrays("tv")["tv"])
@@ -144,14 +153,14 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
     assert list(frame["sample_id"][of_first]) == [first, f"{first}-r1", f"{first}-r2"]
     assert len(np.unique(tv[of_first], axis=0)) == 3
     # Sensed once more, a repeat is the same repeat.
-    again = resense(made, resense_settings(made, SenseArguments("isac")), tmp_path / "again", INLINE)
+    again = resense(sensed, resense_settings(sensed, SenseArguments("isac")), tmp_path / "again", INLINE)
     np.testing.assert_array_equal(again.arrays("tv")["tv"], tv)
     with pytest.raises(InputError, match="repeats records already"):
-        resense(made, resense_settings(made, SenseArguments("isac", records=99)), tmp_path / "more", INLINE)
+        resense(sensed, resense_settings(sensed, SenseArguments("isac", records=99)), tmp_path / "more", INLINE)
 
 
 @pytest.mark.parametrize("records", [1, 3, 7, 8, 30])
-def test_a_plan_fills_the_number_asked_for(records: int) -> None:
+def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     shards = [
         Shard(
             file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={}, by_origin={},
@@ -168,19 +177,18 @@ def test_a_plan_fills_the_number_asked_for(records: int) -> None:
 
 
 def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
-    made = anew(snr="3", records=10)
+    sensed = anew(snr="3", records=10)
     settings = resense_settings(dataset, SenseArguments("isac", snr="3", records=10))
     folder = tmp_path / "again"
     resense(dataset, settings, folder, LocalEngine(2))
-    assert bytes_of(folder) == bytes_of(made.path)
+    assert bytes_of(folder) == bytes_of(sensed.path)
     kept = folder / "shards/road-1.parquet"
     before = kept.stat().st_ino
     (folder / "shards/road-2.parquet").unlink()
     (folder / "shards/road-3.parquet").write_bytes(b"PAR1")
-
     feedback = RecordedFeedback()
     resense(dataset, settings, folder, INLINE, feedback)
-    assert bytes_of(folder) == bytes_of(made.path)
+    assert bytes_of(folder) == bytes_of(sensed.path)
     assert kept.stat().st_ino == before
     assert feedback.moves[0][0] > 0
     assert feedback.moves[-1] == (10, 10)
@@ -195,12 +203,123 @@ def test_a_folder_is_held_for_one_way_of_sensing(dataset: Dataset, tmp_path: Pat
         resense(dataset, ResenseSettings(), dataset.path, INLINE)
 
 
-def test_damage_of_the_dataset_is_told(dataset: Dataset, tmp_path: Path) -> None:
+def test_damage_of_the_dataset_is_reported(dataset: Dataset, tmp_path: Path) -> None:
     copy = resense(dataset, ResenseSettings(sensor="truth"), tmp_path / "copy", INLINE)
     shard = copy.shard_path(copy.meta.shards[0])
     shard.write_bytes(shard.read_bytes()[:-100])
     with pytest.raises(InputError, match=shard.name):
         resense(copy, ResenseSettings(), tmp_path / "out", INLINE)
+
+
+FORMER = {
+    "waveform": {
+        "carrier_hz": 3.5e9, "subcarrier_spacing_hz": 3e4, "symbol_s": 0.5e-3 / 14, "subcarriers": 128, "symbols": 42,
+        "antennas": 8, "spacing_wavelengths": 0.5,
+    },
+    "view": {"sites": 4, "range_m": 400.0, "half_width_deg": 60.0, "speed_mps": 100.0, "hold_s": 0.1},
+    "channel": {
+        "kind": "link", "snr_db": 5.0, "snr_range_db": [0.0, 10.0], "rain_mm_per_h": 0.0, "blockage": False,
+        "link": {
+            "power_dbm": 29.8, "transmit_gain_db": 8.0, "element_gain_db": 8.0, "noise_figure_db": 5.0, "loss_db": 3.0,
+            "cross_section_dbsm": 11.25, "cross_section_sd_db": 3.41,
+        },
+    },
+    "echo": "window", "device": "cpu", "estimator": "ml", "false_alarm": 0.001, "target_height_m": 0.8,
+    "fusion": {"method": "information", "steps": 2, "eq5_weights": "paper", "speed_prior_mps": 60.0},
+    "tracking": {
+        "jerk_density": 10.0, "start_acceleration_mps2": 4.0, "gate": 1000.0, "reacquire_s": 0.1, "prelude_s": 0.5,
+    },
+}  # fmt: skip
+"""Sensing settings as `dataset.json` of schema 1 holds them."""
+
+
+def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
+    """The dataset as schema 1 would have stored it, with UVs that report without noise."""
+    shutil.copytree(dataset.path, folder)
+    content = json.loads((folder / "dataset.json").read_text())
+    content["schema_version"] = 1
+    content["study"] |= {"sensing": FORMER | sensing, "report": dict.fromkeys(content["study"]["report"], 0.0)}
+    for shard in content["shards"]:
+        shard["episode"]["schema_version"] = 1
+    (folder / "dataset.json").write_text(json.dumps(content))
+    return Dataset.open(folder)
+
+
+@pytest.mark.parametrize(
+    ("kind", "snr_db", "state"),
+    [
+        ("link", 11.954796326332724, [134.93708996550308, 1.0002598556304616, 24.99942126260975]),
+        ("uniform", 9.846802570142005, [134.93744967709435, 0.9998252814955282, 24.999316670921527]),
+    ],
+)
+def test_datasets_of_schema_1_are_sensed_as_they_were(
+    dataset: Dataset, tmp_path: Path, kind: str, snr_db: float, state: list[float]
+) -> None:
+    """Numbers of the last version that wrote schema 1, for a vehicle on the road of the sensing tests."""
+    stored = former(dataset, tmp_path / "former", channel=FORMER["channel"] | {"kind": kind})
+    settings = own_sensing(stored)
+    truth = sensing_road.drive(80, 130.0, 1.0, 25.0)[None]
+    sites = sensing_road.road_sites(12, 200.0)
+    record = sense(truth, sensing_road.RATE_HZ, sites, settings, [("old", 1)])[0]
+    assert record.snr_db == pytest.approx(snr_db, abs=1e-12)
+    assert record.state[:3, -1] == pytest.approx(state, abs=1e-9)
+
+
+def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: Path) -> None:
+    stored = former(dataset, tmp_path / "former")
+    once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
+    once.verify()
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (2, 2)
+    # Sensed a second time, its settings are not converted a second time.
+    again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
+    np.testing.assert_array_equal(again.arrays("tv")["tv"], once.arrays("tv")["tv"])
+    assert own_sensing(again) == own_sensing(once) == own_sensing(stored)
+    assert own_sensing(stored).channel.link.cross_section_dbsm == pytest.approx(11.25 + np.log(10) / 20 * 3.41**2)
+
+
+def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> None:
+    """The noise of the reports, drawn again, leaves the motion that a UV without noise reports."""
+    quiet = generate(
+        small_study(
+            seeds={"first": 1, "last": 1},
+            sensing={"channel": {"kind": "fixed", "snr_db": 0.0}},
+            report={"position_sd_m": 0, "speed_sd_mps": 0, "acceleration_sd_mps2": 0},
+        ),
+        tmp_path / "quiet",
+        INLINE,
+        source=ScriptedSource(tmp_path),
+    )
+    noisy = read_samples(dataset.shard_path(dataset.meta.shards[0]))
+    truth = np.stack([sample.uv for sample in read_samples(quiet.shard_path(quiet.meta.shards[0]))])
+    carrier = _records(noisy, [], dataset.meta, own_report(dataset)).carrier
+    assert carrier.reported is not None
+    assert (carrier.reported - truth)[:, :2].std() == pytest.approx(0.02, rel=0.05)
+    assert (carrier.reported - truth)[:, 2:4].std() == pytest.approx(0.05, rel=0.05)
+    assert (carrier.reported - truth)[:, 4:].std() == pytest.approx(0.1, rel=0.05)
+    np.testing.assert_allclose(carrier.state, truth, atol=2e-4)
+    assert (carrier.position_sd_m, carrier.speed_sd_mps) == (0.02, 0.05)
+
+
+def test_a_sensor_that_another_package_offers_senses_a_dataset(
+    dataset: Dataset, anew: Anew, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Shifted(TruthSensor):
+        def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
+            shift = np.array([3.0, 4.0, 0, 0, 0, 0])[:, None]
+            return [replace(record, state=record.state + shift) for record in super().sense(records, settings)]
+
+    monkeypatch.setitem(SENSORS._items, "shifted", Shifted())
+    sensed = anew("shifted")
+    assert set(sensed.frame()["sensor"]) == {"shifted"}
+    assert len(sensed) == len(dataset)
+    assert position_error_m(sensed) == pytest.approx(5, abs=1e-3)
+    assert sensed_anew(small_study(), estimate(small_study()), "shifted").cpu_s > 0
+    assert [way.sensor for way in sensings(SweepAxes(sensors=("shifted",)))] == ["shifted"]
+
+
+def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:
+    with pytest.raises(InputError, match="unknown sensor 'rader': did you mean radar"):
+        resense_settings(dataset, SenseArguments("rader"))
 
 
 def test_other_vehicles_are_not_in_a_dataset(dataset: Dataset, tmp_path: Path) -> None:
