@@ -52,7 +52,10 @@ def _registered(place: str) -> Callable[[], str]:
 
 PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
     "benches": _registered("benchmarks:NAMES"),
+    "estimators": _registered("isacsim.radio.estimators:ESTIMATORS"),
+    "fusion_methods": _registered("isacsim.tracking.fusion_methods:FUSION_METHODS"),
     "height_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
+    "sensors": _registered("isacsim.sensors:SENSORS"),
     "set_back_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "set_back_m"),
     "spacing_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "spacing_m"),
     "vehicles": _default("isacsim.scenarios.demand:DemandSettings", "vehicles"),

@@ -66,7 +66,7 @@ BAD = {
     "generate nowhere -o new": "no scenario nowhere",
     "generate siteless -o new": "has no sites",
     "generate garbled -o new": "cannot be read as XML",
-    "generate empty -o new": "empty holds 0 SUMO configurations",
+    "generate empty -o new": "empty has no SUMO configuration (.sumocfg) and no network (.net.xml)",
     "generate siteless/motorway.net.xml -o new": "siteless/motorway.net.xml",
     "generate motorway -o full": "full: is not empty and holds no dataset",
     "generate motorway -o key.toml": "key.toml: is a file",
@@ -91,13 +91,13 @@ BAD = {
     "inspect empty": "empty: not a dataset",
     "inspect nowhere": "nowhere: not a dataset",
     "sense empty -o new": "empty: not a dataset",
-    "network import nowhere.osm -o new": "there is no map nowhere.osm",
-    "network import key.toml -o new": "key.toml is no OpenStreetMap file",
+    "network import nowhere.osm -o new": "there is no file nowhere.osm",
+    "network import key.toml -o new": "key.toml is not an OpenStreetMap file",
     "network import key.toml -o new --box 9,52": "--box 9,52: is not a box",
     "network import key.toml -o new --box 9,52,8,53": "--box 9,52,8,53: is not a box",
     "network sites nowhere -o new": "no scenario nowhere",
     "network sites motorway -o new": "sites already",
-    "network sites siteless -o full": "full is there already and not empty",
+    "network sites siteless -o full": "full exists and is not an empty folder",
     "network sites siteless -o new --spacing 3": "arguments: spacing_m",
     "network sites siteless -o new --vehicles 0": "arguments: vehicles",
     "network sites siteless": "Missing option '-o'",
@@ -361,7 +361,7 @@ def test_a_map_without_roads_that_connect_is_told(tmp_path: Path, capfd: pytest.
     lone = tmp_path / "lone.osm"
     lone.write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
     assert cosim.main(["network", "import", str(lone), "-o", str(tmp_path / "out")]) == 2
-    assert capfd.readouterr().err == f"cosim: {lone} holds no connected roads for cars: give another map\n"
+    assert capfd.readouterr().err == f"cosim: {lone} has no connected roads for cars: give another map\n"
 
 
 def test_a_bare_network_becomes_a_scenario_by_its_seed(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
