@@ -18,6 +18,8 @@ from isacsim.radio.waveform import Waveform
 if TYPE_CHECKING:
     import torch
 
+SCORING_STEPS = 4
+"""Steps of Fisher scoring, on DFT blocks and on full echoes alike."""
 _CHUNK = 1024
 """Echoes whose DFT blocks are drawn at once, which bounds the memory."""
 

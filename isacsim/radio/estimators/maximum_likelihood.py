@@ -10,7 +10,7 @@ import numpy as np
 from isacsim.arrays import Array, ComplexArray
 from isacsim.radio.bounds import cell_bound
 from isacsim.radio.echo import Bins, Moments, draw_moments, draw_search, fourth_moment, spread
-from isacsim.radio.estimation import Estimates, beaten_by_rival, estimated_snr, in_chunks, strongest
+from isacsim.radio.estimation import SCORING_STEPS, Estimates, beaten_by_rival, estimated_snr, in_chunks, strongest
 from isacsim.radio.waveform import Waveform
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ SEARCH_FLOOR = 0.01
 Half-way between cells a search cell keeps 0.81 of the power along an axis, so at -20 dB the peak is at least 228 times
 the noise, and noise exceeds it with a probability below 1e-20 a snapshot.
 """
-SCORING_STEPS = 4
 
 
 class MaximumLikelihood:

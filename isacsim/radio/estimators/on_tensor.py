@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from isacsim.radio.echo_tensor import steering
-from isacsim.radio.estimators.maximum_likelihood import SCORING_STEPS
+from isacsim.radio.estimation import SCORING_STEPS
 from isacsim.radio.waveform import centred
 
 Found = tuple[torch.Tensor, torch.Tensor]
