@@ -218,6 +218,18 @@ def test_a_study_runs_from_a_network_to_a_report(tiny: Path) -> None:
     assert "Traceback" not in said
 
 
+def test_the_python_example_of_the_readme_runs(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").mkdir()
+    shutil.copytree(tiny, tmp_path / "results" / "quick")
+    (example,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    assert len(example.splitlines()) <= 12
+    exec(example, {})
+    assert re.fullmatch(r"\w+: \w+, p = [01]\.\d\d\n", capfd.readouterr().out)
+
+
 def test_a_finished_study_answers_again(
     tiny: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
