@@ -98,17 +98,17 @@ def run(
             raise RunError(failures(found))
         return
 
-    found = run_study(content, folder, engine, feedback)
+    metrics = run_study(content, folder, engine, feedback)
     show_dataset(Dataset.open(folder / "dataset"), console)
-    show_metrics(found, console)
+    show_metrics(metrics, console)
     console.print(f"figures and report: {folder / 'report' / report.PAGE}", soft_wrap=True)
     result = {
         "dataset": str(folder / "dataset"),
         "run": str(folder / "run"),
         "report": str(folder / "report"),
-        "accuracy": found["accuracy"],
-        "macro_f1": found["macro_f1"],
-        "floor_macro_f1": found["compared"][0]["macro_f1"],
+        "accuracy": metrics.accuracy,
+        "macro_f1": metrics.macro_f1,
+        "floor_macro_f1": metrics.compared[0].macro_f1,
         "seconds": round(time.monotonic() - began, 1),
     }
     print_json(as_json, result)
@@ -249,11 +249,11 @@ def evaluate(
 
     console, loaded, dataset = console_of(quiet), load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
-    found = evaluate_run(loaded, dataset, folder, against=[load_run(each) for each in against or ()])
-    page = report.write_report(loaded, dataset, folder)
-    show_metrics(found, console)
+    evaluation = evaluate_run(loaded, dataset, folder, against=[load_run(each) for each in against or ()])
+    page = report.write_report(evaluation, dataset, folder)
+    show_metrics(evaluation.result, console)
     console.print(f"figures and report: {page}", soft_wrap=True)
-    print_json(as_json, {"report": str(folder), **found})
+    print_json(as_json, {"report": str(folder), **evaluation.result.model_dump(mode="json")})
 
 
 @network_app.command("import")

@@ -16,7 +16,9 @@ from isacsim.errors import InputError
 if TYPE_CHECKING:
     from isacsim.scenarios.making import Made
     from labeling.dataset.dataset import Dataset
+    from models.evaluation.results import EvaluationResult
     from models.studies.study import Study
+    from models.studies.sweep_results import SweepResult
 
 
 UNBOUND = 1000
@@ -73,19 +75,19 @@ def show_estimate(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     return {**dataclasses.asdict(found), "jobs": jobs, "seconds": found.seconds(jobs)}
 
 
-def show_sweep(found: dict[str, Any], folder: Path, console: Console) -> dict[str, Any]:
+def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str, Any]:
     """The table of a sweep, and where it stands. Returns what `--json` gives."""
     from models.report import report
     from models.studies import sweep_table
 
     # Whole, also where the terminal is narrower or there is none.
     own, console.width = console.width, UNBOUND
-    console.print(sweep_table.table(found))
+    console.print(sweep_table.table(result))
     console.width = own
     page = folder / sweep_table.REPORT / report.PAGE
     print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
     paths = {"table": str(folder / sweep_table.TABLE_JSON), "report": str(page.parent)}
-    return {**paths, "trainings": found["trainings"], "cells": found["cells"], "failed": found["failed"]}
+    return {**paths, **result.model_dump(mode="json", include={"trainings", "cells", "failed"})}
 
 
 def failures(found: dict[str, Any]) -> str:
@@ -116,10 +118,10 @@ def show_scenario(made: Made, source: str, console: Console) -> dict[str, Any]:
     return {**dataclasses.asdict(made), "folder": str(made.folder)}
 
 
-def show_metrics(found: dict[str, Any], console: Console) -> None:
+def show_metrics(result: EvaluationResult, console: Console) -> None:
     """What an evaluation found."""
     from models.report import report
 
-    console.print(report.table(found))
-    for line in report.verdict(found):
+    console.print(report.table(result))
+    for line in report.verdict(result):
         console.print(line, soft_wrap=True)
