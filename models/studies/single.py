@@ -15,7 +15,6 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
@@ -62,7 +61,7 @@ def claim_study(out: Path, study: Study) -> Iterator[None]:
         yield
 
 
-def _stored_content(path: Path) -> dict[str, Any] | None:
+def _stored_content(path: Path) -> dict[str, object] | None:
     """Return the study that a file holds, under the current names of its keys, or None where it is damaged."""
     try:
         return Study.model_validate(json.loads(path.read_text(encoding="utf-8"))).model_dump(mode="json")

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -124,5 +124,4 @@ def network_name(scenario: str) -> str:
 
 def _values(axes: SweepAxes) -> list[tuple[str, Sequence[Hashable]]]:
     """Return the values on each axis but `scenarios`, by its name."""
-    content: dict[str, Any] = dict(axes)
-    return [(name, value) for name, value in content.items() if name != "scenarios"]
+    return [(name, values) for name, values in axes if name != "scenarios"]

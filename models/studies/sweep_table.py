@@ -113,7 +113,7 @@ def draw(rows: Sequence[SweepRow], path: Path) -> None:
 
 
 def _difference_to_floor(result: EvaluationResult) -> PairedDifference | None:
-    """Return the difference of mean scores over training seeds; of two single runs it stands with the compared one."""
+    """Return the difference of mean scores over training seeds, or of two single runs, to the floor."""
     if result.over_training_seeds is not None:
         return result.over_training_seeds[-1].paired_difference
     return result.compared[-1].paired_difference
