@@ -12,7 +12,6 @@ from models.evaluation.predictions import Predictions
 
 PREFERRED = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE, Intention.EVASIVE_SWERVE)
 """Intentions that are seen best from above, in the order in which they are tried."""
-LAST_WINDOW = "the last of its evaluated windows"
 
 
 @dataclass(frozen=True)
@@ -44,12 +43,12 @@ def choose_record(predictions: Predictions) -> RecordChoice:
             name = intention.text.replace("_", " ")
             rule = (
                 f"Of {of_intention.sum()} test records of {name}, {(of_intention & recognised).sum()} were recognised "
-                f"at {LAST_WINDOW}; this is the one among them with the median probability of {name} there."
+                f"at their last measured window; this is the one of them with the median probability of {name} there."
             )
             return RecordChoice(_median_record(predictions, known[of_intention & recognised]), rule)
     rule = (
-        f"None of the {len(known)} test records was recognised at {LAST_WINDOW}; this is the one with the median "
-        "probability of its true intention there."
+        f"None of the {len(known)} test records was recognised at its last measured window; this is the one with the "
+        "median probability of its true intention there."
     )
     return RecordChoice(_median_record(predictions, known), rule)
 

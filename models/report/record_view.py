@@ -201,7 +201,9 @@ def _probabilities(axes: Axes, view: RecordView) -> None:
     _event_lines(axes, view)
     for time, mark in ((0.0, "onset"), (view.commit_s, "commit")):
         if time <= view.t_tv[-1]:
-            axes.annotate(mark, (time, 1.0), (3, 2), textcoords="offset points", color=GREY, fontsize=9)
+            # Near the right edge the text goes to the left of its line.
+            shift, align = (-3, "right") if time > view.t_tv[-1] - 0.3 else (3, "left")
+            axes.annotate(mark, (time, 1.0), (shift, 2), textcoords="offset points", ha=align, color=GREY, fontsize=9)
     axes.annotate(
         BEFORE_ONSET, (0.0, 1.0), (-6, 2), textcoords="offset points", ha="right", color=DARK, fontsize=9,
     )  # fmt: skip

@@ -170,7 +170,7 @@ def _rows(result: EvaluationResult) -> list[list[str]]:
     rows.append(["accuracy", *(_cell(run.accuracy) for run in runs), *blank])
     scores = [run.overtake_against_left for run in runs]
     cells = [f"{_cell(score.accuracy)} ({_cell(score.auroc)})" for score in scores]
-    rows.append(["overtake or left change, of these two (AUROC)", *cells, *blank])
+    rows.append(["overtake or left change (AUROC)", *cells, *blank])
     if result.auroc_unknown is not None:
         rows.append(["AUROC of following", *(_cell(run.auroc_unknown) for run in runs), *blank])
     return rows
@@ -185,7 +185,7 @@ def _difference(paired: PairedDifference, interval: Interval) -> str:
     if interval.difference is None:
         return "-"
     if not paired.has_interval:
-        return f"{interval.difference:+.3f} (one test seed: no interval)"
+        return f"{interval.difference:+.3f} (no interval)"
     return f"{interval.difference:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})"
 
 

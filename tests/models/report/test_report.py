@@ -77,7 +77,7 @@ def test_a_single_test_seed_says_nothing_about_the_difference(result: Evaluation
     (sentence,) = verdict(single)
     assert "is ahead" not in sentence
     assert sentence.endswith("but with a single test seed nothing can be said about the difference.")
-    assert "+0.040 (one test seed: no interval)" in printed(single)
+    assert "+0.040 (no interval)" in printed(single)
     page = write_page(single, tmp_path).read_text()
     assert sentence in page
     assert "bootstrap" not in page
