@@ -240,10 +240,10 @@ def evaluate(
 
     console, loaded, dataset = output.console_of(quiet), load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
-    metrics = evaluate_run(loaded, dataset, folder, against=[load_run(path) for path in against or ()])
-    page = report.write_report(loaded, dataset, folder)
-    output.show_metrics(metrics, page, console)
-    output.print_json(as_json, {"report": str(folder), **metrics})
+    evaluation = evaluate_run(loaded, dataset, folder, against=[load_run(path) for path in against or ()])
+    page = report.write_report(evaluation, dataset, folder)
+    output.show_metrics(evaluation.result, page, console)
+    output.print_json(as_json, {"report": str(folder), **evaluation.result.model_dump(mode="json")})
 
 
 @network_app.command(

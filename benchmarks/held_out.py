@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -18,10 +17,10 @@ from labeling.generation.settings import checked
 from models.data.windows import Records
 from models.predictors.castformer import PAPER_OPTIMISER
 from models.run import TrainSettings
-from models.studies.held_out import hold_out_each, table
+from models.studies.held_out import HeldOutResult, hold_out_each, table
 
 
-def run(dataset: Path, out: Path, settings: TrainSettings, feedback: Feedback = SILENT) -> dict[str, Any]:
+def run(dataset: Path, out: Path, settings: TrainSettings, feedback: Feedback = SILENT) -> HeldOutResult:
     """`models.studies.held_out.hold_out_each` on a dataset."""
     opened = Dataset.open(dataset)
     made_of = {"digest": opened.digest, "study": opened.meta.study}

@@ -29,9 +29,12 @@ from rich.progress import track
 from isacsim.files import write_json
 from labeling.dataset.dataset import Dataset
 from models.data.windows import Records
-from models.evaluation.evaluation import EvaluateSettings, SweepSettings, evaluate_records
+from models.evaluation.evaluation import evaluate_records
 from models.evaluation.metrics import spread
 from models.evaluation.repeats import summary
+from models.evaluation.results import EvaluationResult
+from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
+from models.report.evaluation_figures import draw_figures
 from models.run import Model, Run
 from models.studies.study import read_study
 from models.training.training import train_records
@@ -58,7 +61,7 @@ class Bench:
     out: Path
     seeds: range
     console: Console
-    alone: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    alone: dict[tuple[str, str], EvaluationResult] = field(default_factory=dict)
     """Metrics of runs that were measured by themselves, by name and key of ENDS."""
 
     @property
@@ -85,7 +88,7 @@ class Bench:
             runs[model].append(train_records(self.records, self.made_of, folder, settings))
         return runs
 
-    def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> dict[str, Any]:
+    def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> EvaluationResult:
         """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS."""
         return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]))
 
@@ -95,15 +98,19 @@ class Bench:
             if (one.path.name, ends) not in self.alone:
                 self.alone[one.path.name, ends] = self.evaluate([one], f"evaluated/{one.path.name}", ends)
         found = [self.alone[one.path.name, ends] for one in runs]
-        return {"windows": found[0]["n"], **summary(found)}
+        return {"windows": found[0].n, **summary(found).model_dump(mode="json")}
 
-    def sweep(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
+    def window_end_curves(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
         """`by_window_end` of each run, drawn in OUT/name/window_end.png."""
-        measured = self._measured(runs, name, EvaluateSettings(ends_per_record=1, sweep=SweepSettings()))
-        return [{key: each[key] for key in ("name", "by_window_end")} for each in (measured, *measured["compared"])]
+        measured = self._measured(
+            runs, name, EvaluateSettings(ends_per_record=1, window_end_curve=WindowEndCurveSettings())
+        )
+        return [each.model_dump(mode="json", include={"name", "by_window_end"}) for each in measured.runs]
 
-    def _measured(self, runs: Sequence[Run], name: str, settings: EvaluateSettings) -> dict[str, Any]:
-        return evaluate_records(runs[0], self.records, self.made_of, self.out / name, settings, runs[1:])
+    def _measured(self, runs: Sequence[Run], name: str, settings: EvaluateSettings) -> EvaluationResult:
+        evaluation = evaluate_records(runs[0], self.records, self.made_of, self.out / name, settings, runs[1:])
+        draw_figures(evaluation, self.out / name)
+        return evaluation.result
 
 
 def run(
@@ -139,7 +146,7 @@ def run(
     for share in SHARES:
         runs = bench.train(COMPARED, "sensed", share)
         for model, each in runs.items():
-            taught = spread([sum(one.card.counts.values()) for one in each])["mean"]
+            taught = spread([sum(one.card.counts.values()) for one in each]).mean
             samples.append({"model": model, "share": share, "samples": taught, **bench.scores(each, "early")})
     keep(samples=samples)
     longer = [*bench.train(("asi-bip",), "longer", times=LONGER)["asi-bip"], *main["trees"]]
@@ -148,7 +155,7 @@ def run(
     everyone = [one for each in trained.values() for one in each]
     for ends in ENDS:
         keep(**{ends: _predictors(bench.evaluate(everyone, "evaluated/all", ends))})
-    keep(by_window_end=bench.sweep([each[0] for each in trained.values()], "evaluated/window_ends"))
+    keep(by_window_end=bench.window_end_curves([each[0] for each in trained.values()], "evaluated/window_ends"))
     return found
 
 
@@ -164,12 +171,12 @@ def _beside(
     return rows
 
 
-def _predictors(measured: dict[str, Any]) -> dict[str, Any]:
+def _predictors(measured: EvaluationResult) -> dict[str, Any]:
     """Scores over training seeds, each predictor's difference to the first, and every run's scores of the unknown."""
-    keys = ("name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores")
+    keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
     return {
-        "predictors": measured["over_training_seeds"],
-        "unknown": [{key: each[key] for key in keys} for each in (measured, *measured["compared"])],
+        "predictors": measured.model_dump(mode="json")["over_training_seeds"],
+        "unknown": [each.model_dump(mode="json", include=keys) for each in measured.runs],
     }
 
 

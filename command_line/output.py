@@ -16,6 +16,7 @@ from isacsim.errors import InputError, RunError
 if TYPE_CHECKING:
     from isacsim.scenarios.making import NewScenario
     from labeling.dataset.dataset import Dataset
+    from models.evaluation.results import EvaluationResult
     from models.run import Run
 
 
@@ -78,11 +79,11 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
     return {"run": str(run.path), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
 
 
-def show_metrics(metrics: dict[str, Any], page: Path, console: Console) -> None:
+def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
     from models.report import report
 
-    console.print(report.table(metrics))
-    for line in report.verdict(metrics):
+    console.print(report.table(result))
+    for line in report.verdict(result):
         print_line(console, line)
     print_line(console, f"figures and report: {page}")

@@ -18,6 +18,7 @@ from models.studies.cost_estimate import estimate_study
 from models.studies.single import run_study
 from models.studies.study import Study
 from models.studies.sweep import run_sweep
+from models.studies.sweep_results import SweepResult
 from models.training.progress import spoken_time
 
 UNBOUND = 1000
@@ -39,13 +40,13 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
         "dataset": str(folder / "dataset"),
         "run": str(folder / "run"),
         "report": str(folder / "report"),
-        "accuracy": metrics["accuracy"],
-        "macro_f1": metrics["macro_f1"],
-        "floor_macro_f1": metrics["compared"][0]["macro_f1"],
+        "accuracy": metrics.accuracy,
+        "macro_f1": metrics.macro_f1,
+        "floor_macro_f1": metrics.compared[0].macro_f1,
     }
 
 
-def show_sweep(result: dict[str, Any], folder: Path, console: Console) -> dict[str, Any]:
+def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str, Any]:
     """Show the table of a sweep, complete also where the terminal is narrow. Returns what `--json` prints."""
     width, console.width = console.width, UNBOUND
     console.print(sweep_table.table(result))
@@ -55,9 +56,7 @@ def show_sweep(result: dict[str, Any], folder: Path, console: Console) -> dict[s
     return {
         "table": str(folder / sweep_table.TABLE_JSON),
         "report": str(page.parent),
-        "trainings": result["trainings"],
-        "cells": result["cells"],
-        "failed": result["failed"],
+        **result.model_dump(mode="json", include={"trainings", "cells", "failed"}),
     }
 
 

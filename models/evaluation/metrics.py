@@ -1,13 +1,12 @@
-"""What a predictor's answers are worth: F1, confusion, dependence on lead time and SNR, paired differences.
+"""How good predictions are: F1, confusion, dependence on lead time and SNR, paired differences.
 
 Everything is counted from confusion matrices, rows true and columns predicted. The F1 of a class without a true sample
-is undefined: it is None, and a macro-F1 is the mean over the classes that have one.
+is undefined, reported as None; a macro-F1 is the mean over the classes that have one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,51 +14,81 @@ from sklearn.metrics import roc_auc_score
 
 from isacsim.arrays import Array, IntArray
 from isacsim.seeding import stream
+from models.evaluation.results import (
+    Interval,
+    LeadTimeBin,
+    ManeuverScores,
+    PairedDifference,
+    PairScores,
+    Separation,
+    SnrBin,
+    Spread,
+    Summary,
+)
 
 LEAD_BIN_S = 0.2
+"""Width of a bin of lead time, s."""
 SNR_BIN_DB = 2.0
+"""Width of a bin of SNR, dB."""
 LEAST_IN_BIN = 5
-"""A class with fewer true windows in a bin stays out of its macro-F1: one window would weigh as much as a class."""
+"""A class with fewer true windows in a bin is left out of its macro-F1: one window would weigh as much as a class."""
+
+BoolArray = npt.NDArray[np.bool_]
+Counts = npt.NDArray[np.int64] | npt.NDArray[np.float64]
 
 
 def confusion(label: IntArray, predicted: IntArray, n_classes: int) -> IntArray:
-    """Counts (n_classes, n_classes), rows true, columns predicted."""
+    """Count windows by true and predicted class.
+
+    label, predicted: class numbers, (n,).
+    Returns counts (n_classes, n_classes), rows true and columns predicted.
+    """
     flat = np.bincount(label * n_classes + predicted, minlength=n_classes**2)
     return flat.reshape(n_classes, n_classes).astype(np.int64)
 
 
-def f1_scores(counts: npt.NDArray[Any]) -> Array:
-    """F1 of each class of confusion matrices (..., G, G): (..., G), NaN without a true sample. ASI-BIP, Eq. (7)."""
+def f1_scores(counts: Counts) -> Array:
+    """Return the F1 of each class of confusion matrices (..., G, G) as (..., G), NaN without a true sample.
+
+    Source: ASI-BIP, Eq. (7).
+    """
     hit = np.diagonal(counts, axis1=-2, axis2=-1).astype(np.float64)
     true, predicted = counts.sum(axis=-1), counts.sum(axis=-2)
     return np.where(true > 0, 2 * hit / np.maximum(true + predicted, 1), np.nan)
 
 
-def macro_f1(counts: npt.NDArray[Any], least: int = 1) -> Array:
-    """Mean F1 over the classes with at least `least` true samples, (...) of (..., G, G); NaN without any."""
+def macro_f1(counts: Counts, least: int = 1) -> Array:
+    """Return the mean F1 over the classes with at least `least` true samples, (...) for matrices (..., G, G).
+
+    NaN where no class has that many.
+    """
     f1 = np.where(counts.sum(axis=-1) >= least, f1_scores(counts), np.nan)
     n = np.isfinite(f1).sum(axis=-1)
     return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
 
 
-def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> dict[str, Any]:
-    """`n`, `accuracy`, `macro_f1`, `per_class_f1` and `confusion` of answers (n,)."""
+def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> Summary:
+    """Return accuracy, F1 and confusion of predictions.
+
+    label, predicted: class numbers, (n,). classes: names of the G classes.
+    """
     counts = confusion(label, predicted, len(classes))
-    return {
-        "n": len(label),
-        "accuracy": number(np.mean(label == predicted)) if len(label) else None,
-        "macro_f1": number(macro_f1(counts)),
-        "per_class_f1": dict(zip(classes, map(number, f1_scores(counts)), strict=True)),
-        "confusion": counts.tolist(),
-    }
+    return Summary(
+        n=len(label),
+        accuracy=_accuracy(label, predicted),
+        macro_f1=_number(macro_f1(counts)),
+        per_class_f1=dict(zip(classes, map(_number, f1_scores(counts)), strict=True)),
+        confusion=counts.tolist(),
+    )
 
 
-def maneuver_scores(counts: npt.NDArray[Any], background: int | None = None) -> dict[str, float | None]:
-    """`precision`, `recall` and their `f1` over maneuvers, of a confusion matrix (G, G). CaSTFormer, Eq. (13).
+def maneuver_scores(counts: Counts, background: int | None = None) -> ManeuverScores:
+    """Return macro-averaged precision and recall over maneuvers, and their harmonic mean.
 
-    background: the class that is no maneuver, if any: its row gives false predictions, a maneuver taken for it is
-    missed. Every miss counts in the recall, a confusion with another maneuver too. A maneuver without a true sample is
-    left out; one that is never predicted has precision 0.
+    counts: confusion matrix, (G, G). background: the class that is no maneuver, if there is one. Its row gives false
+    predictions; a maneuver predicted as background is missed. Every miss lowers the recall, also a confusion with
+    another maneuver. A maneuver without a true sample is left out; one that is never predicted has precision 0.
+    Source: CaSTFormer, Eq. (13).
     """
     hit = np.diagonal(counts).astype(np.float64)
     true, predicted = counts.sum(axis=1), counts.sum(axis=0)
@@ -67,60 +96,42 @@ def maneuver_scores(counts: npt.NDArray[Any], background: int | None = None) -> 
     if background is not None:
         kept[background] = False
     if not kept.any():
-        return {"precision": None, "recall": None, "f1": None}
+        return ManeuverScores(precision=None, recall=None, f1=None)
     precision = float(np.mean(hit[kept] / np.maximum(predicted[kept], 1)))
     recall = float(np.mean(hit[kept] / true[kept]))
     f1 = 2 * precision * recall / (precision + recall) if precision + recall > 0 else 0.0
-    return {"precision": precision, "recall": recall, "f1": f1}
+    return ManeuverScores(precision=precision, recall=recall, f1=f1)
 
 
-def pair_confusion(logits: Array, label: IntArray, classes: tuple[str, ...], pair: tuple[int, int]) -> dict[str, Any]:
-    """How well two intentions are told from each other, where there are no others.
+def pair_confusion(logits: Array, label: IntArray, classes: tuple[str, ...], pair: tuple[int, int]) -> PairScores:
+    """Return how well two intentions are told from each other, on windows of these two only.
 
-    Windows (n,) whose true intention is one of the pair, each answered by the likelier of the two. `confusion` (2, 2)
-    has rows true; `auroc` is that of the second against the first, by the difference of their logits.
+    logits: (n, G). label: class numbers, (n,). classes: names of the G classes. pair: numbers of the two intentions.
+    Each window is predicted as the likelier of the two, whatever the other logits are.
     """
-    here = np.isin(label, pair)
-    second = label[here] == pair[1]
-    margin = logits[here, pair[1]] - logits[here, pair[0]]
+    in_pair = np.isin(label, pair)
+    second = label[in_pair] == pair[1]
+    margin = logits[in_pair, pair[1]] - logits[in_pair, pair[0]]
     counts = confusion(second.astype(np.int64), (margin > 0).astype(np.int64), 2)
-    both = second.any() and not second.all()
-    return {
-        "intentions": [classes[k] for k in pair],
-        "n": len(second),
-        "accuracy": number(np.mean((margin > 0) == second)) if len(second) else None,
-        "confusion": counts.tolist(),
-        "auroc": float(roc_auc_score(second, margin)) if both else None,
-    }
+    both_present = second.any() and not second.all()
+    return PairScores(
+        intentions=[classes[k] for k in pair],
+        n=len(second),
+        accuracy=_number(np.mean((margin > 0) == second)) if len(second) else None,
+        confusion=counts.tolist(),
+        auroc=float(roc_auc_score(second, margin)) if both_present else None,
+    )
 
 
-def bins(value: Array, width: float, unit: str) -> Iterator[tuple[dict[str, Any], npt.NDArray[np.bool_]]]:
-    """Bins of a quantity (n,), multiples of `width`: `from_<unit>`, `to_<unit>` and `n` of each, and its rows."""
+def bins(value: Array, width: float) -> Iterator[tuple[float, float, BoolArray]]:
+    """Yield the lower bound, the upper bound and the rows (a mask) of each bin of a quantity (n,) that is not empty.
+
+    Bounds are multiples of `width`.
+    """
     # The tiny shift keeps values that are multiples of the width, but for rounding, in the bin they open.
-    place = np.floor(value / width + 1e-6).astype(np.int64)
-    for k in np.unique(place):
-        here = place == k
-        ends = {f"from_{unit}": round(float(k * width), 6), f"to_{unit}": round(float((k + 1) * width), 6)}
-        yield {**ends, "n": int(here.sum())}, here
-
-
-def by_bin(
-    value: Array,
-    width: float,
-    unit: str,
-    label: IntArray,
-    predicted: IntArray,
-    n_classes: int,
-    more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
-) -> list[dict[str, Any]]:
-    """`bins` with `accuracy` and `macro_f1` of each; more: further entries, of the rows of a bin."""
-    rows = []
-    for row, here in bins(value, width, unit):
-        counts = confusion(label[here], predicted[here], n_classes)
-        row["accuracy"] = number(np.mean(label[here] == predicted[here]))
-        row["macro_f1"] = number(macro_f1(counts, LEAST_IN_BIN))
-        rows.append(row | (more(here) if more else {}))
-    return rows
+    index = np.floor(value / width + 1e-6).astype(np.int64)
+    for k in np.unique(index):
+        yield round(float(k * width), 6), round(float((k + 1) * width), 6), index == k
 
 
 def by_lead_time(
@@ -128,73 +139,115 @@ def by_lead_time(
     label: IntArray,
     predicted: IntArray,
     n_classes: int,
-    more: Callable[[npt.NDArray[np.bool_]], dict[str, Any]] | None = None,
-) -> list[dict[str, Any]]:
-    """Scores against lead time (commit minus window end, s), in steps of LEAD_BIN_S; more: as in `by_bin`."""
-    return by_bin(lead_s, LEAD_BIN_S, "s", label, predicted, n_classes, more)
+    separation: Callable[[BoolArray], Separation] | None = None,
+) -> list[LeadTimeBin]:
+    """Return scores against lead time, in bins of LEAD_BIN_S.
+
+    lead_s: commit minus end of each window, s, (n,). label, predicted: class numbers, (n,).
+    separation: returns how well some of the windows, given as a mask, are separated from the unknown.
+    """
+    rows = []
+    for from_s, to_s, in_bin in bins(lead_s, LEAD_BIN_S):
+        unknown = separation(in_bin) if separation else Separation(auroc=None, fpr_at_95_recall=None)
+        rows.append(
+            LeadTimeBin(
+                from_s=from_s,
+                to_s=to_s,
+                n=int(in_bin.sum()),
+                accuracy=_accuracy(label[in_bin], predicted[in_bin]),
+                macro_f1=_binned_macro_f1(label[in_bin], predicted[in_bin], n_classes),
+                auroc_unknown=unknown.auroc,
+                fpr_at_95_recall=unknown.fpr_at_95_recall,
+            )
+        )
+    return rows
 
 
-def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, n_classes: int) -> list[dict[str, Any]]:
-    """Scores against the records' mean per-element SNR, in steps of SNR_BIN_DB; records without one are left out."""
-    has = np.isfinite(snr_db)
-    return by_bin(snr_db[has], SNR_BIN_DB, "db", label[has], predicted[has], n_classes)
+def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, n_classes: int) -> list[SnrBin]:
+    """Return scores against the records' mean per-element SNR, in bins of SNR_BIN_DB.
+
+    snr_db: of each window's record, dB, (n,); windows where it is not finite are left out.
+    label, predicted: class numbers, (n,).
+    """
+    finite = np.isfinite(snr_db)
+    label, predicted = label[finite], predicted[finite]
+    return [
+        SnrBin(
+            from_db=from_db,
+            to_db=to_db,
+            n=int(in_bin.sum()),
+            accuracy=_accuracy(label[in_bin], predicted[in_bin]),
+            macro_f1=_binned_macro_f1(label[in_bin], predicted[in_bin], n_classes),
+        )
+        for from_db, to_db, in_bin in bins(snr_db[finite], SNR_BIN_DB)
+    ]
 
 
 def paired_difference(
     label: IntArray,
     first: IntArray,
     second: IntArray,
-    groups: npt.NDArray[Any],
+    groups: npt.NDArray[np.object_] | IntArray,
     classes: tuple[str, ...],
     draws: int = 2000,
-) -> dict[str, Any]:
-    """Macro-F1 and per-class F1 of the first predictor minus the second's on the same windows, with 95 % intervals.
+) -> PairedDifference:
+    """Return the F1 of the first predictor minus that of the second on the same windows, with 95 % intervals.
 
-    first, second: answers (n,), or (k, n) of k trainings, whose mean scores are compared then. The interval is a
-    bootstrap over the groups (scenario seeds), each drawn with all its windows: windows of one traffic are not
-    independent. It does not cover what another training would change; `spread` tells that.
+    label: class numbers, (n,). first, second: predictions (n,), or (k, n) of k trainings, whose mean scores are then
+    compared. groups: scenario seed of each window, (n,). classes: names of the G classes. draws: of the bootstrap.
+
+    The interval is a bootstrap over scenario seeds, each drawn with all its windows, because windows of the same
+    traffic are not independent. It does not cover what another training would change; see `spread` for that.
     """
-    names, of_window = np.unique(groups.astype(str), return_inverse=True)
+    names, group = np.unique(groups.astype(str), return_inverse=True)
     g = len(names)
     weights = np.concatenate([np.ones((1, g)), stream("bootstrap", g).multinomial(g, np.full(g, 1 / g), draws)])
-    macro, each = np.zeros(draws + 1), np.zeros((draws + 1, len(classes)))
+    macro, per_class = np.zeros(draws + 1), np.zeros((draws + 1, len(classes)))
     for sign, predicted in ((1, first), (-1, second)):
-        counts = _grouped(label, np.atleast_2d(predicted), of_window, g, len(classes))
+        counts = _grouped_confusion(label, np.atleast_2d(predicted), group, g, len(classes))
         drawn = np.einsum("dg,kgij->dkij", weights, counts)
         macro += sign * macro_f1(drawn).mean(axis=1)
-        each += sign * f1_scores(drawn).mean(axis=1)
-    return {
-        "groups": g,
-        "macro_f1": _interval(macro),
-        "per_class_f1": {name: _interval(each[:, k]) for k, name in enumerate(classes)},
-    }
+        per_class += sign * f1_scores(drawn).mean(axis=1)
+    return PairedDifference(
+        groups=g,
+        macro_f1=_interval(macro),
+        per_class_f1={name: _interval(per_class[:, k]) for k, name in enumerate(classes)},
+    )
 
 
-def spread(values: Sequence[float | None]) -> dict[str, Any]:
-    """`mean`, `sd` (of one more draw, n - 1) and `n` of a score over trainings; those without one are left out."""
-    found = np.array([v for v in values if v is not None], dtype=np.float64)
-    return {
-        "mean": number(found.mean()) if len(found) else None,
-        "sd": number(found.std(ddof=1)) if len(found) > 1 else None,
-        "n": len(found),
-    }
+def spread(values: Sequence[float | None]) -> Spread:
+    """Return mean and sample standard deviation (n - 1) of a score over trainings; those without it are left out."""
+    present = np.array([value for value in values if value is not None], dtype=np.float64)
+    return Spread(
+        mean=_number(present.mean()) if len(present) else None,
+        sd=_number(present.std(ddof=1)) if len(present) > 1 else None,
+        n=len(present),
+    )
 
 
-def _grouped(label: IntArray, predicted: IntArray, of_window: IntArray, n_groups: int, n_classes: int) -> Array:
-    """Confusion matrices (k, groups, G, G) of answers (k, n)."""
+def _accuracy(label: IntArray, predicted: IntArray) -> float | None:
+    return _number(np.mean(label == predicted)) if len(label) else None
+
+
+def _binned_macro_f1(label: IntArray, predicted: IntArray, n_classes: int) -> float | None:
+    return _number(macro_f1(confusion(label, predicted, n_classes), LEAST_IN_BIN))
+
+
+def _grouped_confusion(label: IntArray, predicted: IntArray, group: IntArray, n_groups: int, n_classes: int) -> Array:
+    """Return confusion matrices (k, n_groups, G, G) of predictions (k, n); group: number of each window's group."""
     counts = np.zeros((len(predicted), n_groups, n_classes, n_classes))
-    for k, said in enumerate(predicted):
-        np.add.at(counts[k], (of_window, label, said), 1)
+    for k, of_training in enumerate(predicted):
+        np.add.at(counts[k], (group, label, of_training), 1)
     return counts
 
 
-def number(value: Any) -> float | None:
-    """A plain float for JSON, None for NaN."""
+def _number(value: float | np.floating | Array) -> float | None:
+    """Return a plain float of a NumPy scalar or array without dimensions, None for NaN."""
     return float(value) if np.isfinite(value) else None
 
 
-def _interval(difference: Array) -> dict[str, float | None]:
-    """The difference itself, which comes first, and the interval of its draws."""
+def _interval(difference: Array) -> Interval:
+    """Return the difference, which comes first, with the interval of the draws that follow it, (draws + 1,)."""
     drawn = difference[1:][np.isfinite(difference[1:])]
     low, high = np.quantile(drawn, [0.025, 0.975]) if len(drawn) else (np.nan, np.nan)
-    return {"difference": number(difference[0]), "low": number(low), "high": number(high)}
+    return Interval(difference=_number(difference[0]), low=_number(low), high=_number(high))

@@ -1,4 +1,4 @@
-"""What a run says about windows that no choice was made on, with what is known of each window."""
+"""A run's predictions on windows that no choice was made on, with what is known of each window."""
 
 from __future__ import annotations
 
@@ -15,68 +15,86 @@ from models.data.windows import Ends, Records, batches
 from models.run import Outputs, Run
 
 BATCH = 64
+"""Windows that are predicted at once."""
 
 
 @dataclass(frozen=True)
-class Answers:
+class Predictions:
     """A run's outputs on n windows.
 
-    label, group, lead_s, snr_db: of each window, (n,); the lead time is commit minus window end. left_out: the
-    intention that the run was trained without, if any.
+    outputs: logits (n, G) and features (n, F).
+    label: true intention of each window, (n,).
+    sample_id, group: sample and scenario seed (`<scenario>-<seed>`) that the window was cut from, (n,).
+    end_s: end of the window, s of simulation time, (n,).
+    lead_s: commit minus end of the window, s, (n,).
+    snr_db: mean per-element SNR of the window's record, dB, (n,).
+    left_out: the intention that was left out of the run's training, if any.
     """
 
     outputs: Outputs
     label: IntArray
+    sample_id: npt.NDArray[np.object_]
     group: npt.NDArray[np.object_]
+    end_s: Array
     lead_s: Array
     snr_db: Array
     left_out: Intention | None = None
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
-        """Rows of an intention that the run was trained on."""
+        """Windows of an intention that the run was trained on, a mask (n,)."""
         return np.asarray(np.isin(self.label, KNOWN) & ~self.held_out)
 
     @property
     def unknown(self) -> npt.NDArray[np.bool_]:
-        """Rows of `following`."""
+        """Windows of `following`, a mask (n,)."""
         return np.asarray(self.label == Intention.FOLLOWING)
 
     @property
     def held_out(self) -> npt.NDArray[np.bool_]:
-        """Rows of the intention left out of training."""
+        """Windows of the intention left out of training, a mask (n,)."""
         return np.asarray(self.label == (-1 if self.left_out is None else int(self.left_out)))
 
     @property
     def predicted(self) -> IntArray:
-        """The likeliest intention, (n,)."""
+        """The likeliest intention of each window, (n,)."""
         return np.asarray(self.outputs.logits.argmax(axis=1), dtype=np.int64)
 
 
-def answers(run: Run, records: Records, ends: Ends) -> Answers:
-    """The run's outputs on those windows. InputError where the records have other rates than it was trained on."""
+def predict(run: Run, records: Records, ends: Ends) -> Predictions:
+    """Return the run's predictions on the windows with those ends.
+
+    Raises InputError where the records have other sampling rates than the run was trained on.
+    """
     if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
         raise InputError(
-            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, the dataset has "
-            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset of the same rates"
+            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, but the dataset has "
+            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset with the same rates"
         )
-    parts = [run.predictor(w) for w in batches(records, ends, run.card.settings.windows, BATCH)]
-    outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
-    table = records.table.iloc[ends.row]
-    lead = table["t_commit"].to_numpy(dtype=np.float64) - ends.times(records)
-    snr = table["snr_db"].to_numpy(dtype=np.float64)
-    left_out = run.card.settings.left_out
-    return Answers(outputs, records.label[ends.row], records.groups[ends.row], lead, snr, left_out)
+    parts = [run.predictor(windows) for windows in batches(records, ends, run.card.settings.windows, BATCH)]
+    table, end_s = records.table.iloc[ends.row], ends.times(records)
+    return Predictions(
+        outputs=Outputs(
+            np.concatenate([part.logits for part in parts]), np.concatenate([part.features for part in parts])
+        ),
+        label=records.label[ends.row],
+        sample_id=table["sample_id"].to_numpy(dtype=object),
+        group=records.groups[ends.row],
+        end_s=end_s,
+        lead_s=table["t_commit"].to_numpy(dtype=np.float64) - end_s,
+        snr_db=table["snr_db"].to_numpy(dtype=np.float64),
+        left_out=run.card.settings.left_out,
+    )
 
 
 def unseen(records: Records, runs: Sequence[Run]) -> Records:
-    """The records of scenario seeds that none of the runs was trained or chosen on.
+    """Return the records of scenario seeds that none of the runs was trained or chosen on.
 
-    Seeds that a run with a smaller training share left unused are no test seeds either: runs of all shares are measured
-    on the same ones.
+    Seeds that a run with a smaller training share left unused are not test seeds either, so that runs with any share
+    are measured on the same seeds. Raises InputError where no record of a known intention is left.
     """
     seen = {group for run in runs for side, groups in run.card.split.items() if side != "test" for group in groups}
     left = ~np.isin(records.groups, list(seen))
     if not (left & np.isin(records.label, KNOWN)).any():
-        raise InputError("every scenario seed of the dataset was used in training: evaluate on other seeds")
+        raise InputError("every scenario seed of the dataset was used in training; evaluate on other seeds")
     return records.take(left)

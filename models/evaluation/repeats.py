@@ -4,81 +4,83 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from models.evaluation import metrics
-from models.evaluation.predictions import Answers
+from models.evaluation.predictions import Predictions
+from models.evaluation.results import PairedDifference, PairSpreads, PredictorResult, RunResult, ScoreSpreads
 from models.run import Run
-
-SCORES = ("accuracy", "macro_f1", "auroc_unknown")
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A run, what it said about the windows that all of a comparison share, and its metrics."""
+    """A run, its predictions on the windows that all runs of a comparison share, and its metrics."""
 
     run: Run
-    given: Answers
-    found: dict[str, Any]
+    predictions: Predictions
+    result: RunResult
 
 
 def same_but_for_seed(first: Run, second: Run) -> bool:
-    """Whether two runs are one predictor, trained with two seeds."""
+    """Return whether two runs are the same predictor, trained on the same dataset with any two seeds."""
     cards = [run.card.settings.model_copy(update={"seed": 0}) for run in (first, second)]
     return cards[0] == cards[1] and first.card.dataset.get("digest") == second.card.dataset.get("digest")
 
 
-def grouped(everyone: Sequence[Measured]) -> list[list[Measured]]:
-    """Runs that differ in the training seed alone, together; groups in the order of their first run."""
+def grouped(measured: Sequence[Measured]) -> list[list[Measured]]:
+    """Group runs that differ in the training seed alone; groups are in the order of their first run."""
     groups: list[list[Measured]] = []
-    for each in everyone:
-        group = next((g for g in groups if same_but_for_seed(g[0].run, each.run)), None)
+    for candidate in measured:
+        group = next((group for group in groups if same_but_for_seed(group[0].run, candidate.run)), None)
         if group is None:
-            groups.append([each])
+            groups.append([candidate])
         else:
-            group.append(each)
+            group.append(candidate)
     return groups
 
 
-def over_training_seeds(everyone: Sequence[Measured]) -> list[dict[str, Any]]:
-    """Mean and spread of each group's scores, and its paired difference to the first group.
+def over_training_seeds(measured: Sequence[Measured]) -> list[PredictorResult]:
+    """Return mean and spread of each group's scores, and its paired difference to the first group.
 
-    The difference is of mean scores, first group minus this one, with an interval over scenario seeds; `sd` of the
-    scores tells how much of it another training could change.
+    The difference is of mean scores, first group minus this one, with an interval over scenario seeds. The standard
+    deviation of the scores shows how much another training could change.
     """
-    groups = grouped(everyone)
-    first, rows = groups[0], []
-    for group in groups:
-        row = summary([each.found for each in group])
-        row = {"name": group[0].run.name, "training_seeds": [each.run.card.settings.seed for each in group], **row}
-        if group is not first:
-            row["paired_difference"] = difference(first, group)
-        rows.append(row)
-    return rows
+    groups = grouped(measured)
+    first = groups[0]
+    return [
+        PredictorResult(
+            name=group[0].run.name,
+            training_seeds=[member.run.card.settings.seed for member in group],
+            **dict(summary([member.result for member in group])),
+            paired_difference=None if group is first else difference(first, group),
+        )
+        for group in groups
+    ]
 
 
-def summary(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """`mean`, `sd` and `n` of scores over several contents of metrics.json of one predictor.
-
-    Of `accuracy`, `macro_f1`, `auroc_unknown`, `per_class_f1`, and the pair `overtake_against_left`.
-    """
-    pair = "overtake_against_left"
-    return {
-        **{name: metrics.spread([each[name] for each in found]) for name in SCORES},
-        "per_class_f1": {
-            name: metrics.spread([each["per_class_f1"][name] for each in found]) for name in found[0]["classes"]
+def summary(results: Sequence[RunResult]) -> ScoreSpreads:
+    """Return mean and spread of the scores of several runs of one predictor."""
+    pairs = [result.overtake_against_left for result in results]
+    return ScoreSpreads(
+        accuracy=metrics.spread([result.accuracy for result in results]),
+        macro_f1=metrics.spread([result.macro_f1 for result in results]),
+        auroc_unknown=metrics.spread([result.auroc_unknown for result in results]),
+        per_class_f1={
+            name: metrics.spread([result.per_class_f1[name] for result in results]) for name in results[0].classes
         },
-        pair: {name: metrics.spread([each[pair][name] for each in found]) for name in ("accuracy", "auroc")},
-    }
+        overtake_against_left=PairSpreads(
+            accuracy=metrics.spread([pair.accuracy for pair in pairs]),
+            auroc=metrics.spread([pair.auroc for pair in pairs]),
+        ),
+    )
 
 
-def difference(first: Sequence[Measured], second: Sequence[Measured]) -> dict[str, Any]:
-    """`metrics.paired_difference` of two groups, on the windows whose intention all of them were trained on."""
-    given = first[0].given
-    known = np.all([each.given.known for each in (*first, *second)], axis=0)
-    said = [np.stack([each.given.predicted[known] for each in group]) for group in (first, second)]
+def difference(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
+    """Return `metrics.paired_difference` of two groups, on windows of intentions that all of them were trained on."""
+    predictions = first[0].predictions
+    known = np.all([member.predictions.known for member in (*first, *second)], axis=0)
+    predicted = [np.stack([member.predictions.predicted[known] for member in group]) for group in (first, second)]
     return metrics.paired_difference(
-        given.label[known], said[0], said[1], given.group[known], first[0].run.card.classes
+        predictions.label[known], predicted[0], predicted[1], predictions.group[known], first[0].run.card.classes
     )

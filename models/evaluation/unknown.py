@@ -1,51 +1,45 @@
-"""How well a run tells what it was never trained on: `following`, and an intention that was held out."""
+"""How well a run separates what it was never trained on: `following`, and an intention that was held out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from isacsim.arrays import Array
-from models.evaluation.predictions import Answers
-from models.run import Run
+from models.evaluation.metrics import BoolArray
+from models.evaluation.predictions import Predictions
+from models.evaluation.results import HeldOutScores, Separation
 from models.scores import open_set
 
 
-def entries(known: Array, unknown: Array) -> dict[str, float | None]:
-    """`auroc_unknown` and `fpr_at_95_recall` of a score's values on known and on unknown windows."""
-    found = open_set.told_apart(known, unknown)
-    return {"auroc_unknown": found["auroc"], "fpr_at_95_recall": found["fpr_at_95_recall"]}
+def separation(known: Array, unknown: Array) -> Separation:
+    """Return how well a score separates known windows, values (n,), from unknown ones, values (m,)."""
+    return Separation.model_validate(open_set.told_apart(known, unknown))
 
 
-def against_rows(known: Array, unknown: Array) -> Callable[[npt.NDArray[np.bool_]], dict[str, float | None]]:
-    """`entries` of some of the known windows, a mask (n,), against all unknown ones.
+def separation_of_rows(known: Array, unknown: Array) -> Callable[[BoolArray], Separation]:
+    """Return `separation` as a function of some of the known windows, a mask (n,), against all unknown ones.
 
-    `following` does not commit and has no lead time, so every bin of the known is held against all of it.
+    `following` does not commit and has no lead time, so every bin of the known is compared with all of it.
     """
-    return lambda rows: entries(known[rows], unknown)
+    return lambda rows: separation(known[rows], unknown)
 
 
-def unknown_metrics(run: Run, given: Answers, value: Mapping[str, Array]) -> dict[str, Any]:
-    """AUROC and false-positive rate at 95 % recall of every score; `auroc_unknown` is of the run's chosen score.
+def following_scores(predictions: Predictions, values: Mapping[str, Array]) -> dict[str, Separation]:
+    """Return how well each score separates `following`; values: of every score, (n,), by its name."""
+    return {name: separation(value[predictions.known], value[predictions.unknown]) for name, value in values.items()}
 
-    value: of every score, (n,). Of a run that an intention was held out of, `held_out` has the same for its windows.
+
+def held_out_scores(predictions: Predictions, values: Mapping[str, Array]) -> HeldOutScores | None:
+    """Return how well each score separates the intention left out of training, or None where none was.
+
+    values: of every score, (n,), by its name.
     """
-    each = {name: open_set.told_apart(v[given.known], v[given.unknown]) for name, v in value.items()}
-    result: dict[str, Any] = {
-        "n_unknown": int(given.unknown.sum()),
-        "auroc_unknown": each[run.card.unknown_score]["auroc"],
-        "unknown_score": run.card.unknown_score,
-        "unknown_scores": each,
-    }
-    if given.left_out is not None:
-        result["held_out"] = {
-            "intention": given.left_out.text,
-            "n": int(given.held_out.sum()),
-            "unknown_scores": {
-                name: open_set.told_apart(v[given.known], v[given.held_out]) for name, v in value.items()
-            },
-        }
-    return result
+    if predictions.left_out is None:
+        return None
+    return HeldOutScores(
+        intention=predictions.left_out.text,
+        n=int(predictions.held_out.sum()),
+        unknown_scores={
+            name: separation(value[predictions.known], value[predictions.held_out]) for name, value in values.items()
+        },
+    )

@@ -1,4 +1,7 @@
-"""Figures of an evaluation, as PNG files. Colours are Okabe and Ito's, which the colour-blind tell apart."""
+"""Figures of an evaluation, as PNG files.
+
+The colours are those of Okabe and Ito, which people with colour blindness can tell apart.
+"""
 
 from __future__ import annotations
 
@@ -17,25 +20,30 @@ from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
 from isacsim.files import replace_file
+from models.evaluation.results import LeadTimeBin, WindowEndScores
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#6b7280",
 )  # fmt: skip
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, "#000000")
+BY_PREDICTOR = cycler(linestyle=["-", "--"]) * cycler(color=CYCLE)
+"""Lines of figures with a line for each predictor, of which there can be more than colours."""
+LEAST_WINDOWS = 20
+"""Bins of lead time with fewer windows are not drawn."""
 BESIDE: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
-"""Where the legend of any number of predictors stands."""
+"""Place of a legend with any number of predictors: beside the axes."""
 STYLE: Any = {
     "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#9ca3af", "axes.labelcolor": "#1f2937",
     "xtick.color": "#4b5563", "ytick.color": "#4b5563", "axes.grid": True, "grid.color": "#e5e7eb",
     "axes.axisbelow": True, "legend.frameon": False, "lines.linewidth": 1.8,
-    "axes.prop_cycle": cycler(linestyle=["-", "--"]) * cycler(color=CYCLE),
+    "axes.prop_cycle": cycler(color=CYCLE),
 }  # fmt: skip
 
 
 @contextmanager
 def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """A figure of that size, inches, written to `path` at the end."""
+    """Yield an empty figure of that size, inches, and write it to `path` at the end."""
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
@@ -44,12 +52,15 @@ def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
 
 
 def spoken(name: str) -> str:
-    """`left_lane_change` as people write it."""
+    """Return a name such as `left_lane_change` as people write it."""
     return name.replace("_", " ")
 
 
 def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> None:
-    """A confusion matrix (G, G), rows true: shares of a row in colour, counts of windows in the cells."""
+    """Draw a confusion matrix: shares of each row in colour, shares and numbers of windows in the cells.
+
+    counts: (G, G), rows true and columns predicted. classes: names of the G classes. name: of the predictor.
+    """
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     with figure(path, 6.6, 5.6) as drawn:
         axes = drawn.subplots()
@@ -71,7 +82,7 @@ def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> N
 
 
 def loss_curves(history: pd.DataFrame, path: Path) -> None:
-    """Loss and validation scores against epochs; history: the columns of a run's history.csv."""
+    """Draw loss and validation scores against epochs; history: the columns of a run's history.csv."""
     epoch = history["epoch"] + 1
     best = int(history["validation_macro_f1"].to_numpy().argmax())
     with figure(path, 9, 3.6) as drawn:
@@ -94,7 +105,10 @@ def loss_curves(history: pd.DataFrame, path: Path) -> None:
 
 
 def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
-    """ROC of telling known intentions from `following`; curves: false- and true-positive rates by score."""
+    """Draw the ROC of separating known intentions from `following`.
+
+    curves: false- and true-positive rates, by the name of the score.
+    """
     with figure(path, 5.2, 4.8) as drawn:
         axes = drawn.subplots()
         for name, (false, true) in curves.items():
@@ -106,86 +120,102 @@ def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
         axes.legend(loc="lower right")
 
 
-def lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
-    """Macro-F1 against lead time, a line a predictor; bins of fewer than `least` windows are left out."""
+def lead_time(rows: Mapping[str, Sequence[LeadTimeBin]], path: Path) -> None:
+    """Draw macro-F1 against lead time, a line for each predictor, and the number of windows below.
+
+    rows: `by_lead_time` of each predictor, by its name. Bins of fewer than LEAST_WINDOWS windows are left out.
+    """
     with figure(path, 8, 4.2) as drawn:
         axes, below = drawn.subplots(2, 1, sharex=True, height_ratios=[4, 1])
+        axes.set_prop_cycle(BY_PREDICTOR)
         for name, bins in rows.items():
-            kept = [b for b in bins if b["n"] >= least and b["macro_f1"] is not None]
-            axes.plot(_middles(kept), [b["macro_f1"] for b in kept], marker="o", ms=4, label=name)
-        bins = list(next(iter(rows.values())))
-        width = bins[0]["to_s"] - bins[0]["from_s"] if bins else 0.2
-        below.bar(_middles(bins), [b["n"] for b in bins], 0.9 * width, color="#cbd5e1")
+            kept = [row for row in bins if row.n >= LEAST_WINDOWS and row.macro_f1 is not None]
+            axes.plot([row.middle_s for row in kept], [row.macro_f1 for row in kept], marker="o", ms=4, label=name)
+        bins = next(iter(rows.values()))
+        width = bins[0].to_s - bins[0].from_s if bins else 0.2
+        below.bar([row.middle_s for row in bins], [row.n for row in bins], 0.9 * width, color="#cbd5e1")
         axes.axvline(0, color=GREY, lw=1, ls="--")
         axes.text(0, 0.04, " commit ", color=GREY, transform=axes.get_xaxis_transform(), ha="left", fontsize=9)
         axes.set(ylabel="macro-F1", ylim=(0, 1.02))
-        axes.set_title("How early: score against lead time")
+        axes.set_title("Score against lead time")
         axes.legend(**BESIDE)
         below.set(xlabel="lead time: commit minus end of window, s", ylabel="windows")
         # Time runs to the right: windows that end long before the commit come first.
         axes.invert_xaxis()
 
 
-def window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str, path: Path) -> None:
-    """Macro-F1 against the time at which every window ends, a line a predictor; rows: of `by_window_end`."""
+def window_end(rows: Mapping[str, Sequence[WindowEndScores]], relative_to: str, path: Path) -> None:
+    """Draw the window-end curve: macro-F1 against the time at which every window ends, a line for each predictor.
+
+    rows: `by_window_end` of each predictor, by its name. relative_to: onset or commit.
+    """
     with figure(path, 8, 3.8) as drawn:
         axes = drawn.subplots()
-        for name, ends in rows.items():
-            kept = [e for e in ends if e["macro_f1"] is not None]
-            axes.plot([e["end_s"] for e in kept], [e["macro_f1"] for e in kept], marker="o", ms=4, label=name)
+        axes.set_prop_cycle(BY_PREDICTOR)
+        for name, points in rows.items():
+            scores = [_or_nan(point.macro_f1) for point in points]
+            axes.plot([point.end_s for point in points], scores, marker="o", ms=4, label=name)
         axes.axvline(0, color=GREY, lw=1, ls="--")
         axes.set(xlabel=f"end of window after {relative_to}, s", ylabel="macro-F1", ylim=(0, 1.02))
-        axes.set_title("What a later window is worth")
+        axes.set_title("Score against the end of the window")
         axes.legend(**BESIDE)
 
 
-def unknown_lead_time(rows: Mapping[str, Sequence[Mapping[str, Any]]], path: Path, least: int = 20) -> None:
-    """`unknown_against` lead time, rows of `by_lead_time`; bins of fewer than `least` known windows are left out."""
-    kept = {name: [b for b in bins if b["n"] >= least] for name, bins in rows.items()}
-    lines = {name: (_middles(bins), bins) for name, bins in kept.items()}
-    with unknown_against(lines, path) as below:
+def unknown_lead_time(rows: Mapping[str, Sequence[LeadTimeBin]], path: Path) -> None:
+    """Draw the separation of `following` against the lead time of the known windows.
+
+    rows: `by_lead_time` of each predictor, by its name. Bins of fewer than LEAST_WINDOWS windows are left out.
+    """
+    kept = {name: [row for row in bins if row.n >= LEAST_WINDOWS] for name, bins in rows.items()}
+    lines = {name: ([row.middle_s for row in bins], bins) for name, bins in kept.items()}
+    with _separation_against(lines, path) as below:
         below.set_xlabel("lead time of the known: commit minus end of window, s")
         # Time runs to the right: windows that end long before the commit come first.
         below.invert_xaxis()
 
 
-def unknown_window_end(rows: Mapping[str, Sequence[Mapping[str, Any]]], relative_to: str, path: Path) -> None:
-    """`unknown_against` the time at which every window ends; rows: of `by_window_end`."""
-    lines = {name: ([e["end_s"] for e in ends], ends) for name, ends in rows.items()}
-    with unknown_against(lines, path) as below:
+def unknown_window_end(rows: Mapping[str, Sequence[WindowEndScores]], relative_to: str, path: Path) -> None:
+    """Draw the separation of `following` against the time at which every window ends.
+
+    rows: `by_window_end` of each predictor, by its name. relative_to: onset or commit.
+    """
+    lines = {name: ([point.end_s for point in points], points) for name, points in rows.items()}
+    with _separation_against(lines, path) as below:
         below.set_xlabel(f"end of window after {relative_to}, s")
 
 
 @contextmanager
-def unknown_against(
-    lines: Mapping[str, tuple[Sequence[float], Sequence[Mapping[str, Any]]]], path: Path
+def _separation_against(
+    lines: Mapping[str, tuple[Sequence[float], Sequence[LeadTimeBin] | Sequence[WindowEndScores]]], path: Path
 ) -> Iterator[Axes]:
-    """AUROC of `following` over its false-positive rate at 95 % recall, each against one quantity.
+    """Draw AUROC of `following` above its false-positive rate at 95 % recall, both against one quantity.
 
-    lines: of every predictor, the quantity and its rows. Yields the lower axes, whose x axis is still to be named.
+    lines: of each predictor, by its name, the quantity and the scores there. Yields the lower axes, for the caller to
+    label the x axis.
     """
     with figure(path, 8, 5) as drawn:
         above, below = drawn.subplots(2, 1, sharex=True)
+        for axes in (above, below):
+            axes.set_prop_cycle(BY_PREDICTOR)
         for name, (x, rows) in lines.items():
-            for axes, key in ((above, "auroc_unknown"), (below, "fpr_at_95_recall")):
-                y = [np.nan if row[key] is None else row[key] for row in rows]
-                axes.plot(x, y, marker="o", ms=4, label=name)
+            above.plot(x, [_or_nan(row.auroc_unknown) for row in rows], marker="o", ms=4, label=name)
+            below.plot(x, [_or_nan(row.fpr_at_95_recall) for row in rows], marker="o", ms=4, label=name)
         for axes in (above, below):
             axes.axvline(0, color=GREY, lw=1, ls="--")
         above.axhline(0.5, color=GREY, lw=1.2, ls=":")
         above.set(ylabel="AUROC", ylim=(0, 1.02))
-        above.set_title("Following told apart from the known intentions")
+        above.set_title("Separation of following from the known intentions")
         above.legend(**BESIDE)
         below.set(ylabel="following taken for known\nat 95 % recall", ylim=(0, 1.02))
         yield below
 
 
-def _middles(bins: Sequence[Mapping[str, Any]]) -> list[float]:
-    return [(b["from_s"] + b["to_s"]) / 2 for b in bins]
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
 
 
 def despine(axes: Axes) -> None:
-    """Axes of a map: no frame, no grid."""
+    """Remove frame and grid of the axes of a map."""
     axes.grid(visible=False)
     for spine in axes.spines.values():
         spine.set_visible(False)

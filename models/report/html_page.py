@@ -1,4 +1,4 @@
-"""A page of results: one HTML file that needs no other."""
+"""Parts of a page of results: one HTML file that needs no other file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ pre { background: #f3f4f6; padding: 1rem; overflow-x: auto; font-size: .8rem; }
 
 
 def document(title: str, body: str) -> str:
-    """A whole page; body: HTML."""
+    """Return a whole page; title: plain text, body: HTML."""
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{html.escape(title)}</title>
@@ -34,7 +34,10 @@ def document(title: str, body: str) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], strong: Sequence[int] = ()) -> str:
-    """A table of cells that are HTML; strong: the numbers of rows that stand out."""
+    """Return a table.
+
+    head, rows: cells, as HTML. strong: numbers of the rows that are set in bold.
+    """
     top = "".join(f"<th>{text}</th>" for text in head)
     cells = "".join(
         f"<tr{' class=strong' if k in strong else ''}>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
@@ -44,11 +47,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], strong: Sequence[i
 
 
 def image(path: Path, text: str) -> str:
-    """A PNG file inside the page, with its caption."""
+    """Return a PNG file, embedded in the page, with a caption of plain text."""
     data, alt = base64.b64encode(path.read_bytes()).decode(), html.escape(text)
     return f'<figure><img alt="{alt}" src="data:image/png;base64,{data}"><figcaption>{alt}</figcaption></figure>'
 
 
 def made_by(text: str) -> str:
-    """What made the results, folded away."""
+    """Return what made the results, as plain text in a part of the page that unfolds."""
     return f"<details><summary>What made it</summary><pre>{html.escape(text)}</pre></details>"

@@ -1,4 +1,4 @@
-"""One record drawn from above and its state components below: what a network of sites made of a vehicle's motion."""
+"""Draws one record: the road from above, the sensed state over the true one, and the predictor's probabilities."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from matplotlib.collections import LineCollection
 from isacsim.arrays import Array
 from models.report.figures import BLUE, CYCLE, GREEN, GREY, ORANGE, RED, despine, figure, spoken
 
-ROAD, MARKING, GROUND = "#d1d5db", "white", "#f8fafc"
+ROAD, MARKING, GROUND, DARK, PALE = "#d1d5db", "white", "#f8fafc", "#111827", "#f3f4f6"
+BEFORE_ONSET = "before onset: nothing has happened yet"
 COMPONENTS = (
     ("x", "position along, m"), ("y", "position across, m"), ("u", "velocity along, m/s"),
     ("v", "velocity across, m/s"), ("a", "acceleration along, m/s²"), ("b", "acceleration across, m/s²"),
 )  # fmt: skip
-"""The six state components, each with the cell of the figure that it is drawn in."""
+"""The six state components, each with the cell of the figure in which it is drawn."""
 
 
 class DrawnLane(Protocol):
@@ -45,10 +46,13 @@ class DrawnSite(Protocol):
 
 @dataclass(frozen=True)
 class RecordView:
-    """What is drawn of one record.
+    """What is drawn of one record. Times are in s after onset, states in m, m/s and m/s2.
 
-    tv, truth: sensed and true states of the TV (6, S); uv: of the UV (6, C). t_tv, t_uv: times of their samples, s
-    after onset. commit_s: of the commit, s after onset. said: probabilities (n, G) of windows that end at t_said.
+    tv, truth: sensed and true states of the TV, (6, S). uv: reported states of the UV, (6, C).
+    t_tv, t_uv: times of their samples, (S,) and (C,).
+    commit_s: time of the commit.
+    classes: names of the G intentions.
+    t_end, probabilities: ends of windows, (n,), and the predictor's probabilities for those windows, (n, G).
     """
 
     title: str
@@ -59,14 +63,17 @@ class RecordView:
     t_uv: Array
     commit_s: float
     classes: Sequence[str] = ()
-    t_said: Array | None = None
-    said: Array | None = None
+    t_end: Array | None = None
+    probabilities: Array | None = None
 
 
 def draw_record(view: RecordView, lanes: Sequence[DrawnLane], sites: Sequence[DrawnSite], path: Path) -> None:
-    """The record as a PNG: the road along and across its heading, the whole network, six components, the answers."""
-    rows = ["RRM", "xua", "yvb"] + (["SSS"] if view.said is not None else [])
-    heights = [1.9, 1, 1] + ([1.15] if view.said is not None else [])
+    """Draw a record as a PNG: the road around it, the whole network, the six state components, the probabilities.
+
+    lanes, sites: of the scenario. path: file to write.
+    """
+    rows = ["RRM", "xua", "yvb"] + (["SSS"] if view.probabilities is not None else [])
+    heights = [1.9, 1, 1] + ([1.15] if view.probabilities is not None else [])
     with figure(path, 13, 2.3 * sum(heights) * 0.92) as drawn:
         axes = drawn.subplot_mosaic("\n".join(rows), height_ratios=heights)
         _road(axes["R"], view, lanes)
@@ -77,26 +84,27 @@ def draw_record(view: RecordView, lanes: Sequence[DrawnLane], sites: Sequence[Dr
         for cell in "yvb":
             axes[cell].set_xlabel("time after onset, s")
         axes["x"].legend(loc="upper left", fontsize=9)
-        if view.said is not None:
-            _answers(axes["S"], view)
+        if view.probabilities is not None:
+            _probabilities(axes["S"], view)
         drawn.suptitle(view.title, x=0.01, ha="left", fontweight="bold", fontsize=13)
 
 
 def _frame(view: RecordView) -> tuple[Array, Array]:
-    """Origin (2,) and rotation (2, 2) of the drawing: the TV's true start, x along its true heading there."""
+    """Return origin (2,) and rotation (2, 2) of the drawing: the TV's true start, x along its true heading there."""
     heading = view.truth[2:4, 0]
     c, s = heading / max(float(np.hypot(*heading)), 1e-9)
     return view.truth[:2, 0].astype(float), np.array([[c, s], [-s, c]])
 
 
 def _turned(states: Array, view: RecordView) -> Array:
+    """Return states (6, n) in the frame of the drawing."""
     origin, rotation = _frame(view)
     shift = np.array([[*origin], [0, 0], [0, 0]])[:, :, None]
     return np.asarray(np.einsum("ij,pjt->pit", rotation, states.reshape(3, 2, -1) - shift).reshape(6, -1))
 
 
 def _road(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane]) -> None:
-    """The road around the record, along and across on scales of their own."""
+    """Draw the road around the record, on different scales along and across."""
     truth, sensed, uv = (_turned(states, view) for states in (view.truth, view.tv, view.uv))
     origin, rotation = _frame(view)
     x = np.concatenate([truth[0], uv[0]])
@@ -115,9 +123,9 @@ def _road(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane]) -> None:
         axes.fill(*np.concatenate([left[near], right[near][::-1]]).T, color=ROAD, lw=0, zorder=1)
         for edge in (left, right):
             axes.plot(*edge[near].T, color=MARKING, lw=1.2, zorder=2)
-    axes.plot(*truth[:2], color=BLUE, lw=2.4, label="TV, true", zorder=4)
-    axes.plot(*sensed[:2], color=RED, lw=1.1, label="TV, sensed", zorder=5)
-    axes.plot(*uv[:2], color=GREEN, lw=2.4, label="UV", zorder=3)
+    axes.plot(*truth[:2], color=DARK, lw=1, label="TV, true", zorder=5)
+    axes.plot(*sensed[:2], color=RED, lw=2.2, label="TV, sensed", zorder=4)
+    axes.plot(*uv[:2], color=GREEN, lw=2.2, label="UV", zorder=3)
     _instants(axes, view, truth, uv)
     axes.set(
         xlim=span[:2], ylim=span[2:], xlabel="along the road, m", ylabel="across (not to scale), m", facecolor=GROUND
@@ -128,18 +136,18 @@ def _road(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane]) -> None:
 
 
 def _instants(axes: Axes, view: RecordView, truth: Array, uv: Array) -> None:
-    """Where both were at the record's start, at onset and at commit."""
+    """Mark where both vehicles were at the record's start, at onset and at commit."""
     for time, mark in ((view.t_tv[0], "start"), (0.0, "onset"), (view.commit_s, "commit")):
         if not view.t_tv[0] <= time <= view.t_tv[-1]:
             continue
         place = truth[:2, int(np.abs(view.t_tv - time).argmin())]
-        axes.plot(*place, "o", color=BLUE, mec="white", ms=7, zorder=6)
+        axes.plot(*place, "o", color=DARK, mec="white", ms=7, zorder=6)
         axes.annotate(
             mark,
             (place[0], place[1]),
             (0, -9),
             textcoords="offset points",
-            color=BLUE,
+            color=DARK,
             fontsize=9,
             ha="center",
             va="top",
@@ -149,7 +157,7 @@ def _instants(axes: Axes, view: RecordView, truth: Array, uv: Array) -> None:
 
 
 def _map(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane], sites: Sequence[DrawnSite]) -> None:
-    """The whole network with its sites, north up, and where the record is."""
+    """Draw the whole network with its sites, north up, and where the record is."""
     axes.add_collection(LineCollection([lane.shape for lane in lanes], colors="#9ca3af", linewidths=0.8))
     if sites:
         axes.plot([s.x for s in sites], [s.y for s in sites], "^", color=ORANGE, mec="white", ms=9, label="site", ls="")
@@ -164,8 +172,9 @@ def _map(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane], sites: Sequen
 
 
 def _component(axes: Axes, view: RecordView, true: Array, sensed: Array, label: str) -> None:
-    axes.plot(view.t_tv, true, color=BLUE, lw=2.4, label="true")
-    axes.plot(view.t_tv, sensed, color=RED, lw=1, label="sensed")
+    """Draw one state component, true and sensed, each (S,), against time."""
+    axes.plot(view.t_tv, true, color=DARK, lw=1, label="true", zorder=3)
+    axes.plot(view.t_tv, sensed, color=RED, lw=2, label="sensed")
     _event_lines(axes, view)
     axes.set(xlim=(view.t_tv[0], view.t_tv[-1]))
     axes.set_title(label, fontsize=10, fontweight="normal")
@@ -173,21 +182,31 @@ def _component(axes: Axes, view: RecordView, true: Array, sensed: Array, label: 
 
 
 def _event_lines(axes: Axes, view: RecordView) -> None:
+    """Mark onset and commit, and shade the time before onset."""
+    axes.axvspan(view.t_tv[0], 0, color=PALE, lw=0, zorder=0)
     axes.axvline(0, color=GREY, lw=1, ls="--")
     if view.commit_s <= view.t_tv[-1]:
         axes.axvline(view.commit_s, color=GREY, lw=1, ls=":")
 
 
-def _answers(axes: Axes, view: RecordView) -> None:
-    """Probabilities of every intention against the end of the window."""
-    assert view.said is not None
-    assert view.t_said is not None
+def _probabilities(axes: Axes, view: RecordView) -> None:
+    """Draw the probability of every intention against the end of the window."""
+    assert view.probabilities is not None
+    assert view.t_end is not None
+    begun = view.t_end >= 0
     for k, name in enumerate(view.classes):
-        axes.plot(view.t_said, view.said[:, k], color=CYCLE[k % len(CYCLE)], label=spoken(name))
+        colour, probability = CYCLE[k % len(CYCLE)], view.probabilities[:, k]
+        axes.plot(view.t_end, probability, color=colour, alpha=0.3)
+        axes.plot(view.t_end[begun], probability[begun], color=colour, label=spoken(name))
     _event_lines(axes, view)
     for time, mark in ((0.0, "onset"), (view.commit_s, "commit")):
         if time <= view.t_tv[-1]:
-            axes.annotate(mark, (time, 1.0), (3, 2), textcoords="offset points", color=GREY, fontsize=9)
+            # Near the right edge the text goes to the left of its line.
+            shift, align = (-3, "right") if time > view.t_tv[-1] - 0.3 else (3, "left")
+            axes.annotate(mark, (time, 1.0), (shift, 2), textcoords="offset points", ha=align, color=GREY, fontsize=9)
+    axes.annotate(
+        BEFORE_ONSET, (0.0, 1.0), (-6, 2), textcoords="offset points", ha="right", color=DARK, fontsize=9,
+    )  # fmt: skip
     axes.set(
         xlim=(view.t_tv[0], view.t_tv[-1]),
         ylim=(0, 1.12),
@@ -195,19 +214,19 @@ def _answers(axes: Axes, view: RecordView) -> None:
         ylabel="probability",
     )
     axes.set_yticks([0, 0.5, 1])
-    axes.set_title("What the predictor said of the window that ended then")
+    axes.set_title("Predicted probabilities, against the end of the window")
     axes.legend(loc="center left", fontsize=9)
 
 
 def _dense(line: Array, step: float = 5.0) -> Array:
-    """A polyline (n, 2) with points at most `step` metres apart."""
+    """Return a polyline (n, 2) with points added so that they are at most `step` metres apart."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     at = np.unique(np.concatenate([length, np.arange(0, length[-1], step)]))
     return np.stack([np.interp(at, length, line[:, k]) for k in (0, 1)], axis=1)
 
 
 def _edges(line: Array, width: float) -> tuple[Array, Array]:
-    """Left and right edge of a lane along its centre line, each (n, 2)."""
+    """Return the left and the right edge of a lane along its centre line, each (n, 2)."""
     along = np.gradient(line, axis=0)
     along = along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1) * width / 2

@@ -1,23 +1,25 @@
-"""The report of an evaluation: a table for the terminal, and one page with everything in it."""
+"""The report of an evaluation: a table and sentences for the terminal, and one HTML page with everything in it."""
 
 from __future__ import annotations
 
 import html
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
-from isacsim.errors import InputError
+from isacsim.arrays import Array
 from isacsim.files import replace_file
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, fitting
-from models.evaluation.evaluation import METRICS_FILE
-from models.evaluation.predictions import unseen
+from models.evaluation.evaluation import Evaluation
+from models.evaluation.results import ComparedResult, EvaluationResult, Interval, PairedDifference, PredictorResult
 from models.report import html_page
+from models.report.evaluation_figures import draw_figures
 from models.report.figures import spoken
+from models.report.record_choice import choose_record
 from models.report.record_view import RecordView, draw_record
 from models.run import Run
 
@@ -25,132 +27,152 @@ if TYPE_CHECKING:
     from labeling.dataset.dataset import Dataset
 
 PAGE = "index.html"
-SHOWN = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.OVERTAKE, Intention.EVASIVE_SWERVE)
-"""Intentions worth drawing from above, the first that the unseen seeds hold."""
-SAID_STEP_S = 0.05
+RECORD_FIGURE = "record.png"
+END_STEP_S = 0.05
+"""Time between the ends of the windows that are predicted in a drawn record, s."""
 
-FIGURES = {
-    "record.png": "One record of an unseen seed: the target vehicle as the sites sensed it, over the truth.",
-    "confusion.png": "Where the windows of each intention went.",
+CAPTIONS = {
+    RECORD_FIGURE: "One record of an unseen seed: the target vehicle as the sites sensed it, with its true motion.",
+    "confusion.png": "Predicted intentions of the windows of each true intention.",
     "lead_time.png": "Score against the time left until the maneuver commits.",
     "window_end.png": "Score against the time at which every window ends.",
-    "unknown_lead_time.png": "Telling following apart, against the time left until the maneuver commits.",
-    "unknown_window_end.png": "Telling following apart, against the time at which every window ends.",
-    "unknown_roc.png": "Telling the intentions that were trained apart from following, which was not.",
+    "unknown_lead_time.png": "Separation of following, against the time left until the maneuver commits.",
+    "unknown_window_end.png": "Separation of following, against the time at which every window ends.",
+    "unknown_roc.png": "Separation of the intentions seen in training from following, which was not.",
     "loss.png": "Training.",
 }
+"""Figures of a page, in order, with their captions; those that the folder does not hold are left out."""
 
 
-def write_report(run: Run, dataset: Dataset, folder: str | Path) -> Path:
-    """Add the record figure and index.html to the folder of an evaluation. Returns the page's path."""
-    out = Path(folder)
-    if not (out / METRICS_FILE).exists():
-        raise InputError(f"{out}: holds no {METRICS_FILE}; run `cosim evaluate` first")
-    found = json.loads((out / METRICS_FILE).read_text())
+def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -> Path:
+    """Draw all figures of an evaluation into its folder, with that of one record, and write index.html.
+
+    dataset: the one that was measured. Returns the page's path.
+    """
+    out, evaluated = Path(folder), evaluation.measured[0]
+    draw_figures(evaluation, out)
+    choice = choose_record(evaluated.predictions)
     records, truth = Records.of(dataset), dataset.arrays("tv_truth")["tv_truth"]
-    row = _worth_drawing(unseen(records, [run]), records)
+    row = int(np.flatnonzero(records.table["sample_id"] == choice.sample_id)[0])
     scenario = str(records.table["scenario"].iloc[row])
-    view = record_view(run, records, truth[row], row)
-    draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / "record.png")
-    return write_page(found, out)
+    view = record_view(evaluated.run, records, truth[row], row)
+    draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
+    return write_page(evaluation.result, out, choice.rule)
 
 
-def write_page(found: dict[str, Any], out: Path) -> Path:
-    """index.html from metrics and the figures in a folder; it needs no other file."""
-    file = out / PAGE
-    replace_file(file, lambda path: path.write_text(_page(found, out), encoding="utf-8"))
-    return file
+def write_page(result: EvaluationResult, folder: Path, record_rule: str = "") -> Path:
+    """Write index.html from a result and the figures in a folder. The page needs no other file.
+
+    record_rule: sentence for the caption of the record's figure, saying how the record was chosen.
+    Returns the page's path.
+    """
+    page = folder / PAGE
+    replace_file(page, lambda path: path.write_text(_page(result, folder, record_rule), encoding="utf-8"))
+    return page
 
 
-def table(found: dict[str, Any]) -> Table:
-    """Per-intention F1 of the run and of what it is compared with, for the terminal."""
-    drawn = Table(title=f"F1 on {found['n']} windows of unseen seeds", title_justify="left")
-    drawn.add_column("intention")
-    for name in _names(found):
-        drawn.add_column(name, justify="right")
-    for other in found["compared"]:
-        drawn.add_column(f"{found['name']} - {other['name']} (95 %)", justify="right")
-    for k, row in enumerate(_rows(found)):
-        drawn.add_row(*row, end_section=k == len(found["classes"]) - 1)
+def table(result: EvaluationResult) -> Table:
+    """Return the F1 of each intention, of the run and of those it is compared with, for the terminal."""
+    drawn = Table(title=f"F1 on {result.n} windows of unseen seeds", title_justify="left")
+    first, *others = _head(result)
+    drawn.add_column(first)
+    for heading in others:
+        drawn.add_column(heading, justify="right")
+    for k, row in enumerate(_rows(result)):
+        drawn.add_row(*row, end_section=k == len(result.classes) - 1)
     return drawn
 
 
-def verdict(found: dict[str, Any]) -> list[str]:
-    """One line for each compared predictor: which of the two is ahead, and whether the interval leaves a doubt.
+def verdict(result: EvaluationResult) -> list[str]:
+    """Return one sentence for each compared run: which of the two is ahead, and whether that could be chance.
 
     Where runs differ in the training seed alone, also one for each group of such runs.
     """
-    lines = []
-    for other in found["compared"]:
-        each = other["paired_difference"]["macro_f1"]
-        ahead, behind = (found["name"], other["name"]) if each["difference"] >= 0 else (other["name"], found["name"])
-        sure = "" if each["low"] > 0 or each["high"] < 0 else ", which the interval does not tell from 0"
-        lines.append(f"{ahead} is ahead of {behind} by {abs(each['difference']):.3f} macro-F1{sure}.")
-    groups = found.get("over_training_seeds", [])
-    for group in groups:
-        score = group["macro_f1"]
-        over = f"{score['mean']:.3f}" + ("" if score["sd"] is None else f", standard deviation {score['sd']:.3f}")
-        ahead = group.get("paired_difference", {}).get("macro_f1")
-        less = "" if ahead is None else f"; {groups[0]['name']} minus it {_difference(ahead)}"
-        lines.append(f"{group['name']}, {score['n']} training seed(s): macro-F1 {over}{less}.")
-    return lines
+    groups = result.over_training_seeds or []
+    return [
+        *(_comparison(result.name, other) for other in result.compared),
+        *(_group_sentence(groups[0].name, group) for group in groups),
+    ]
 
 
-def record_view(run: Run, records: Records, truth: Any, row: int) -> RecordView:
-    """What is drawn of one record, with the run's answers to every window in it; truth: (6, S)."""
+def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordView:
+    """Return what is drawn of one record, with the run's predictions for every window in it.
+
+    truth: true states of the TV, (6, S). row: of the record.
+    """
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
     first, last = fitting(records, run.card.settings.windows)
-    steps = np.arange(first, last + 1, max(1, round(SAID_STEP_S * records.uv_rate_hz)))
+    steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
     windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
-    snr = float(table["snr_db"])
-    note = f", {snr:.1f} dB a site and antenna element" if np.isfinite(snr) else ""
+    snr_db = float(table["snr_db"])
+    snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
     return RecordView(
-        title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{note}",
-        tv=records.tv[row], truth=truth, uv=records.uv[row],
-        t_tv=np.arange(n_tv) / records.tv_rate_hz - onset, t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
-        commit_s=float(table["t_commit"] - table["t_onset"]), classes=run.card.classes,
-        t_said=steps / records.uv_rate_hz - onset, said=run.predictor(windows).probabilities,
-    )  # fmt: skip
+        title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
+        tv=records.tv[row],
+        truth=truth,
+        uv=records.uv[row],
+        t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
+        t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
+        commit_s=float(table["t_commit"] - table["t_onset"]),
+        classes=run.card.classes,
+        t_end=steps / records.uv_rate_hz - onset,
+        probabilities=run.predictor(windows).probabilities,
+    )
 
 
-def _worth_drawing(left: Records, records: Records) -> int:
-    """Row, among all records, of the first unseen record of the first of SHOWN that there is; else the first unseen."""
-    ids = left.table["sample_id"]
-    for intention in SHOWN:
-        if (left.label == intention).any():
-            ids = ids[left.label == intention]
-            break
-    return int(np.flatnonzero(records.table["sample_id"] == ids.iloc[0])[0])
+def _comparison(name: str, other: ComparedResult) -> str:
+    """Return which of two runs is ahead; name: of the evaluated one."""
+    paired = other.paired_difference
+    gap = paired.macro_f1
+    if gap.difference is None or gap.low is None or gap.high is None:
+        return f"{name} and {other.name} cannot be compared: macro-F1 is undefined."
+    if not paired.has_interval:
+        return (
+            f"{name} and {other.name} differ by {abs(gap.difference):.3f} macro-F1, "
+            "but with a single test seed nothing can be said about the difference."
+        )
+    ahead, behind = (name, other.name) if gap.difference >= 0 else (other.name, name)
+    doubt = "" if gap.low > 0 or gap.high < 0 else ", but the interval includes 0"
+    return f"{ahead} is ahead of {behind} by {abs(gap.difference):.3f} macro-F1{doubt}."
 
 
-def _names(found: dict[str, Any]) -> list[str]:
-    return [found["name"], *(each["name"] for each in found["compared"])]
+def _group_sentence(first_name: str, group: PredictorResult) -> str:
+    """Return mean and spread of a predictor over its training seeds; first_name: of the first predictor."""
+    score = group.macro_f1
+    mean = _cell(score.mean) + ("" if score.sd is None else f", standard deviation {score.sd:.3f}")
+    paired = group.paired_difference
+    difference = "" if paired is None else f"; {first_name} minus it {_difference(paired, paired.macro_f1)}"
+    return f"{group.name}, {score.n} training seed(s): macro-F1 {mean}{difference}."
 
 
-def _rows(found: dict[str, Any]) -> list[list[str]]:
-    """Cells: a row an intention, then macro-F1, accuracy and AUROC of the unknown class."""
-    everyone = [found, *found["compared"]]
-    pairs = [each["paired_difference"] for each in found["compared"]]
+def _head(result: EvaluationResult) -> list[str]:
+    """Return the headings of the columns of `_rows`."""
+    names = [run.name for run in result.runs]
+    return ["intention", *names, *(f"{result.name} - {name} (95 %)" for name in names[1:])]
+
+
+def _rows(result: EvaluationResult) -> list[list[str]]:
+    """Return cells: a row for each intention, then macro-F1, accuracy, the hard pair, and AUROC of the unknown."""
+    runs, pairs = result.runs, [other.paired_difference for other in result.compared]
+    blank = [""] * len(pairs)
     rows = [
         [
             spoken(name),
-            *(_cell(each["per_class_f1"][name]) for each in everyone),
-            *(_difference(p["per_class_f1"][name]) for p in pairs),
+            *(_cell(run.per_class_f1[name]) for run in runs),
+            *(_difference(paired, paired.per_class_f1[name]) for paired in pairs),
         ]
-        for name in found["classes"]
+        for name in result.classes
     ]
-    rows.append(
-        ["macro-F1", *(_cell(each["macro_f1"]) for each in everyone), *(_difference(p["macro_f1"]) for p in pairs)]
-    )
-    blank = [""] * len(pairs)
-    rows.append(["accuracy", *(_cell(each["accuracy"]) for each in everyone), *blank])
-    told = [each["overtake_against_left"] for each in everyone]
-    cells = [f"{_cell(each['accuracy'])} ({_cell(each['auroc'])})" for each in told]
-    rows.append(["overtake or left, of the two (AUROC)", *cells, *blank])
-    if found["auroc_unknown"] is not None:
-        rows.append(["AUROC of following", *(_cell(each["auroc_unknown"]) for each in everyone), *blank])
+    differences = [_difference(paired, paired.macro_f1) for paired in pairs]
+    rows.append(["macro-F1", *(_cell(run.macro_f1) for run in runs), *differences])
+    rows.append(["accuracy", *(_cell(run.accuracy) for run in runs), *blank])
+    scores = [run.overtake_against_left for run in runs]
+    cells = [f"{_cell(score.accuracy)} ({_cell(score.auroc)})" for score in scores]
+    rows.append(["overtake or left change (AUROC)", *cells, *blank])
+    if result.auroc_unknown is not None:
+        rows.append(["AUROC of following", *(_cell(run.auroc_unknown) for run in runs), *blank])
     return rows
 
 
@@ -158,32 +180,51 @@ def _cell(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _difference(each: dict[str, float | None]) -> str:
-    if each["difference"] is None:
+def _difference(paired: PairedDifference, interval: Interval) -> str:
+    """Return a difference with its interval; interval: one of those in `paired`."""
+    if interval.difference is None:
         return "-"
-    return f"{each['difference']:+.3f} ({each['low']:+.3f} to {each['high']:+.3f})"
+    if not paired.has_interval:
+        return f"{interval.difference:+.3f} (no interval)"
+    return f"{interval.difference:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})"
 
 
-def _page(found: dict[str, Any], out: Path) -> str:
-    head = ["intention", *_names(found), *(f"{found['name']} - {each['name']} (95 %)" for each in found["compared"])]
-    rows = [[html.escape(cell) for cell in row] for row in _rows(found)]
-    shown = "".join(html_page.image(out / name, text) for name, text in FIGURES.items() if (out / name).exists())
-    said = "".join(f"<p class=verdict>{html.escape(line)}</p>" for line in verdict(found))
-    windows = found["windows"]
-    figures = (("macro-F1", "macro_f1"), ("accuracy", "accuracy"), ("AUROC of following", "auroc_unknown"))
-    big = "".join(_big(name, found[key]) for name, key in figures)
-    early, late = windows["end_after_s"]
-    body = f"""<p>{found["n"]} windows of {windows["window_s"]:g} s from scenario seeds that were neither trained nor
-chosen on ({html.escape(", ".join(found["made_by"]["seeds"]))}).
-Each window ends {early:g} to {late:g} s after {windows["relative_to"]}.</p>
-<div class=big>{big}</div>
+def _page(result: EvaluationResult, folder: Path, record_rule: str) -> str:
+    """Return the page as HTML."""
+    captions = {**CAPTIONS, RECORD_FIGURE: f"{CAPTIONS[RECORD_FIGURE]} {record_rule}".strip()}
+    figures = "".join(
+        html_page.image(folder / name, caption) for name, caption in captions.items() if (folder / name).exists()
+    )
+    windows, made_by = result.windows, result.made_by
+    early, late = windows.end_after_s
+    body = f"""<p>{result.n} windows of {windows.window_s:g} s from scenario seeds that were used neither for training
+nor for any choice ({html.escape(", ".join(made_by.seeds))}).
+Each window ends {early:g} to {late:g} s after {windows.relative_to}.</p>
+<div class=big>{_big("macro-F1", result.macro_f1)}{_big("accuracy", result.accuracy)}\
+{_big("AUROC of following", result.auroc_unknown)}</div>
 <h2>F1 of each intention</h2>
-{html_page.table([html.escape(h) for h in head], rows, range(len(found["classes"]), len(rows)))}
-{said}
-<p>Differences are paired on the same windows; the interval is a bootstrap over scenario seeds.</p>
-{shown}
-{html_page.made_by(json.dumps(found["made_by"], indent=1))}"""
-    return html_page.document(f"{found['name']} on unseen traffic", body)
+{_html_table(result)}
+{_html_verdict(result)}
+{figures}
+{html_page.made_by(json.dumps(made_by.model_dump(mode="json"), indent=1))}"""
+    return html_page.document(f"{result.name} on unseen traffic", body)
+
+
+def _html_table(result: EvaluationResult) -> str:
+    head = [html.escape(cell) for cell in _head(result)]
+    rows = [[html.escape(cell) for cell in row] for row in _rows(result)]
+    return html_page.table(head, rows, range(len(result.classes), len(rows)))
+
+
+def _html_verdict(result: EvaluationResult) -> str:
+    """Return the sentences of the verdict and how differences come about; nothing where nothing is compared."""
+    if not result.compared:
+        return ""
+    sentences = "".join(f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in verdict(result))
+    explanation = "Differences are paired on the same windows"
+    if result.compared[0].paired_difference.has_interval:
+        explanation += "; the interval is a bootstrap over scenario seeds"
+    return f"{sentences}\n<p>{explanation}.</p>"
 
 
 def _big(name: str, value: float | None) -> str:

@@ -1,8 +1,8 @@
-"""What a whole study will take, before any of it is done: datasets by their episodes, trainings by constants.
+"""Estimates what a whole study costs before it runs: datasets by their episodes, trainings by constants.
 
-The constants are processor time on one thread, measured on a machine that was busy besides: of the default networks on
-windows of 2.2 s, 880 instants of the TV and 220 of the UV, in batches of 32; and of trees on 500 to 2,000 windows.
-Other widths cost otherwise, and a training that stops early takes less.
+The constants are processor time on one thread, measured on a machine with other work to do: for the default networks on
+windows of 2.2 s, 880 instants of the TV and 220 of the UV, in batches of 32; and for trees on 500 to 2,000 windows.
+Networks of other widths cost more or less, and a training that stops early costs less.
 """
 
 from __future__ import annotations
@@ -16,29 +16,34 @@ from models.studies.study import FLOOR, Study
 from models.studies.sweep_axes import sensings
 
 INSTANTS = 1100
-"""Of a window of the measured kind, both streams together."""
+"""Instants of a window for which the constants hold, both streams together."""
 TRAINED_S: Mapping[Model, float] = {
     "asi-bip": 10.3e-3, "tv-alone": 8.2e-3, "uv-alone": 2.5e-3, "aligned": 1.1e-3, "castformer": 2.4e-3,
 }  # fmt: skip
-"""Processor time that a network's step takes for one window, s; predictors that are no networks take STATISTICS_S."""
-ANSWERED = 0.25
-"""Of that, what an answer takes."""
+"""Processor time of a network's training step for one window, s; predictors that are not networks take STATISTICS_S."""
+PREDICTION_SHARE = 0.25
+"""Share of that time that a prediction takes."""
 BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
-"""Processor time of sorting features into bins before trees grow, and what each window adds to it, s."""
+"""Processor time of sorting features into bins before trees grow, and its increase with each window, s."""
 ROUND_S = 0.025
-"""Processor time of a boosting round, s."""
+"""Processor time of one boosting round, s."""
 STATISTICS_S = 0.09e-3
-"""Processor time that a window's statistics take, s."""
+"""Processor time of the statistics of one window, s."""
 RUN_BYTES, REPORT_BYTES = 12e6, 1.2e6
-"""Of the folder of a trained network with its checkpoints, and of an evaluation's with its figures."""
+"""Size of the folder of a trained network with its checkpoints, and of an evaluation with its figures, bytes."""
 
 
 @dataclass(frozen=True)
 class StudyEstimate:
-    """What a study will take.
+    """What a study costs.
 
-    cells: of its table. trainings, datasets: how many. episodes, samples: that are generated. sensed_anew: samples.
-    cpu_s, training_s: processor time of making the datasets, and of trainings and evaluations, s. bytes: on disk.
+    cells: number of cells in its table.
+    trainings, datasets: number of each.
+    episodes, samples: number that is generated.
+    sensed_anew: number of samples that are sensed again.
+    cpu_s: processor time of generating and sensing the datasets, s.
+    training_s: processor time of trainings and evaluations, s.
+    bytes: size on disk.
     """
 
     cells: int
@@ -52,38 +57,38 @@ class StudyEstimate:
     bytes: int
 
     def seconds(self, workers: int) -> float:
-        """Time on that many workers, s; one process trains."""
+        """Return the time on that many workers, s; one process trains."""
         return round(self.cpu_s / min(workers, max(1, self.episodes)) + self.training_s, 1)
 
 
 def estimate_study(study: Study) -> StudyEstimate:
-    """What a study will take, about; of what stands already nothing is subtracted."""
-    made = {network: estimate(each) for network, each in study.networks.items()}
-    ways = [each for each in sensings(study.axes) if each != study.first]
-    anew = [sensed_anew(study.dataset, each, way.sensor) for each in made.values() for way in ways]
-    datasets = [*made.values(), *anew]
+    """Return roughly what a study costs; results that exist already are not subtracted."""
+    generated = {network: estimate(dataset) for network, dataset in study.networks.items()}
+    others = [sensing for sensing in sensings(study.axes) if sensing != study.first]
+    anew = [sensed_anew(study.dataset, cost, sensing.sensor) for cost in generated.values() for sensing in others]
+    datasets = [*generated.values(), *anew]
     seeds = len(study.axes.training_seeds)
     trainings = len(study.cells) * seeds
-    training = sum(seeds * cell_s(study, cell.model, made[cell.network].samples) for cell in study.cells)
+    training = sum(seeds * cell_s(study, cell.model, generated[cell.network].samples) for cell in study.cells)
     return StudyEstimate(
         cells=len(study.cells) if study.sweep else 1,
         trainings=trainings,
         datasets=len(datasets),
-        episodes=sum(each.episodes for each in made.values()),
-        samples=sum(each.samples for each in made.values()),
-        sensed_anew=sum(each.samples for each in anew),
-        cpu_s=round(sum(each.cpu_s for each in datasets), 1),
+        episodes=sum(cost.episodes for cost in generated.values()),
+        samples=sum(cost.samples for cost in generated.values()),
+        sensed_anew=sum(cost.samples for cost in anew),
+        cpu_s=round(sum(cost.cpu_s for cost in datasets), 1),
         training_s=round(training, 1),
-        bytes=round(sum(each.bytes for each in datasets) + trainings * RUN_BYTES + len(study.cells) * REPORT_BYTES),
+        bytes=round(sum(cost.bytes for cost in datasets) + trainings * RUN_BYTES + len(study.cells) * REPORT_BYTES),
     )
 
 
 def cell_s(study: Study, model: Model, samples: int) -> float:
-    """Processor time of one training of a cell and its evaluation, on a network of so many samples, s."""
+    """Return the processor time of one training of a cell and its evaluation, s; samples: of its network's dataset."""
     settings, evaluation, record = study.training, study.evaluation, study.dataset.record
     split, scale = settings.split, settings.windows.window_s * (record.tv_rate_hz + record.uv_rate_hz) / INSTANTS
     training = (1 - split.validation - split.test) * split.training_share * samples
-    ends = evaluation.ends_per_record + (len(evaluation.sweep.ends_s) if evaluation.sweep else 0)
+    ends = evaluation.ends_per_record + (len(evaluation.window_end_curve.ends_s) if evaluation.window_end_curve else 0)
     tested = split.test * samples * ends * (1 + len(study.axes.test_on))
     total = tested * STATISTICS_S * scale
     if model in (FLOOR, "ensemble"):
@@ -91,7 +96,7 @@ def cell_s(study: Study, model: Model, samples: int) -> float:
         total += windows * (STATISTICS_S * scale + BINNED_WINDOW_S) + BINNED_S + settings.trees.rounds * ROUND_S
     if model != FLOOR:
         window_s = scale * TRAINED_S.get("asi-bip" if model == "ensemble" else model, STATISTICS_S)
-        answered = split.validation * samples * settings.validation_ends * settings.optimiser.epochs + tested
+        predicted = split.validation * samples * settings.validation_ends * settings.optimiser.epochs + tested
         trained = training * settings.ends_per_record * settings.optimiser.epochs
-        total += window_s * (trained + ANSWERED * answered)
+        total += window_s * (trained + PREDICTION_SHARE * predicted)
     return total

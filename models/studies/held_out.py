@@ -1,4 +1,4 @@
-"""The second protocol of the unknown: every known intention in turn is left out of training and unknown at test.
+"""A second test of the unknown: each known intention in turn is left out of training and is then the unknown one.
 
 OUT/<intention>/               the run trained without it
 OUT/<intention>/evaluation/    its evaluation
@@ -7,23 +7,85 @@ OUT/held_out.json              the table, by intention and score
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from rich.table import Table
 
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, write_json
+from isacsim.settings import Settings
 from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import KNOWN
 from models.data.windows import Records
-from models.evaluation.evaluation import EvaluateSettings, evaluate_records
+from models.evaluation.evaluation import evaluate_records
 from models.evaluation.metrics import spread
+from models.evaluation.results import (
+    DatasetOrigin,
+    EvaluationResult,
+    MeasuredWindows,
+    ResultWithOptionalParts,
+    Separation,
+)
+from models.evaluation.settings import EvaluateSettings
+from models.report.evaluation_figures import draw_figures
 from models.report.figures import spoken
 from models.run import TrainSettings
 from models.training.training import train_records
 
 TABLE_FILE = "held_out.json"
+
+
+class HeldOutRow(Settings):
+    """How well a run trained without one intention separates it from the others.
+
+    n: number of windows of that intention.
+    n_known: number of windows of the intentions that were trained.
+    macro_f1: on those.
+    unknown_score: the open-set score chosen on the validation seeds' `following`; the intention takes no part in that.
+    unknown_scores: separation of the intention by each open-set score, by the score's name.
+    """
+
+    n: int
+    n_known: int
+    macro_f1: float | None
+    unknown_score: str
+    unknown_scores: dict[str, Separation]
+
+
+class HeldOutMadeBy(Settings):
+    """What made the table.
+
+    dataset: where the windows come from.
+    training: settings of the trainings, but for the intention held out.
+    windows: the windows that were measured.
+    seeds: measured scenario seeds, `<scenario>-<seed>`.
+    versions: of the packages that scores depend on, by the package's name.
+    """
+
+    dataset: DatasetOrigin
+    training: TrainSettings
+    windows: MeasuredWindows
+    seeds: list[str]
+    versions: dict[str, str]
+
+
+class HeldOutResult(ResultWithOptionalParts):
+    """The content of `held_out.json`.
+
+    model: the predictor.
+    held_out: a row for each known intention of the dataset, by its name.
+    mean: mean over the intentions, of each open-set score that all rows have.
+    made_by: dataset, settings and versions behind the table; absent until it is finished.
+    """
+
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"made_by"})
+
+    model: str
+    held_out: dict[str, HeldOutRow]
+    mean: dict[str, Separation]
+    made_by: HeldOutMadeBy | None = None
 
 
 def hold_out_each(
@@ -33,14 +95,11 @@ def hold_out_each(
     settings: TrainSettings,
     evaluation: EvaluateSettings | None = None,
     feedback: Feedback = SILENT,
-) -> dict[str, Any]:
-    """Train without each known intention of the records in turn, and tell its windows of the test seeds apart.
+) -> HeldOutResult:
+    """Train without each known intention of the records in turn, and measure how well it is separated.
 
-    made_of: what the runs' cards say of the dataset, `digest` among it. The same call again goes on where it stopped.
-    Returns what held_out.json holds: `held_out` has, by intention, `n` of its windows and `n_known` of the others,
-    their `macro_f1`, and of every score the AUROC and the false-positive rate at 95 % recall; `mean` is over the
-    intentions. `unknown_score` is the one chosen on the validation seeds' `following`, which the intention is not part
-    of. InputError where `out` holds something else.
+    made_of: `digest` and `study` of the dataset that the records come from. out: folder to write.
+    The same call again resumes where it stopped. Raises InputError where `out` holds something else.
     """
     with claim(Path(out), TABLE_FILE, "held-out study"):
         return _hold_out_each(records, made_of, Path(out), settings, evaluation or EvaluateSettings(), feedback)
@@ -53,64 +112,85 @@ def _hold_out_each(
     settings: TrainSettings,
     evaluation: EvaluateSettings,
     feedback: Feedback,
-) -> dict[str, Any]:
+) -> HeldOutResult:
     """Train and evaluate in a folder that is held."""
-    result: dict[str, Any] = {"model": settings.model, "held_out": {}, "mean": {}}
-    _write(result, folder)
+    _write(HeldOutResult(model=settings.model, held_out={}, mean={}), folder)
+    rows: dict[str, HeldOutRow] = {}
+    made_by = None
     for intention in (i for i in KNOWN if (records.label == i).any()):
         name = intention.text
         without = TrainSettings.model_validate({**settings.model_dump(), "held_out": name})
         run = train_records(records, made_of, folder / name, without, feedback)
-        found = evaluate_records(run, records, made_of, folder / name / "evaluation", evaluation)
-        told = found["held_out"]
-        result["held_out"][name] = {
-            "n": told["n"],
-            "n_known": found["n"],
-            "macro_f1": found["macro_f1"],
-            "unknown_score": found["unknown_score"],
-            "unknown_scores": told["unknown_scores"],
-        }
-        result["made_by"] = {
-            "dataset": made_of,
-            "training": settings.model_dump(mode="json"),
-            "windows": found["windows"],
-            "seeds": found["made_by"]["seeds"],
-            "versions": versions(OF_RUNS),
-        }
-    result["mean"] = _means([row["unknown_scores"] for row in result["held_out"].values()])
+        measured = evaluate_records(run, records, made_of, folder / name / "evaluation", evaluation)
+        draw_figures(measured, folder / name / "evaluation")
+        rows[name] = _row(measured.result)
+        made_by = _made_by(measured.result, settings)
+    result = HeldOutResult(
+        model=settings.model,
+        held_out=rows,
+        mean=_means([row.unknown_scores for row in rows.values()]),
+        made_by=made_by,
+    )
     _write(result, folder)
     return result
 
 
-def table(found: dict[str, Any]) -> Table:
-    """AUROC and false-positive rate at 95 % recall by intention and score; the chosen score of each is marked."""
-    names = list(found["mean"])
-    drawn = Table(title="held out: AUROC / share taken for known", title_justify="left")
+def table(result: HeldOutResult) -> Table:
+    """Return AUROC and false-positive rate at 95 % recall by intention and score, for the terminal.
+
+    The score that the run chose is marked with a star.
+    """
+    title = "held out: AUROC / share taken for known (starred: the score that the run chose)"
+    drawn = Table(title=title, title_justify="left")
     drawn.add_column("intention")
-    for name in names:
+    for name in result.mean:
         drawn.add_column(spoken(name), justify="right")
-    for intention, row in found["held_out"].items():
-        cells = [_cell(row["unknown_scores"].get(name), name == row["unknown_score"]) for name in names]
+    for intention, row in result.held_out.items():
+        cells = [_cell(row.unknown_scores.get(name), name == row.unknown_score) for name in result.mean]
         drawn.add_row(spoken(intention), *cells)
     drawn.add_section()
-    drawn.add_row("mean", *(_cell(found["mean"][name], chosen=False) for name in names))
+    drawn.add_row("mean", *(_cell(separation, chosen=False) for separation in result.mean.values()))
     return drawn
 
 
-def _means(rows: list[dict[str, dict[str, float | None]]]) -> dict[str, dict[str, float | None]]:
-    """Means over intentions, of the scores that all of them have."""
+def _row(result: EvaluationResult) -> HeldOutRow:
+    assert result.held_out is not None
+    return HeldOutRow(
+        n=result.held_out.n,
+        n_known=result.n,
+        macro_f1=result.macro_f1,
+        unknown_score=result.unknown_score,
+        unknown_scores=result.held_out.unknown_scores,
+    )
+
+
+def _made_by(result: EvaluationResult, settings: TrainSettings) -> HeldOutMadeBy:
+    return HeldOutMadeBy(
+        dataset=result.made_by.dataset,
+        training=settings,
+        windows=result.windows,
+        seeds=result.made_by.seeds,
+        versions=versions(OF_RUNS),
+    )
+
+
+def _means(rows: Sequence[dict[str, Separation]]) -> dict[str, Separation]:
+    """Return means over intentions, of the scores that all of them have."""
     shared = [name for name in rows[0] if all(name in row for row in rows)]
     return {
-        name: {key: spread([row[name][key] for row in rows])["mean"] for key in ("auroc", "fpr_at_95_recall")}
+        name: Separation(
+            auroc=spread([row[name].auroc for row in rows]).mean,
+            fpr_at_95_recall=spread([row[name].fpr_at_95_recall for row in rows]).mean,
+        )
         for name in shared
     }
 
 
-def _cell(each: dict[str, float | None] | None, chosen: bool) -> str:
-    if each is None or each["auroc"] is None or each["fpr_at_95_recall"] is None:
+def _cell(separation: Separation | None, chosen: bool) -> str:
+    if separation is None or separation.auroc is None or separation.fpr_at_95_recall is None:
         return "-"
-    return f"{each['auroc']:.3f} / {each['fpr_at_95_recall']:.2f}{' *' if chosen else ''}"
+    return f"{separation.auroc:.3f} / {separation.fpr_at_95_recall:.2f}{' *' if chosen else ''}"
 
 
-def _write(result: dict[str, Any], folder: Path) -> None:
-    write_json(folder / TABLE_FILE, result)
+def _write(result: HeldOutResult, folder: Path) -> None:
+    write_json(folder / TABLE_FILE, result.model_dump(mode="json"))

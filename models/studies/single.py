@@ -1,12 +1,12 @@
-"""The main job: a study from its scenarios to a report.
+"""Runs a study without a sweep, from its scenarios to a report.
 
-    OUT/study.json    the study, all defaults filled in
+    OUT/study.json    the study, with all defaults filled in
     OUT/dataset/      the samples
     OUT/run/          the trained predictor
-    OUT/floor/        the plain predictor it is compared with
+    OUT/floor/        the plain predictor that it is compared with
     OUT/report/       metrics.json, figures, index.html
 
-Every part resumes where it stopped.
+Each part resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
@@ -23,6 +22,7 @@ from isacsim.files import claim, write_json
 from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
 from models.evaluation.evaluation import evaluate
+from models.evaluation.results import EvaluationResult
 from models.report.report import write_report
 from models.studies.study import Study
 from models.training.training import train
@@ -30,8 +30,8 @@ from models.training.training import train
 STUDY_FILE = "study.json"
 
 
-def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> dict[str, Any]:
-    """Generate, train, evaluate and report; returns what `metrics.json` of the report holds.
+def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> EvaluationResult:
+    """Generate, train, evaluate and write the report; return the result of the evaluation.
 
     engine: what runs the episodes. feedback: where progress is reported.
     Raises InputError where the folder holds something else or another study.
@@ -40,27 +40,30 @@ def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
         dataset = generate(study.dataset, out / "dataset", engine, feedback)
         trained = train(dataset, out / "run", study.training, feedback)
         floor = train(dataset, out / "floor", study.floor, feedback)
-        metrics = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])
-        write_report(trained, dataset, out / "report")
-    return metrics
+        evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])
+        write_report(evaluation, dataset, out / "report")
+    return evaluation.result
 
 
 @contextmanager
 def claim_study(out: Path, study: Study) -> Iterator[None]:
-    """Hold a folder for a study. Raises InputError where it is another study's, or no study's at all."""
+    """Hold a folder for a study, and write the study into it.
+
+    Raises InputError where the folder belongs to another study, or to no study at all.
+    """
     content = study.model_dump(mode="json")
     with claim(out, STUDY_FILE, "study's results"):
         if (out / STUDY_FILE).is_file():
-            if _read(out / STUDY_FILE) != content:
+            if _stored_content(out / STUDY_FILE) != content:
                 raise InputError(f"{out}: holds the results of another study; choose another folder with -o")
         else:
             write_json(out / STUDY_FILE, content)
         yield
 
 
-def _read(path: Path) -> Any:
-    """Return what a JSON file holds, or None where it is damaged."""
+def _stored_content(path: Path) -> dict[str, object] | None:
+    """Return the study that a file holds, under the current names of its keys, or None where it is damaged."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return Study.model_validate(json.loads(path.read_text(encoding="utf-8"))).model_dump(mode="json")
     except (RecursionError, ValueError):
         return None

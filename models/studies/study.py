@@ -1,4 +1,4 @@
-"""A whole study: the dataset, the predictor and its evaluation, or a sweep of them, read from one TOML file."""
+"""A study: the settings of dataset, predictor and evaluation, or of a sweep over them, read from one TOML file."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
 from labeling.generation.generate import describe, read_scenarios
 from labeling.generation.settings import DatasetStudy, checked, read_toml
-from models.evaluation.evaluation import EvaluateSettings
+from models.evaluation.settings import EvaluateSettings
 from models.run import Model, TrainSettings
 from models.studies.sweep_axes import Cell, Sensing, SweepAxes, network_name, sensings
 
 QUICK = "quick.toml"
-"""The bundled study that runs when none is named."""
+"""The bundled study, which runs where none is given."""
 FLOOR: Model = "trees"
-"""The plain predictor that every other is compared with."""
+"""The plain predictor with which every other is compared."""
 
 
 class Study(Settings):
-    """Everything between scenarios and results.
+    """All settings between scenarios and results.
 
-    name: of the folder of results where none is given; the file's name when absent. sweep: what is varied; a study
-    without it is a single cell, beside its floor.
+    name: of the results folder where none is given; when absent, that of the study file.
+    sweep: what is varied; a study without it is a single cell, compared with its floor.
     """
 
     name: str = Field("", pattern=r"^[A-Za-z0-9_-]*$")
@@ -40,8 +40,8 @@ class Study(Settings):
     def _can_be_sensed_anew(self) -> Self:
         if self.sweep is not None and len(self.sweep.snr) > 1 and self.dataset.sensing.channel.blockage:
             raise ValueError(
-                "sweep.snr: with more than one, records are sensed anew, and blockage asks for the other vehicles, "
-                "which records do not hold; give one, or take dataset.sensing.channel.blockage out"
+                "sweep.snr: with more than one, records are sensed anew, but blockage needs the other vehicles, "
+                "which records do not hold; give one value, or remove dataset.sensing.channel.blockage"
             )
         return self
 
@@ -52,12 +52,12 @@ class Study(Settings):
 
     @property
     def floor(self) -> TrainSettings:
-        """The plain predictor to compare with: boosted trees on the same windows and split."""
+        """Training settings of the floor: boosted trees on the same windows and split."""
         return self.training.model_copy(update={"model": FLOOR})
 
     @property
     def axes(self) -> SweepAxes:
-        """What is varied, the floor first among the models, and the study's own values on axes that are left out."""
+        """What is varied, with the floor first among the models and the study's own values on absent axes."""
         axes = self.sweep or SweepAxes()
         models = tuple(dict.fromkeys([FLOOR, *(axes.models or (self.training.model,))]))
         return axes.model_copy(
@@ -66,23 +66,25 @@ class Study(Settings):
 
     @property
     def networks(self) -> dict[str, DatasetStudy]:
-        """The dataset that is generated of each network, by its short name.
+        """Settings of the dataset that is generated for each network, by the network's short name.
 
-        Without scenarios in the sweep the study's own make one network together.
+        Without scenarios in the sweep, the study's own together are one network.
         """
-        axes, own = self.axes, self.dataset.model_copy(update={"sensing": self.sensing_at(self.first.snr)})
+        axes, dataset = self.axes, self.dataset.model_copy(update={"sensing": self.sensing_at(self.first.snr)})
         if not axes.scenarios:
-            return {"+".join(map(network_name, own.scenarios)): own}
-        return {network_name(where): own.model_copy(update={"scenarios": (where,)}) for where in axes.scenarios}
+            return {"+".join(map(network_name, dataset.scenarios)): dataset}
+        return {
+            network_name(scenario): dataset.model_copy(update={"scenarios": (scenario,)}) for scenario in axes.scenarios
+        }
 
     @property
     def first(self) -> Sensing:
-        """The way of sensing that datasets are generated with, by the sites; other ways sense their records anew."""
-        return next((each for each in sensings(self.axes) if each.sensor == "isac"), Sensing("isac"))
+        """The way of sensing, by the sites, with which datasets are generated; other ways sense their records anew."""
+        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == "isac"), Sensing("isac"))
 
     @property
     def cells(self) -> list[Cell]:
-        """Every network, way of sensing and predictor of the sweep."""
+        """Every combination of network, way of sensing and predictor."""
         axes = self.axes
         return [
             Cell(network, sensing, model)
@@ -92,20 +94,19 @@ class Study(Settings):
         ]
 
     def sensing_at(self, snr: str | None) -> SensingSettings:
-        """The study's own sensing at another SNR, as `cosim sense --snr` takes it, None for its own."""
-        own = self.dataset.sensing
+        """Return the study's sensing settings at another SNR, as `cosim sense --snr` takes it; None keeps its own."""
         if snr is None:
-            return own
-        content = own.model_dump()
+            return self.dataset.sensing
+        content = self.dataset.sensing.model_dump()
         return SensingSettings.model_validate({**content, "channel": {**content["channel"], **channel(snr)}})
 
     def training_of(self, model: Model, seed: int) -> TrainSettings:
-        """The study's own training settings for another predictor and training seed."""
+        """Return the study's training settings for another predictor and training seed."""
         return self.training.model_copy(update={"model": model, "seed": seed})
 
 
 def read_study(path: Path | None) -> Study:
-    """A study from its file, or the bundled quick one. Raises InputError naming the key that is wrong."""
+    """Return the study of a file, or the bundled quick one. Raises InputError naming the key that is wrong."""
     file = Path(str(importlib.resources.files("studies") / QUICK)) if path is None else path
     study = checked(Study, read_toml(file), file)
     return study if study.name else study.model_copy(update={"name": file.stem.strip(".") or "study"})

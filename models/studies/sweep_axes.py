@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -24,7 +24,7 @@ from models.run import Model
 
 
 def _channel_of(text: str) -> str:
-    """Checks that an SNR is one; pydantic tells the ValueError with the key's path."""
+    """Check that a text is an SNR; pydantic reports the ValueError with the path of the key."""
     try:
         ChannelSettings.model_validate(channel(text, "snr"))
     except InputError as error:
@@ -35,41 +35,46 @@ def _channel_of(text: str) -> str:
 
 
 class SweepAxes(Settings):
-    """What a study varies. Where an axis is absent, the study's own value is taken."""
+    """What a study varies. An axis that is absent has the study's own value."""
 
-    scenarios: tuple[str, ...] = Field((), description="networks, each with a dataset of its own")
+    scenarios: tuple[str, ...] = Field((), description="networks, each with its own dataset")
     snr: tuple[Annotated[str, AfterValidator(_channel_of)], ...] = Field(
         (), description="per-element SNR of the sites, dB: LO:HI, one value, or link, as `cosim sense --snr` takes it"
     )
     sensors: tuple[Annotated[str, AfterValidator(SENSORS.check)], ...] = Field(
         ("isac",), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
-    models: tuple[Model, ...] = Field((), description="predictors; trees are always among them, as the floor")
-    training_seeds: tuple[int, ...] = Field((), description="seeds of training; the table has mean and spread of them")
-    test_on: tuple[str, ...] = Field((), description="networks that predictors of the others are tested on as well")
+    models: tuple[Model, ...] = Field((), description="predictors; trees are always added, as the floor")
+    training_seeds: tuple[int, ...] = Field(
+        (), description="training seeds; the table has mean and standard deviation over them"
+    )
+    test_on: tuple[str, ...] = Field((), description="networks on which the predictors of the others are tested, too")
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        for axis, values in (*_values(self), ("scenarios", [network_name(each) for each in self.scenarios])):
-            if twice := [each for each, times in Counter(values).items() if times > 1]:
-                raise ValueError(f"{axis} has {twice[0]} twice: take one out, or rename it")
+        for axis, values in (*_values(self), ("scenarios", [network_name(scenario) for scenario in self.scenarios])):
+            if repeated := [value for value, times in Counter(values).items() if times > 1]:
+                raise ValueError(f"{axis} has {repeated[0]} twice: remove one, or rename it")
         if self.snr and not any(SENSORS[name].by_sites for name in self.sensors):
-            raise ValueError("snr is of the sites: add isac to sensors, or take snr out")
-        if foreign := [each for each in self.test_on if each not in self.scenarios]:
-            raise ValueError(f"test_on names {foreign[0]}, which is not among scenarios: add it there")
+            raise ValueError("snr applies to the sites only: add isac to sensors, or remove snr")
+        if unlisted := [network for network in self.test_on if network not in self.scenarios]:
+            raise ValueError(f"test_on names {unlisted[0]}, which is not among scenarios: add it there")
         return self
 
 
 @dataclass(frozen=True)
 class Sensing:
-    """What senses, and for the sites the SNR, as `cosim sense --snr` takes it; None is the study's own channel."""
+    """A way of sensing: the sensor, and for the sites the SNR.
+
+    snr: as `cosim sense --snr` takes it; None for the study's own channel, and for other sensors.
+    """
 
     sensor: str
     snr: str | None = None
 
     @property
     def name(self) -> str:
-        """As part of a file's name."""
+        """The name as part of a path."""
         return self.sensor if self.snr is None else f"{self.sensor}_{self.snr.replace(':', 'to')}"
 
     def __str__(self) -> str:
@@ -80,7 +85,7 @@ class Sensing:
 
 @dataclass(frozen=True)
 class Cell:
-    """One network, by its short name, one way of sensing, one predictor."""
+    """One network, by its short name, one way of sensing and one predictor."""
 
     network: str
     sensing: Sensing
@@ -88,7 +93,7 @@ class Cell:
 
     @property
     def path(self) -> Path:
-        """Of its folder, below that of all cells."""
+        """Path of the cell's folder, below that of all cells."""
         return Path(self.network, self.sensing.name, self.model)
 
     def __str__(self) -> str:
@@ -96,7 +101,7 @@ class Cell:
 
 
 def sensings(axes: SweepAxes) -> list[Sensing]:
-    """The ways of sensing; the SNR is the sites', so radar and truth are one each."""
+    """Return the ways of sensing. The SNR applies to the sites only, so radar and truth are one way each."""
     return [
         Sensing(sensor, snr)
         for sensor in axes.sensors
@@ -104,10 +109,10 @@ def sensings(axes: SweepAxes) -> list[Sensing]:
     ]
 
 
-def network_name(where: str) -> str:
-    """Short name of a scenario as a study names it, fit for a file: of its folder or file, without the ending."""
-    path = Path(where)
-    # What is no path at all (it has a null character) does not exist, and is told where it is read.
+def network_name(scenario: str) -> str:
+    """Return the short name of a scenario, usable in a path: of its folder or file, without the ending."""
+    path = Path(scenario)
+    # A text that is not a path (it has a null character) does not exist; reading it later reports that.
     name = (path.resolve() if path.exists() else path).name
     for ending in (*CONFIG_ENDINGS, *NETWORK_ENDINGS):
         name = name.removesuffix(ending)
@@ -115,5 +120,5 @@ def network_name(where: str) -> str:
 
 
 def _values(axes: SweepAxes) -> list[tuple[str, Sequence[Hashable]]]:
-    content: dict[str, Any] = dict(axes)
-    return [(name, value) for name, value in content.items() if name != "scenarios"]
+    """Return the values on each axis but `scenarios`, by its name."""
+    return [(name, values) for name, values in axes if name != "scenarios"]

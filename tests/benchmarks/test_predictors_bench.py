@@ -29,7 +29,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "PREDICTORS", ("asi-bip", "trees", "uv-alone"))
     monkeypatch.setattr(bench, "COMPARED", ("trees",))
     monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
-    monkeypatch.setattr("models.evaluation.evaluation._draw", lambda *_: None)
+    monkeypatch.setattr(bench, "draw_figures", lambda *_: None)
 
 
 @pytest.mark.usefixtures("small")

@@ -5,6 +5,7 @@ import pytest
 from sklearn.metrics import confusion_matrix, f1_score, precision_score, recall_score
 
 from models.evaluation import metrics
+from models.evaluation.results import Interval, Spread
 
 CLASSES = ("a", "b", "c", "d")
 
@@ -17,24 +18,24 @@ def drawn(n: int = 300, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_summary_is_scikit_learn_s() -> None:
     label, predicted = drawn()
-    found = metrics.summary(label, predicted, CLASSES)
-    assert found["accuracy"] == pytest.approx(np.mean(label == predicted))
-    assert found["macro_f1"] == pytest.approx(f1_score(label, predicted, average="macro"))
-    np.testing.assert_allclose(list(found["per_class_f1"].values()), f1_score(label, predicted, average=None))
-    np.testing.assert_array_equal(found["confusion"], confusion_matrix(label, predicted))
+    result = metrics.summary(label, predicted, CLASSES)
+    assert result.accuracy == pytest.approx(np.mean(label == predicted))
+    assert result.macro_f1 == pytest.approx(f1_score(label, predicted, average="macro"))
+    np.testing.assert_allclose(list(result.per_class_f1.values()), f1_score(label, predicted, average=None))
+    np.testing.assert_array_equal(result.confusion, confusion_matrix(label, predicted))
 
 
 def test_a_class_without_a_true_sample_is_left_out() -> None:
-    found = metrics.summary(np.array([0, 0, 1]), np.array([0, 2, 1]), CLASSES)
-    assert found["per_class_f1"] == {"a": pytest.approx(2 / 3), "b": 1.0, "c": None, "d": None}
-    assert found["macro_f1"] == pytest.approx((2 / 3 + 1) / 2)
+    result = metrics.summary(np.array([0, 0, 1]), np.array([0, 2, 1]), CLASSES)
+    assert result.per_class_f1 == {"a": pytest.approx(2 / 3), "b": 1.0, "c": None, "d": None}
+    assert result.macro_f1 == pytest.approx((2 / 3 + 1) / 2)
 
 
 def test_bins_of_lead_time() -> None:
     lead = np.array([-0.21, -0.2, -0.01, 0.0, 0.19, 0.6])
     label = np.array([0, 1, 1, 0, 1, 1])
     rows = metrics.by_lead_time(lead, label, np.array([0, 1, 0, 0, 0, 1]), 2)
-    assert [(r["from_s"], r["to_s"], r["n"], r["accuracy"]) for r in rows] == [
+    assert [(r.from_s, r.to_s, r.n, r.accuracy) for r in rows] == [
         (-0.4, -0.2, 1, 1.0), (-0.2, 0.0, 2, 0.5), (0.0, 0.2, 2, 0.5), (0.6, 0.8, 1, 1.0),
     ]  # fmt: skip
 
@@ -43,32 +44,32 @@ def test_a_class_that_is_rare_in_a_bin_stays_out_of_its_macro_f1() -> None:
     label = np.array([0] * 6 + [1] * 5 + [2] * 4)
     predicted = np.array([0] * 6 + [1] * 5 + [0] * 4)
     row = metrics.by_lead_time(np.full(15, 0.1), label, predicted, 3)[0]
-    assert row["macro_f1"] == pytest.approx((12 / 16 + 1) / 2)
-    assert metrics.by_lead_time(np.full(4, 0.1), label[-4:], predicted[-4:], 3)[0]["macro_f1"] is None
+    assert row.macro_f1 == pytest.approx((12 / 16 + 1) / 2)
+    assert metrics.by_lead_time(np.full(4, 0.1), label[-4:], predicted[-4:], 3)[0].macro_f1 is None
 
 
 def test_multiples_of_the_bin_open_their_own_bin() -> None:
     lead = np.arange(-5, 6) * 0.2
     rows = metrics.by_lead_time(lead, np.zeros(11, int), np.zeros(11, int), 2)
-    assert [r["n"] for r in rows] == [1] * 11
+    assert [r.n for r in rows] == [1] * 11
 
 
 def test_records_without_snr_are_in_no_bin() -> None:
     rows = metrics.by_snr(np.array([np.nan, 1.0, 3.0]), np.array([0, 0, 1]), np.array([0, 0, 1]), 2)
-    assert [(r["from_db"], r["n"]) for r in rows] == [(0.0, 1), (2.0, 1)]
+    assert [(r.from_db, r.n) for r in rows] == [(0.0, 1), (2.0, 1)]
 
 
 def test_the_paired_difference_of_a_predictor_with_itself_is_nothing() -> None:
     label, predicted = drawn()
-    found = metrics.paired_difference(label, predicted, predicted, np.arange(300) % 7, CLASSES)
-    assert found["macro_f1"] == {"difference": 0.0, "low": 0.0, "high": 0.0}
+    result = metrics.paired_difference(label, predicted, predicted, np.arange(300) % 7, CLASSES)
+    assert result.macro_f1 == Interval(difference=0.0, low=0.0, high=0.0)
 
 
 def test_the_interval_is_the_bootstrap_over_groups() -> None:
     label, first = drawn(400)
     second = np.random.default_rng(9).integers(0, 4, 400)
     groups = np.arange(400) % 8
-    found = metrics.paired_difference(label, first, second, groups, CLASSES)["macro_f1"]
+    result = metrics.paired_difference(label, first, second, groups, CLASSES).macro_f1
 
     def difference(rows: np.ndarray) -> float:
         scores = [f1_score(label[rows], p[rows], average="macro") for p in (first, second)]
@@ -78,9 +79,9 @@ def test_the_interval_is_the_bootstrap_over_groups() -> None:
     loops = [
         difference(np.concatenate([np.flatnonzero(groups == g) for g in rng.integers(0, 8, 8)])) for _ in range(400)
     ]
-    assert found["difference"] == pytest.approx(difference(np.arange(400)))
-    assert found["low"] == pytest.approx(np.quantile(loops, 0.025), abs=0.02)
-    assert found["high"] == pytest.approx(np.quantile(loops, 0.975), abs=0.02)
+    assert result.difference == pytest.approx(difference(np.arange(400)))
+    assert result.low == pytest.approx(np.quantile(loops, 0.025), abs=0.02)
+    assert result.high == pytest.approx(np.quantile(loops, 0.975), abs=0.02)
 
 
 def test_several_trainings_are_compared_by_their_mean_scores() -> None:
@@ -88,60 +89,60 @@ def test_several_trainings_are_compared_by_their_mean_scores() -> None:
     rng = np.random.default_rng(2)
     second = rng.integers(0, 4, (3, 400))
     groups = np.arange(400) % 8
-    found = metrics.paired_difference(label, first, second, groups, CLASSES)
-    each = [metrics.paired_difference(label, first, said, groups, CLASSES) for said in second]
-    mean = np.mean([one["macro_f1"]["difference"] for one in each])
-    assert found["macro_f1"]["difference"] == pytest.approx(mean)
+    result = metrics.paired_difference(label, first, second, groups, CLASSES)
+    singles = [metrics.paired_difference(label, first, predicted, groups, CLASSES) for predicted in second]
+    mean = np.mean([one.macro_f1.difference for one in singles])
+    assert result.macro_f1.difference == pytest.approx(mean)
     name = CLASSES[1]
-    expected = np.mean([one["per_class_f1"][name]["difference"] for one in each])
-    assert found["per_class_f1"][name]["difference"] == pytest.approx(expected)
+    expected = np.mean([one.per_class_f1[name].difference for one in singles])
+    assert result.per_class_f1[name].difference == pytest.approx(expected)
     # The mean of three answers varies less from group to group than one.
-    widths = [one["macro_f1"]["high"] - one["macro_f1"]["low"] for one in (found, *each)]
+    widths = [one.macro_f1.high - one.macro_f1.low for one in (result, *singles)]
     assert widths[0] < max(widths[1:])
 
 
 def test_spread_is_mean_and_sample_deviation() -> None:
-    found = metrics.spread([0.8, None, 0.9, 0.85])
-    assert found == {"mean": pytest.approx(0.85), "sd": pytest.approx(0.05), "n": 3}
-    assert metrics.spread([0.5]) == {"mean": 0.5, "sd": None, "n": 1}
-    assert metrics.spread([None]) == {"mean": None, "sd": None, "n": 0}
+    result = metrics.spread([0.8, None, 0.9, 0.85])
+    assert (result.mean, result.sd, result.n) == (pytest.approx(0.85), pytest.approx(0.05), 3)
+    assert metrics.spread([0.5]) == Spread(mean=0.5, sd=None, n=1)
+    assert metrics.spread([None]) == Spread(mean=None, sd=None, n=0)
 
 
 def test_a_pair_is_told_apart_where_there_are_no_others() -> None:
     label = np.array([1, 1, 1, 3, 3, 0, 2])
     logits = np.array([[9, 2, 0, 1], [9, 0, 0, 1], [0, 5, 0, 1], [0, 3, 9, 4], [0, 1, 0, 0.5], [0, 0, 0, 9], [0] * 4])
-    found = metrics.pair_confusion(logits.astype(float), label, CLASSES, (1, 3))
-    assert found["intentions"] == [CLASSES[1], CLASSES[3]]
-    assert found["confusion"] == [[2, 1], [1, 1]]
-    assert found["accuracy"] == pytest.approx(3 / 5)
+    result = metrics.pair_confusion(logits.astype(float), label, CLASSES, (1, 3))
+    assert result.intentions == [CLASSES[1], CLASSES[3]]
+    assert result.confusion == [[2, 1], [1, 1]]
+    assert result.accuracy == pytest.approx(3 / 5)
     # Margins 3 over 1: -1, 1, -4 of the first, 1 and -0.5 of the second: 4.5 of 6 pairs in order.
-    assert found["auroc"] == pytest.approx(4.5 / 6)
+    assert result.auroc == pytest.approx(4.5 / 6)
     alone = metrics.pair_confusion(logits[:3].astype(float), label[:3], CLASSES, (1, 3))
-    assert alone["auroc"] is None
+    assert alone.auroc is None
 
 
 def test_maneuver_scores_are_macro_precision_and_recall() -> None:
     label, predicted = drawn()
-    found = metrics.maneuver_scores(metrics.confusion(label, predicted, 4))
+    result = metrics.maneuver_scores(metrics.confusion(label, predicted, 4))
     precision = precision_score(label, predicted, average="macro")
     recall = recall_score(label, predicted, average="macro")
-    assert found["precision"] == pytest.approx(precision)
-    assert found["recall"] == pytest.approx(recall)
-    assert found["f1"] == pytest.approx(2 * precision * recall / (precision + recall))
+    assert result.precision == pytest.approx(precision)
+    assert result.recall == pytest.approx(recall)
+    assert result.f1 == pytest.approx(2 * precision * recall / (precision + recall))
 
 
 def test_the_background_is_no_maneuver_but_its_false_predictions_count() -> None:
     label = np.array([0, 0, 0, 1, 1, 2, 2, 2])
     predicted = np.array([0, 1, 2, 1, 1, 2, 0, 1])
-    found = metrics.maneuver_scores(metrics.confusion(label, predicted, 3), background=2)
+    result = metrics.maneuver_scores(metrics.confusion(label, predicted, 3), background=2)
     # Maneuver 0: 1 hit of 2 predicted (one of them FPP), 2 missed; maneuver 1: 2 hits of 4 predicted, none missed.
-    assert found["precision"] == pytest.approx((1 / 2 + 2 / 4) / 2)
-    assert found["recall"] == pytest.approx((1 / 3 + 1) / 2)
+    assert result.precision == pytest.approx((1 / 2 + 2 / 4) / 2)
+    assert result.recall == pytest.approx((1 / 3 + 1) / 2)
 
 
 def test_maneuvers_that_are_not_there_or_never_predicted() -> None:
     counts = metrics.confusion(np.array([0, 0, 1]), np.array([0, 0, 0]), 4)
-    found = metrics.maneuver_scores(counts)
-    assert found == {"precision": pytest.approx((2 / 3) / 2), "recall": 0.5, "f1": pytest.approx(2 / 5)}
-    assert metrics.maneuver_scores(np.zeros((2, 2), int))["f1"] is None
-    assert metrics.maneuver_scores(np.array([[0, 1], [1, 0]]))["f1"] == 0.0
+    result = metrics.maneuver_scores(counts)
+    assert (result.precision, result.recall, result.f1) == (pytest.approx((2 / 3) / 2), 0.5, pytest.approx(2 / 5))
+    assert metrics.maneuver_scores(np.zeros((2, 2), int)).f1 is None
+    assert metrics.maneuver_scores(np.array([[0, 1], [1, 0]])).f1 == 0.0

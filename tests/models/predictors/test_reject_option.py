@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from labeling.intentions import Intention
 from models.data.windows import Records, WindowSettings, draw_ends, end_bounds
-from models.evaluation.predictions import answers, unseen
+from models.evaluation.predictions import predict, unseen
 from models.predictors.reject_option import PreludeSettings, holds_preludes, prelude_windows
 from models.run import PRELUDES_FILE, Run
 from models.scores import open_set
@@ -35,7 +35,7 @@ def test_following_takes_no_part(records: Records, trees_run: Run, tmp_path: Pat
     other = Records(tv, records.uv, records.tv_rate_hz, records.uv_rate_hz, records.table)
     run = train_records(other, MADE_OF, tmp_path / "run", TREES)
     left = unseen(records.take(~following), [trees_run])
-    outputs = answers(trees_run, left, draw_ends(left, TREES.windows, "test")).outputs
+    outputs = predict(trees_run, left, draw_ends(left, TREES.windows, "test")).outputs
     here, there = (open_set.of_run(each)["prelude"](outputs) for each in (trees_run, run))
     np.testing.assert_array_equal(here, there)
 
@@ -45,7 +45,7 @@ def test_it_tells_maneuvers_from_mere_driving(kind: str, records: Records, reque
     run: Run = request.getfixturevalue(kind)
     left = unseen(records, [run])
     late = WindowSettings.model_validate({**run.card.settings.windows.model_dump(), "end_after_s": (1.0, 2.2)})
-    given = answers(run, left, draw_ends(left, late, "test", per_record=4))
+    given = predict(run, left, draw_ends(left, late, "test", per_record=4))
     value = open_set.of_run(run)["prelude"](given.outputs)
     area = open_set.auroc(value[given.known], value[given.unknown])
     assert area is not None

@@ -12,7 +12,8 @@ from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.data.lane_map import LaneMap
 from models.data.windows import OnMap, Records, Windows, WindowSettings, cut, draw_ends
-from models.evaluation.evaluation import EvaluateSettings, evaluate_records
+from models.evaluation.evaluation import evaluate_records
+from models.evaluation.settings import EvaluateSettings
 from models.inference import Infer
 from models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
 from models.run import Run, load_run
@@ -163,9 +164,10 @@ def test_a_run_of_the_rule_is_trained_loaded_and_evaluated(on_roads: Records, ru
     stored = RuleSettings.model_validate(json.loads((rule_run.path / "rule.json").read_text()))
     if not rule_run.card.settings.rule.fit:
         assert stored == RULE
-    found = evaluate_records(rule_run, on_roads, MADE_OF, tmp_path / "report", EvaluateSettings())
-    assert found["name"] == "rule of the road"
-    assert found["macro_f1"] > 0.6
+    result = evaluate_records(rule_run, on_roads, MADE_OF, tmp_path / "report", EvaluateSettings()).result
+    assert result.name == "rule of the road"
+    assert result.macro_f1 is not None
+    assert result.macro_f1 > 0.6
 
 
 def test_thresholds_that_are_damaged_are_told(rule_run: Run, tmp_path: Path) -> None:

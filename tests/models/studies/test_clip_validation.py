@@ -19,14 +19,14 @@ SMALL = ClipSettings(
 def clips(count: int = 50, classes: int = 5) -> list[Clip]:
     """Clips of 8 to 15 frames, 65 and 33 wide; one feature of each stream carries the class."""
     rng = np.random.default_rng(0)
-    made = []
+    drawn = []
     for k in range(count):
         n = int(rng.integers(8, 16))
         inner, outer = rng.normal(5, 2, (n, 65)), rng.normal(-3, 4, (n, 33))
         inner[:, k % classes] += 8
         outer[:, k % classes] += 16
-        made.append(Clip(f"clip{k:02}", inner.astype(np.float32), outer.astype(np.float32), k % classes))
-    return made
+        drawn.append(Clip(f"clip{k:02}", inner.astype(np.float32), outer.astype(np.float32), k % classes))
+    return drawn
 
 
 def test_every_clip_is_held_out_once_and_classes_are_even() -> None:
@@ -42,8 +42,7 @@ def test_every_clip_is_held_out_once_and_classes_are_even() -> None:
 
 
 def test_features_are_scaled_by_the_training_clips_alone() -> None:
-    made = clips(20)
-    training, held_out = made[:15], made[15:]
+    training, held_out = clips(20)[:15], clips(20)[15:]
     frames = np.concatenate([clip.inner for clip in standardised(training, training)])
     np.testing.assert_allclose(frames.mean(axis=0), 0, atol=1e-4)
     np.testing.assert_allclose(frames.std(axis=0), 1, atol=1e-4)
@@ -54,26 +53,27 @@ def test_features_are_scaled_by_the_training_clips_alone() -> None:
 
 
 def test_castformer_is_measured_on_clips_it_was_not_trained_on() -> None:
-    found = cross_validate(clips(), SMALL)
-    assert [row["n"] for row in found["folds"]] == [10] * 5
-    counts = np.array(found["confusion"])
+    result = cross_validate(clips(), SMALL)
+    assert [fold.n for fold in result.folds] == [10] * 5
+    counts = np.array(result.confusion)
     assert counts.sum(axis=1).tolist() == [10] * 5
-    assert found["accuracy_of_all"] == pytest.approx(np.trace(counts) / 50)
-    assert found["accuracy"]["mean"] == pytest.approx(np.mean([row["accuracy"] for row in found["folds"]]))
-    assert found["accuracy"]["n"] == 5
-    assert found["f1"]["mean"] > 0.8
+    assert result.accuracy_of_all == pytest.approx(np.trace(counts) / 50)
+    assert result.accuracy.mean == pytest.approx(np.mean([fold.accuracy for fold in result.folds]))
+    assert result.accuracy.n == 5
+    assert result.f1.mean is not None
+    assert result.f1.mean > 0.8
 
 
-def test_labels_that_say_nothing_are_not_learnt() -> None:
+def test_shuffled_labels_are_not_learnt() -> None:
     rng = np.random.default_rng(1)
     shuffled = [replace(clip, label=int(k)) for clip, k in zip(clips(), rng.permutation(50) % 5, strict=True)]
-    assert cross_validate(shuffled, SMALL.model_copy(update={"folds": 2}))["accuracy_of_all"] < 0.45
+    assert cross_validate(shuffled, SMALL.model_copy(update={"folds": 2})).accuracy_of_all < 0.45
 
 
 def test_a_fold_is_the_same_each_time() -> None:
-    made = clips(25)
+    drawn = clips(25)
     settings = SMALL.model_copy(update={"epochs": 1})
-    np.testing.assert_array_equal(*(predict_fold(made[:20], made[20:], settings, 0) for _ in range(2)))
+    np.testing.assert_array_equal(*(predict_fold(drawn[:20], drawn[20:], settings, 0) for _ in range(2)))
 
 
 def test_too_few_clips_are_refused() -> None:

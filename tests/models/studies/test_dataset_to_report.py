@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from command_line.progress import ConsoleFeedback
-from isacsim.errors import InputError
 from labeling.dataset.dataset import Dataset
-from models.evaluation.evaluation import EvaluateSettings, evaluate
+from models.evaluation.evaluation import evaluate
+from models.evaluation.settings import EvaluateSettings
 from models.report.report import write_report
 from models.training.training import train
 from tests.support.made_up import SMALL_RUN
@@ -28,24 +28,17 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def test_train_evaluate_report(dataset: Dataset, tmp_path: Path) -> None:
     run = train(dataset, tmp_path / "run", TREES)
     assert run.card.dataset == {"digest": dataset.digest, "study": STUDY}
-    found = evaluate(run, dataset, tmp_path / "report", EvaluateSettings(ends_per_record=1))
-    assert found["made_by"]["dataset"]["digest"] == dataset.digest
-    page = write_report(run, dataset, tmp_path / "report")
+    evaluation = evaluate(run, dataset, tmp_path / "report", EvaluateSettings(ends_per_record=1))
+    assert evaluation.result.made_by.dataset.digest == dataset.digest
+    page = write_report(evaluation, dataset, tmp_path / "report")
     assert page.name == "index.html"
+    assert "this is the one" in page.read_text()
     assert {path.name for path in page.parent.glob("*.png")} == {
         "confusion.png", "lead_time.png", "unknown_roc.png", "unknown_lead_time.png", "record.png",
     }  # fmt: skip
 
 
-def test_a_report_needs_metrics(dataset: Dataset, tmp_path: Path) -> None:
-    run = train(dataset, tmp_path / "run", TREES)
-    with pytest.raises(InputError, match=r"metrics\.json"):
-        write_report(run, dataset, tmp_path / "nothing")
-
-
-def test_progress_is_drawn_where_it_is_asked_for(
-    dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture
-) -> None:
+def test_progress_is_drawn_on_a_terminal(dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     short = SMALL_RUN.model_copy(update={"optimiser": SMALL_RUN.optimiser.model_copy(update={"epochs": 1})})
     train(dataset, tmp_path / "run", short, ConsoleFeedback(console))

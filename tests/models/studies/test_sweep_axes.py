@@ -1,4 +1,4 @@
-"""The axes of a sweep: the cells they span, what is refused of them, and what they take."""
+"""The axes of a sweep: the cells they span, the values they refuse, and what a sweep costs."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def study_of(**axes: object) -> Study:
 
 
 def test_cells_are_the_product_of_the_axes() -> None:
-    """The SNR is the sites' alone; axes that are left out have the study's own value."""
+    """The SNR applies to the sites only; axes that are absent have the study's own value."""
     axes = {"snr": ["0:10", "link"], "sensors": ["truth", "isac", "radar"], "models": ["castformer", "trees"]}
     study = study_of(scenarios=["a/x.sumocfg", "y"], **axes)
-    ways = [Sensing("truth"), Sensing("isac", "0:10"), Sensing("isac", "link"), Sensing("radar")]
-    assert [(each.network, each.sensing, each.model) for each in study.cells] == [
-        (network, way, model) for network in ("x", "y") for way in ways for model in ("trees", "castformer")
+    expected = [Sensing("truth"), Sensing("isac", "0:10"), Sensing("isac", "link"), Sensing("radar")]
+    assert [(cell.network, cell.sensing, cell.model) for cell in study.cells] == [
+        (network, sensing, model) for network in ("x", "y") for sensing in expected for model in ("trees", "castformer")
     ]
-    assert len({each.path for each in study.cells}) == 16
+    assert len({cell.path for cell in study.cells}) == 16
     assert study.networks["x"].scenarios == ("a/x.sumocfg",)
     assert study.networks["x"].sensing.channel.snr_range_db == (0.0, 10.0)
     assert study.sensing_at("link").channel.kind == "link"
@@ -50,17 +50,17 @@ WRONG: dict[str, dict[str, Any]] = {
     "sweep.models.0: ": {"models": ["oracle"]},
     "sweep: training_seeds has 1 twice": {"training_seeds": [1, 1]},
     "sweep: scenarios has road twice": {"scenarios": ["a/road", "b/road.sumocfg"]},
-    "sweep: snr is of the sites": {"snr": ["link"], "sensors": ["truth"]},
+    "sweep: snr applies to the sites only": {"snr": ["link"], "sensors": ["truth"]},
     "sweep: test_on names south, which is not among scenarios": {"scenarios": ["north"], "test_on": ["south"]},
 }
 
 
 @pytest.mark.parametrize("message", WRONG)
-def test_a_wrong_axis_is_told_by_its_key(message: str) -> None:
-    with pytest.raises(InputError) as told:
+def test_a_wrong_axis_is_reported_with_its_key(message: str) -> None:
+    with pytest.raises(InputError) as error:
         study_of(**WRONG[message])
-    assert str(told.value).startswith(f"test: {message}")
-    assert "\n" not in str(told.value)
+    assert str(error.value).startswith(f"test: {message}")
+    assert "\n" not in str(error.value)
 
 
 def test_blockage_is_not_sensed_anew() -> None:
@@ -69,7 +69,7 @@ def test_blockage_is_not_sensed_anew() -> None:
         checked(Study, content, "test")
 
 
-def test_what_a_sweep_takes_grows_with_its_axes() -> None:
+def test_the_cost_of_a_sweep_grows_with_its_axes() -> None:
     one = estimate_study(study_of(scenarios=["motorway"], models=["asi-bip"]))
     assert (one.cells, one.trainings, one.datasets, one.sensed_anew) == (2, 2, 1, 0)
     seeds = estimate_study(study_of(scenarios=["motorway"], models=["asi-bip"], training_seeds=[0, 1, 2]))

@@ -7,7 +7,7 @@ import torch
 
 from labeling.intentions import KNOWN
 from models.data.windows import Records, draw_ends
-from models.evaluation.predictions import answers
+from models.evaluation.predictions import predict
 from models.predictors.losses import LossSettings, exposure_loss
 from models.predictors.reject_option import prelude_windows
 from models.run import Run
@@ -47,5 +47,5 @@ def test_a_network_is_less_sure_of_preludes_with_it(records: Records, network_ru
     sure = []
     for each in (network_run, run):
         ends = draw_ends(left, seen, "test")
-        sure.append(answers(each, left, ends).outputs.probabilities.max(axis=1).mean())
+        sure.append(predict(each, left, ends).outputs.probabilities.max(axis=1).mean())
     assert sure[1] < sure[0] - 0.05

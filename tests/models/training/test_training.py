@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.data.windows import Records, cut, draw_ends
-from models.evaluation import evaluation
+from models.report.evaluation_figures import read_history
 from models.run import Run, TrainSettings, load_run
 from models.training import training
 from models.training.training import train_records
@@ -204,7 +204,7 @@ def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
 def test_a_damaged_history_is_told(content: str, tmp_path: Path) -> None:
     (tmp_path / "history.csv").write_text(content)
     with pytest.raises(InputError, match=r"history\.csv: is damaged"):
-        evaluation._history(tmp_path / "history.csv")
+        read_history(tmp_path / "history.csv")
 
 
 def test_a_dataset_without_known_intentions_is_refused(records: Records, tmp_path: Path) -> None:

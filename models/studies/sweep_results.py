@@ -1,0 +1,113 @@
+"""What a sweep measured, typed: the content of `table.json`."""
+
+from __future__ import annotations
+
+from isacsim.settings import Settings
+from models.evaluation.results import ScoreName
+from models.studies.study import Study
+from models.studies.sweep_axes import Sensing
+
+
+class TrainingScores(Settings):
+    """Scores of one training of a cell.
+
+    training_seed: its seed.
+    macro_f1, accuracy, auroc_unknown: as in `metrics.json`.
+    """
+
+    training_seed: int
+    macro_f1: float | None
+    accuracy: float | None
+    auroc_unknown: float | None
+
+
+class SweepRow(Settings):
+    """One row of the table: the predictors of one cell, measured on the test seeds of one network.
+
+    network, sensor, snr, model: the cell; snr is None for the study's own channel and for other sensors than the sites.
+    tested_on: network whose test seeds were measured.
+    trainings: number of trainings, one for each training seed.
+    windows: number of windows of known intentions.
+    macro_f1, accuracy, auroc_unknown: mean over the trainings, None where none has the score.
+    macro_f1_sd, accuracy_sd, auroc_unknown_sd: sample standard deviation, None with fewer than two trainings.
+    ahead_of_floor: mean macro-F1 minus that of the floor on the same windows; None for the floor itself.
+    low, high: bounds of the 95 % interval of that difference; None with a single test seed.
+    report: folder of the evaluation, relative to that of the sweep.
+    runs: scores of each training.
+    """
+
+    network: str
+    sensor: str
+    snr: str | None
+    model: str
+    tested_on: str
+    trainings: int
+    windows: int
+    macro_f1: float | None
+    macro_f1_sd: float | None
+    accuracy: float | None
+    accuracy_sd: float | None
+    auroc_unknown: float | None
+    auroc_unknown_sd: float | None
+    ahead_of_floor: float | None
+    low: float | None
+    high: float | None
+    report: str
+    runs: list[TrainingScores]
+
+    @property
+    def sensing(self) -> Sensing:
+        """What sensed the records."""
+        return Sensing(self.sensor, self.snr)
+
+    def score(self, name: ScoreName) -> tuple[float | None, float | None]:
+        """Return mean and standard deviation of a score."""
+        return {
+            "macro_f1": (self.macro_f1, self.macro_f1_sd),
+            "accuracy": (self.accuracy, self.accuracy_sd),
+            "auroc_unknown": (self.auroc_unknown, self.auroc_unknown_sd),
+        }[name]
+
+
+class FailedTraining(Settings):
+    """A training that failed and is left out of the table.
+
+    cell, training_seed: which one.
+    reason: why, in one line.
+    """
+
+    cell: str
+    training_seed: int
+    reason: str
+
+
+class SweepMadeBy(Settings):
+    """What made the table.
+
+    study: the study, all defaults filled in.
+    datasets: digest of each dataset, by `<network>/<sensing>`.
+    seeds: scenario seeds of the sides train, validation and test, by network.
+    versions: of the packages that scores depend on, by the package's name.
+    """
+
+    study: Study
+    datasets: dict[str, str]
+    seeds: dict[str, dict[str, list[str]]]
+    versions: dict[str, str]
+
+
+class SweepResult(Settings):
+    """The content of `table.json`.
+
+    study: name of the study.
+    trainings: number of trainings, those that failed included.
+    cells: rows of the table.
+    failed: trainings that were left out.
+    made_by: study, datasets and versions behind the table.
+    """
+
+    study: str
+    trainings: int
+    cells: list[SweepRow]
+    failed: list[FailedTraining]
+    made_by: SweepMadeBy
