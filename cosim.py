@@ -44,6 +44,7 @@ from command_line.output import (
     show_sweep,
 )
 from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
+from models.roles import DEFAULT
 
 app = typer.Typer(
     add_completion=False,
@@ -197,8 +198,8 @@ def train(
     dataset: DatasetFolder,
     out: Out,
     model: Annotated[
-        str, typer.Option(help="The predictor: asi-bip, castformer, trees, ensemble or a floor.")
-    ] = "asi-bip",
+        str, typer.Option(help="Name of the predictor; an unknown name lists all of them.")
+    ] = DEFAULT,
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs at most.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
     held_out: Annotated[
@@ -210,11 +211,10 @@ def train(
     """A trained predictor; resumes where it stopped."""
     from labeling.dataset.dataset import Dataset
     from labeling.generation.settings import checked
-    from models.predictors.castformer import PAPER_OPTIMISER
-    from models.run import TrainSettings
+    from models.settings import TrainSettings
     from models.training.training import train as train_predictor
 
-    optimiser = (PAPER_OPTIMISER if model == "castformer" else {}) | ({} if epochs is None else {"epochs": epochs})
+    optimiser = {} if epochs is None else {"epochs": epochs}
     said = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, said, "arguments")
     console = console_of(quiet)

@@ -23,8 +23,9 @@ from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bo
 from models.evaluation import metrics, repeats, unknown
 from models.evaluation.predictions import Answers, answers, unseen
 from models.evaluation.repeats import Measured
+from models.networks.fitting import HISTORY_FILE
 from models.report import figures
-from models.run import HISTORY_FILE, Run
+from models.run import Run
 from models.scores import open_set
 from models.scores.calibration import calibration_error
 

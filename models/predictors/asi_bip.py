@@ -6,14 +6,17 @@ learned classification token, from which the intention is read.
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
-from models.predictors.network import N_STATES, WindowNetwork, linear_head
+from models.fit_settings import FitSettings
+from models.networks.network import N_STATES, WindowNetwork, linear_head
+from models.predictors.network_predictor import NetworkPredictor
+from models.predictors.protocol import WindowShape
 from models.predictors.statistics_branch import StatisticsBranch
 
 Streams = Literal["both", "tv", "uv"]
@@ -111,6 +114,38 @@ class AsiBip(WindowNetwork):
     def _seen(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
         """The streams that the network looks at."""
         return [x for x, branch in ((tv, self.tv_branch), (uv, self.uv_branch)) if branch is not None]
+
+
+class AsiBipPredictor(NetworkPredictor):
+    """ASI-BIP as a predictor."""
+
+    display_name = "ASI-BIP"
+    summary = "two bidirectional LSTMs at their own rates, a Transformer encoder over both"
+    settings_class: ClassVar[type[Settings] | None] = AsiBipSettings
+    window_s = 10.3e-3
+    streams: ClassVar[Streams] = "both"
+
+    @classmethod
+    def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
+        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, shape.tv_length, shape.uv_length, cls.streams)
+
+
+class TvAlonePredictor(AsiBipPredictor):
+    """A floor: ASI-BIP without the UV's stream."""
+
+    display_name = "TV alone"
+    summary = "asi-bip with the stream of the TV alone"
+    window_s = 8.2e-3
+    streams = "tv"
+
+
+class UvAlonePredictor(AsiBipPredictor):
+    """A floor: ASI-BIP without the TV's stream."""
+
+    display_name = "UV alone"
+    summary = "asi-bip with the stream of the UV alone"
+    window_s = 2.5e-3
+    streams = "uv"
 
 
 class ClassTokenEncoder(nn.Module):

@@ -8,7 +8,8 @@ a frame is `frame_s` of samples, the TV is the paper's `in` stream and the UV it
 from __future__ import annotations
 
 import math
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import ClassVar, Literal, Self
 
 import torch
 from pydantic import Field, model_validator
@@ -16,6 +17,9 @@ from torch import Tensor, nn
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
+from models.fit_settings import FitSettings
+from models.networks.losses import focal_loss
+from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.castformer_modules import (
     Attention,
     CausalPatternExtraction,
@@ -26,8 +30,8 @@ from models.predictors.castformer_modules import (
     State,
     joint,
 )
-from models.predictors.losses import focal_loss
-from models.predictors.network import N_STATES, WindowNetwork, linear_head
+from models.predictors.network_predictor import NetworkPredictor
+from models.predictors.protocol import WindowShape
 
 Order = Literal["rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf"]
 SPEED_UNIT_M_S = 10.0
@@ -145,19 +149,19 @@ class CastformerCore(nn.Module):
         parts = (state.inner, state.outer) if third is None else (state.inner, state.outer, third)
         return torch.cat([x[:, -1] for x in parts], dim=1)
 
-    def answers(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
+    def training_logits(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
         """Logits (B, M) by name: `joint`, and where there are such modules `in`, `out`, `context`, `intent`."""
         state = self.states(inner, outer, speed)
         features = self.features(state)
         if isinstance(self.head, Confidence):
             logits, weight = self.head.branches(features)
-            said = {"joint": joint(logits, weight)}
-            said |= dict(zip(("in", "out", "context"), logits.unbind(dim=1), strict=True))
+            by_name = {"joint": joint(logits, weight)}
+            by_name |= dict(zip(("in", "out", "context"), logits.unbind(dim=1), strict=True))
         else:
-            said = {"joint": self.head(features)}
+            by_name = {"joint": self.head(features)}
         if state.intent is not None:
-            said["intent"] = state.intent[:, -1]
-        return said
+            by_name["intent"] = state.intent[:, -1]
+        return by_name
 
     def forward(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> Tensor:
         """Joint logits, (B, M)."""
@@ -174,15 +178,16 @@ def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool,
     return FeatureSynthesis(settings.width, settings.feedforward, token, speed)
 
 
-def castformer_loss(said: dict[str, Tensor], label: Tensor, weight: Tensor | None, alpha: float) -> Tensor:
-    """Mean cross-entropy of all branches and the joint logits, plus alpha times that of the coarse intention.
+def castformer_loss(logits: dict[str, Tensor], label: Tensor, weight: Tensor | None, alpha: float) -> Tensor:
+    """Return the mean cross-entropy of all branches and the joint logits, plus alpha times that of the intention.
 
-    said: logits by name (`CastformerCore.answers`). weight: of the classes, (M,), if any. Source: Eq. (12).
+    logits: by name, as `CastformerCore.training_logits` returns them. label: (B,). weight: of the classes, (M,), all 1
+    if None. Source: Eq. (12).
     """
-    main = [focal_loss(logits, label, weight, 0.0) for name, logits in said.items() if name != "intent"]
+    main = [focal_loss(values, label, weight, 0.0) for name, values in logits.items() if name != "intent"]
     loss = torch.stack(main).mean()
-    if "intent" in said:
-        loss = loss + alpha * focal_loss(said["intent"], label, weight, 0.0)
+    if "intent" in logits:
+        loss = loss + alpha * focal_loss(logits["intent"], label, weight, 0.0)
     return loss
 
 
@@ -193,22 +198,14 @@ class Castformer(WindowNetwork):
     window's frame of reference. InputError where a window is shorter than two frames.
     """
 
-    def __init__(
-        self,
-        settings: CastformerSettings,
-        n_classes: int,
-        tv_length: int,
-        uv_length: int,
-        tv_rate_hz: float,
-        uv_rate_hz: float,
-    ) -> None:
-        frame = [max(1, round(settings.frame_s * rate)) for rate in (tv_rate_hz, uv_rate_hz)]
-        count = min(tv_length // frame[0], uv_length // frame[1])
+    def __init__(self, settings: CastformerSettings, shape: WindowShape) -> None:
+        frame = [max(1, round(settings.frame_s * rate)) for rate in (shape.tv_rate_hz, shape.uv_rate_hz)]
+        count = min(shape.tv_length // frame[0], shape.uv_length // frame[1])
         if count < 2:
             raise InputError(f"castformer.frame_s {settings.frame_s:g}: a window has fewer than two frames; shorten it")
-        super().__init__(n_classes)
+        super().__init__(shape.n_classes)
         self.settings, self.frame, self.count = settings, frame, count
-        self.core = CastformerCore(settings, n_classes, N_STATES * frame[0], N_STATES * frame[1], speed=True)
+        self.core = CastformerCore(settings, shape.n_classes, N_STATES * frame[0], N_STATES * frame[1], speed=True)
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
         """Features (B, features_width) of standardised streams (B, 6, T) and (B, 6, U)."""
@@ -225,12 +222,26 @@ class Castformer(WindowNetwork):
         ends = velocity[:, :, self.frame[0] - 1 + tv.shape[2] - self.count * self.frame[0] :: self.frame[0]]
         return inner, outer, ends.square().sum(dim=1).add(1e-6).sqrt()[:, :, None] / SPEED_UNIT_M_S
 
-    def answers(self, tv: Tensor, uv: Tensor) -> dict[str, Tensor]:
-        return self.core.answers(*self.frames(*self.standardised(tv, uv)))
+    def training_logits(self, tv: Tensor, uv: Tensor) -> dict[str, Tensor]:
+        return self.core.training_logits(*self.frames(*self.standardised(tv, uv)))
 
-    def loss(self, said: dict[str, Tensor], label: Tensor, weight: Tensor | None, gamma: float) -> Tensor:
-        """Eq. (12); gamma, of the focal loss, has no part in it."""
-        return castformer_loss({k: v.float() for k, v in said.items()}, label, weight, self.settings.alpha)
+    def loss(self, logits: dict[str, Tensor], label: Tensor, weight: Tensor | None, gamma: float) -> Tensor:
+        """Return the loss of Eq. (12); gamma, of the focal loss, is not used."""
+        return castformer_loss({k: v.float() for k, v in logits.items()}, label, weight, self.settings.alpha)
+
+
+class CastformerPredictor(NetworkPredictor):
+    """CaSTFormer as a predictor, trained with the paper's optimiser unless other values are given."""
+
+    display_name = "CaSTFormer"
+    summary = "causal spatio-temporal Transformer on frames of 0.1 s"
+    settings_class: ClassVar[type[Settings] | None] = CastformerSettings
+    optimiser_defaults: ClassVar[Mapping[str, object]] = PAPER_OPTIMISER
+    window_s = 2.4e-3
+
+    @classmethod
+    def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
+        return Castformer(settings.of(CastformerSettings), shape)
 
 
 def in_frames(x: Tensor, size: int, count: int) -> Tensor:

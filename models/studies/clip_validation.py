@@ -102,7 +102,7 @@ def _trained(clips: list[Clip], settings: ClipSettings, fold: int) -> Castformer
         for at in range(0, len(clips), settings.batch):
             some = [clips[i] for i in order[at : at + settings.batch]]
             drawn = batch(some, settings.frames, settings.seed, fold, epoch)
-            said = network.answers(*_tensors(drawn))
+            said = network.training_logits(*_tensors(drawn))
             loss = castformer_loss(said, torch.from_numpy(drawn.label), None, settings.castformer.alpha)
             adam.zero_grad()
             torch.autograd.backward(loss)

@@ -20,7 +20,7 @@ from models.data.windows import Records
 from models.evaluation.evaluation import EvaluateSettings, evaluate_records
 from models.evaluation.metrics import spread
 from models.report.figures import spoken
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from models.training.training import train_records
 
 TABLE_FILE = "held_out.json"

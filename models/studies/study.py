@@ -13,13 +13,12 @@ from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
 from labeling.generation.settings import DatasetStudy, checked, read_toml
 from models.evaluation.evaluation import EvaluateSettings
-from models.run import Model, TrainSettings
+from models.roles import FLOOR
+from models.settings import TrainSettings
 from models.studies.sweep_axes import Cell, Sensing, SweepAxes, network_name, sensings
 
 QUICK = "quick.toml"
 """The bundled study that runs when none is named."""
-FLOOR: Model = "trees"
-"""The plain predictor that every other is compared with."""
 
 
 class Study(Settings):
@@ -46,8 +45,8 @@ class Study(Settings):
 
     @property
     def floor(self) -> TrainSettings:
-        """The plain predictor to compare with: boosted trees on the same windows and split."""
-        return self.training.model_copy(update={"model": FLOOR})
+        """The plain predictor to compare with, on the same windows and split."""
+        return self.training.for_predictor(FLOOR)
 
     @property
     def axes(self) -> SweepAxes:
@@ -93,9 +92,9 @@ class Study(Settings):
         content = own.model_dump()
         return SensingSettings.model_validate({**content, "channel": {**content["channel"], **channel(snr)}})
 
-    def training_of(self, model: Model, seed: int) -> TrainSettings:
+    def training_of(self, model: str, seed: int) -> TrainSettings:
         """The study's own training settings for another predictor and training seed."""
-        return self.training.model_copy(update={"model": model, "seed": seed})
+        return self.training.for_predictor(model, seed)
 
 
 def read_study(path: Path | None) -> Study:

@@ -35,10 +35,11 @@ from labeling.generation.settings import DatasetStudy
 from models.data.windows import COLUMNS, Records, SplitSettings, split
 from models.evaluation.evaluation import METRICS_FILE, evaluate_records
 from models.report.report import PAGE, write_page
+from models.roles import FLOOR
 from models.run import Run, load_run, read_card
 from models.studies.cost_estimate import cell_s, estimate_study
 from models.studies.single import claim_study
-from models.studies.study import FLOOR, Study
+from models.studies.study import Study
 from models.studies.sweep_axes import Cell, Sensing, sensings
 from models.studies.sweep_table import row_of, write_sweep
 from models.training.progress import Steps

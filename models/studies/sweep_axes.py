@@ -19,7 +19,7 @@ from isacsim.errors import InputError
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
 from isacsim.settings import Settings
-from models.run import Model
+from models.predictors.registry import PREDICTORS
 
 Sensor = Literal["isac", "radar", "truth"]
 
@@ -45,7 +45,9 @@ class SweepAxes(Settings):
     sensors: tuple[Sensor, ...] = Field(
         ("isac",), min_length=1, description="the sites, at every SNR; the UV's own radar; neither: the true state"
     )
-    models: tuple[Model, ...] = Field((), description="predictors; trees are always among them, as the floor")
+    models: tuple[Annotated[str, AfterValidator(PREDICTORS.check)], ...] = Field(
+        (), description="predictors; the floor is always among them"
+    )
     training_seeds: tuple[int, ...] = Field((), description="seeds of training; the table has mean and spread of them")
     test_on: tuple[str, ...] = Field((), description="networks that predictors of the others are tested on as well")
 
@@ -85,7 +87,7 @@ class Cell:
 
     network: str
     sensing: Sensing
-    model: Model
+    model: str
 
     @property
     def path(self) -> Path:

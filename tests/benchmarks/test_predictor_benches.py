@@ -26,12 +26,12 @@ def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPa
 
 
 def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    small = dict(list(benchmarks.infer.networks().items())[2:])
+    small = dict(list(benchmarks.infer.predictors().items())[2:])
     monkeypatch.setattr(benchmarks.infer, "ROUNDS", 1)
     monkeypatch.setattr(benchmarks.infer, "BATCH", 2)
     stood_in = {"asi-bip": small["aligned"], "asi-bip literal": small["aligned"], **small}
-    monkeypatch.setattr(benchmarks.infer, "networks", lambda: stood_in)
+    monkeypatch.setattr(benchmarks.infer, "predictors", lambda: stood_in)
     found = benchmarks.infer.run()
     assert set(found["window_ms"]) == set(found["window_ms_of_a_batch"]) == set(stood_in)
     assert all(value > 0 for value in found["window_ms"].values())
-    assert found["parameters"]["castformer"] == small["castformer"].parameter_count
+    assert found["parameters"]["castformer"] == small["castformer"].network.parameter_count

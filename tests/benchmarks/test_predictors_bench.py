@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import benchmarks.predictors as bench
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
 

@@ -11,7 +11,7 @@ from isacsim.seeding import stream
 from labeling.intentions import Intention
 from models.data.augment import AugmentSettings, augmented, mirrored, mirrored_labels, turned
 from models.data.windows import Records, Windows, WindowSettings
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 

@@ -98,7 +98,7 @@ def test_castformer_learns_from_clips(tmp_path: Path) -> None:
     for epoch in range(25):
         data = batch(clips, 8, "train", epoch)
         given = [torch.from_numpy(x) for x in (data.inner, data.outer, data.speed)]
-        loss = castformer_loss(net.answers(*given), torch.from_numpy(data.label), None, 0.1)
+        loss = castformer_loss(net.training_logits(*given), torch.from_numpy(data.label), None, 0.1)
         adam.zero_grad()
         loss.backward()
         adam.step()

@@ -6,8 +6,8 @@ from torch import nn
 
 from models.data.windows import Windows
 from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches
-from models.predictors.floors import statistics
 from models.predictors.statistics_branch import window_statistics
+from models.predictors.trees import statistics
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from isacsim.errors import InputError
 from models.data.windows import Records
+from models.fit_settings import OptimiserSettings
 from models.predictors.castformer import (
     PAPER_OPTIMISER,
     Castformer,
@@ -30,7 +31,8 @@ from models.predictors.castformer_modules import (
     running_mean,
     shifted,
 )
-from models.run import OptimiserSettings, TrainSettings
+from models.predictors.protocol import WindowShape
+from models.settings import TrainSettings
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -167,7 +169,7 @@ def test_the_joint_logits_are_weighted_by_confidence() -> None:
 
 
 def test_the_loss_is_equation_12() -> None:
-    said, label = core().answers(*given()), torch.tensor([0, 3, 5])
+    said, label = core().training_logits(*given()), torch.tensor([0, 3, 5])
     each = {name: nn.functional.cross_entropy(logits, label) for name, logits in said.items()}
     assert set(each) == {"joint", "in", "out", "context", "intent"}
     expected = (each["in"] + each["out"] + each["context"] + each["joint"]) / 4 + 0.3 * each["intent"]
@@ -179,7 +181,7 @@ def test_the_loss_is_equation_12() -> None:
 def test_all_combinations_and_widths(rsf: bool, cpe: bool, fsn: bool, widths: tuple[int, int], classes: int) -> None:
     net = core(other(rsf=rsf, cpe=cpe, fsn=fsn, dropout=0.0), widths, classes).train()
     streams = given(widths)
-    said = net.answers(*streams)
+    said = net.training_logits(*streams)
     assert all(logits.shape == (3, classes) for logits in said.values())
     assert ("intent" in said) == cpe
     assert ("context" in said) == fsn
@@ -193,7 +195,7 @@ def test_all_combinations_and_widths(rsf: bool, cpe: bool, fsn: bool, widths: tu
 @pytest.mark.parametrize("order", get_args(Order))
 def test_every_order_has_gradients_everywhere(order: Order) -> None:
     net = core(other(order=order, dropout=0.0)).train()
-    castformer_loss(net.answers(*given()), torch.tensor([0, 1, 2]), None, 0.1).backward()
+    castformer_loss(net.training_logits(*given()), torch.tensor([0, 1, 2]), None, 0.1).backward()
     assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in net.parameters())
     assert len({core(other(order=o))(*given()).sum().item() for o in get_args(Order)}) == 4
 
@@ -219,7 +221,7 @@ def test_positions_are_vaswani_s() -> None:
 
 
 def test_frames_hold_the_window_s_samples_and_the_tv_s_speed_in_m_s() -> None:
-    net = Castformer(SMALL, 6, 880, 220, 400.0, 100.0).eval()
+    net = Castformer(SMALL, WindowShape(6, 880, 220, 400.0, 100.0)).eval()
     tv, uv = torch.randn(2, 6, 880), torch.randn(2, 6, 220)
     net.set_scale(torch.arange(6.0), torch.arange(1.0, 7.0), torch.zeros(6), torch.ones(6))
     inner, outer, speed = net.frames(*net.standardised(tv, uv))
@@ -228,16 +230,16 @@ def test_frames_hold_the_window_s_samples_and_the_tv_s_speed_in_m_s() -> None:
     torch.testing.assert_close(outer[1, 3], uv[1, :, 30:40].flatten())
     expected = torch.hypot(tv[:, 2, 39::40], tv[:, 3, 39::40]) / 10
     torch.testing.assert_close(speed[:, :, 0], expected, atol=1e-4, rtol=1e-3)
-    torch.testing.assert_close(net.classify(net.features(tv, uv)), net.answers(tv, uv)["joint"])
+    torch.testing.assert_close(net.classify(net.features(tv, uv)), net.training_logits(tv, uv)["joint"])
 
 
 def test_samples_that_fill_no_frame_are_left_out_in_front() -> None:
     x = torch.randn(1, 6, 13)
     torch.testing.assert_close(in_frames(x, 4, 3)[0, 0], x[0, :, 1:5].flatten())
-    net = Castformer(SMALL, 6, 90, 23, 400.0, 100.0)
+    net = Castformer(SMALL, WindowShape(6, 90, 23, 400.0, 100.0))
     assert net.frames(torch.zeros(1, 6, 90), torch.zeros(1, 6, 23))[2].shape == (1, 2, 1)
     with pytest.raises(InputError, match="frame_s"):
-        Castformer(SMALL, 6, 60, 15, 400.0, 100.0)
+        Castformer(SMALL, WindowShape(6, 60, 15, 400.0, 100.0))
 
 
 def test_heads_divide_the_width() -> None:

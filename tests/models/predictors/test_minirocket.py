@@ -9,8 +9,15 @@ import pytest
 
 from isacsim.errors import InputError
 from models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
-from models.predictors.minirocket import MinirocketSettings, check, fit_rocket, read_rocket, write_rocket
-from models.run import RocketPredictor, Run, load_run
+from models.predictors.minirocket import (
+    MinirocketPredictor,
+    MinirocketSettings,
+    check,
+    fit_rocket,
+    read_rocket,
+    write_rocket,
+)
+from models.run import Run, load_run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -22,7 +29,7 @@ def test_without_the_extra_training_says_what_to_install(
     records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'isac-cosim\[minirocket\]'"):
+    with pytest.raises(InputError, match=r"needs the optional package aeon: pip install 'isac-cosim\[minirocket\]'"):
         train_records(records, MADE_OF, tmp_path / "run", SETTINGS)
     assert not (tmp_path / "run").exists()
 
@@ -88,7 +95,7 @@ def test_what_is_stored_is_what_was_fitted(records: Records, taught: tuple[int, 
     np.testing.assert_array_equal(values, rocket.decide(windows))
     assert values.shape == (len(label), len(taught))
     assert (np.array(taught)[values.argmax(axis=1)] == label).mean() > 0.9
-    logits = RocketPredictor(again)(windows).logits
+    logits = MinirocketPredictor(again)(windows).logits
     assert logits.shape == (len(label), 6)
     np.testing.assert_array_equal(logits.argmax(axis=1), np.array(taught)[values.argmax(axis=1)])
 

@@ -161,7 +161,7 @@ def test_a_run_of_the_rule_is_trained_loaded_and_evaluated(on_roads: Records, ru
     again = load_run(rule_run.path)
     np.testing.assert_array_equal(again.predictor(windows).logits, rule_run.predictor(windows).logits)
     stored = RuleSettings.model_validate(json.loads((rule_run.path / "rule.json").read_text()))
-    if not rule_run.card.settings.rule.fit:
+    if not rule_run.card.settings.of(RuleSettings).fit:
         assert stored == RULE
     found = evaluate_records(rule_run, on_roads, MADE_OF, tmp_path / "report", EvaluateSettings())
     assert found["name"] == "rule of the road"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.run import Outputs
+from models.predictors.protocol import Outputs
 from models.scores import open_set
 
 
