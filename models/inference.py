@@ -70,8 +70,8 @@ class Infer:
             )
         windows = in_frame(tv, uv, card.settings.windows, card.tv_rate_hz, card.uv_rate_hz)
         if lanes is not None:
-            here = np.full(len(tv), "here", dtype=object)
-            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, here, lambda _: lanes))
+            scenario = np.full(len(tv), "", dtype=object)
+            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
         outputs = self.run.predictor(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         rejected = self.score(outputs) < threshold

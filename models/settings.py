@@ -52,8 +52,8 @@ class TrainSettings(FitSettings):
             raise InputError(
                 f"predictor {model}: its section {min(clash)} is a key of [training]; rename the predictor"
             )
-        given = {key: value for key, value in content.items() if key not in fields}
-        return {**fields, **checked_sections(given, model)}
+        others = {key: value for key, value in content.items() if key not in fields}
+        return {**fields, **checked_sections(others, model)}
 
     @field_validator("optimiser")
     @classmethod
@@ -64,9 +64,9 @@ class TrainSettings(FitSettings):
         """
         if "model" not in info.data:
             return optimiser  # The check of `model` reports it.
-        given = {key: getattr(optimiser, key) for key in optimiser.model_fields_set}
-        resolved = OptimiserSettings.model_validate({**PREDICTORS[info.data["model"]].optimiser_defaults, **given})
-        return OptimiserSettings.model_construct(_fields_set=set(given), **dict(resolved))
+        explicit = {key: getattr(optimiser, key) for key in optimiser.model_fields_set}
+        resolved = OptimiserSettings.model_validate({**PREDICTORS[info.data["model"]].optimiser_defaults, **explicit})
+        return OptimiserSettings.model_construct(_fields_set=set(explicit), **dict(resolved))
 
     @model_serializer(mode="wrap")
     def _in_order(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

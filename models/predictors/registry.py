@@ -59,8 +59,8 @@ def checked_sections(content: Mapping[str, object], model: str) -> dict[str, Set
     content: sections as plain values or settings objects, by name; what is absent has its defaults.
     Raises ValidationError where a section is unknown or its content is wrong, located at the key.
     """
-    given = [name for name in PREDICTORS if section_name(name) in content]
-    model_of_sections = _model_of(tuple(sections(*given, model).items()))
+    with_section = [name for name in PREDICTORS if section_name(name) in content]
+    model_of_sections = _model_of(tuple(sections(*with_section, model).items()))
     return dict(model_of_sections.model_validate(dict(content)))
 
 
