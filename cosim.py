@@ -197,9 +197,7 @@ def inspect(
 def train(
     dataset: DatasetFolder,
     out: Out,
-    model: Annotated[
-        str, typer.Option(help="Name of the predictor; an unknown name lists all of them.")
-    ] = DEFAULT,
+    model: Annotated[str, typer.Option(help="Name of the predictor; an unknown name lists all of them.")] = DEFAULT,
     epochs: Annotated[int | None, typer.Option(min=1, help="Epochs at most.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
     held_out: Annotated[
