@@ -17,6 +17,7 @@ from command_line import options as opt
 from command_line import output
 from command_line.exit_codes import exit_code
 from command_line.help import HelpfulCommand, examples
+from models.roles import DEFAULT, FLOOR
 
 app = typer.Typer(
     add_completion=False,
@@ -177,13 +178,13 @@ def inspect(
 @app.command(
     cls=HelpfulCommand,
     epilog=examples(
-        "train data -o predictor", "train data -o floor --model trees", "train data -o c --model castformer"
+        "train data -o predictor", f"train data -o floor --model {FLOOR}", "train data -o run_2 --seed 2 --epochs 40"
     ),
 )
 def train(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    model: Annotated[str, typer.Option(help="Predictor to train: {predictors}.")] = "asi-bip",
+    model: Annotated[str, typer.Option(help="Predictor to train: {predictors}.")] = DEFAULT,
     epochs: Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
     held_out: Annotated[
@@ -201,11 +202,10 @@ def train(
     """
     from labeling.dataset.dataset import Dataset
     from labeling.generation.settings import checked
-    from models.predictors.castformer import PAPER_OPTIMISER
-    from models.run import TrainSettings
+    from models.settings import TrainSettings
     from models.training.training import train as train_predictor
 
-    optimiser = (PAPER_OPTIMISER if model == "castformer" else {}) | ({} if epochs is None else {"epochs": epochs})
+    optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")
     console = output.console_of(quiet)

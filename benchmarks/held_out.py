@@ -1,4 +1,4 @@
-"""How well intentions that a predictor was never trained on are told from those it was, each held out in turn.
+"""How well a predictor recognises intentions that it was not trained on: each known one is held out in turn.
 
 Run: python -m benchmarks.held_out DATASET OUT [--model trees] [--epochs N] [--seed S]
 """
@@ -15,13 +15,13 @@ from isacsim.feedback import SILENT, Feedback
 from labeling.dataset.dataset import Dataset
 from labeling.generation.settings import checked
 from models.data.windows import Records
-from models.predictors.castformer import PAPER_OPTIMISER
-from models.run import TrainSettings
+from models.roles import FLOOR
+from models.settings import TrainSettings
 from models.studies.held_out import HeldOutResult, hold_out_each, table
 
 
 def run(dataset: Path, out: Path, settings: TrainSettings, feedback: Feedback = SILENT) -> HeldOutResult:
-    """`models.studies.held_out.hold_out_each` on a dataset."""
+    """Run `models.studies.held_out.hold_out_each` on a dataset, and return its result."""
     opened = Dataset.open(dataset)
     made_of = {"digest": opened.digest, "study": opened.meta.study}
     return hold_out_each(Records.of(opened), made_of, out, settings, feedback=feedback)
@@ -32,16 +32,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--model", default="trees")
+    parser.add_argument("--model", default=FLOOR)
     parser.add_argument("--epochs", type=int)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    optimiser = PAPER_OPTIMISER if given.model == "castformer" else {}
-    optimiser = optimiser if given.epochs is None else optimiser | {"epochs": given.epochs}
-    said = {"model": given.model, "seed": given.seed, "optimiser": optimiser}
-    console = Console(stderr=True)
-    found = run(given.dataset, given.out, checked(TrainSettings, said, "arguments"), ConsoleFeedback(console))
-    Console(width=180).print(table(found))
+    arguments = parser.parse_args()
+    optimiser = {} if arguments.epochs is None else {"epochs": arguments.epochs}
+    content = {"model": arguments.model, "seed": arguments.seed, "optimiser": optimiser}
+    feedback = ConsoleFeedback(Console(stderr=True))
+    result = run(arguments.dataset, arguments.out, checked(TrainSettings, content, "arguments"), feedback)
+    Console(width=180).print(table(result))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,14 @@
-"""The predictors side by side: early and late windows, sensed and true, by number of samples, on another road.
+"""The predictors side by side: early and late windows, sensed and true states, number of samples, another road.
 
 - windows: every predictor on windows that end 0-1.0 s and 1.0-2.2 s after onset, with paired differences; overtake
-  against left lane change; the unknown, by score.
+  against left lane change; the unknown class, by score.
 - window ends: one run of every predictor with all windows ending at the same time, from 0.5 s before onset on.
-- truth: ASI-BIP and the trees trained and tested on the true states of the TV in place of the sensed ones.
+- truth: ASI-BIP and the trees trained and tested on the true states of the TV instead of the sensed ones.
 - samples: both on early windows, trained on shares of the training seeds.
 - longer: ASI-BIP trained three times as long, beside the trees.
-- other: both on all records of another dataset, next to their own test.
+- other: both on all records of another dataset, beside their own test seeds.
 
-OUT keeps the runs: the same command goes on where it was stopped.
+OUT keeps the runs: the same command resumes where it stopped.
 
 Run: python -m benchmarks.predictors DATASET OUT [--other DATASET] [--seeds 3] [--also minirocket]
 """
@@ -21,7 +21,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from rich.console import Console
 from rich.progress import track
@@ -34,27 +34,29 @@ from models.evaluation.metrics import spread
 from models.evaluation.repeats import summary
 from models.evaluation.results import EvaluationResult
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
+from models.predictors.registry import OWN, catalogue
 from models.report.evaluation_figures import draw_figures
-from models.run import Model, Run
+from models.roles import DEFAULT, FLOOR
+from models.run import Run
 from models.studies.study import read_study
 from models.training.training import train_records
 
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""
-PREDICTORS: tuple[Model, ...] = (
+PREDICTORS: tuple[str, ...] = (
     "asi-bip", "ensemble", "castformer", "trees", "aligned", "tv-alone", "uv-alone", "rule",
 )  # fmt: skip
-COMPARED: tuple[Model, ...] = ("asi-bip", "trees")
+COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
 SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED = read_study(Path(str(importlib.resources.files("studies") / "full.toml"))).training
-"""How every predictor is trained; chosen on validation seeds."""
+"""How every predictor is trained, CaSTFormer with the same optimiser as the others; chosen on validation seeds."""
 LONGER = 3
-"""Times the epochs, where ASI-BIP is trained longer."""
+"""Factor of the epochs in the longer training of ASI-BIP."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A dataset's records, and the folder that the runs on them are kept in."""
+    """A dataset's records, and the folder for the runs on them."""
 
     dataset: Dataset
     records: Records
@@ -66,24 +68,24 @@ class Bench:
 
     @property
     def made_of(self) -> dict[str, Any]:
-        """What the runs' cards say of the dataset."""
+        """What the cards of the runs say of the dataset."""
         return {"digest": self.dataset.digest, "study": self.dataset.meta.study}
 
     def train(
-        self, models: Iterable[Model], name: str = "sensed", share: float = 1.0, times: int = 1
-    ) -> dict[Model, list[Run]]:
-        """Runs of each predictor with each training seed; those that stand are taken as they are.
+        self, models: Iterable[str], name: str = "sensed", share: float = 1.0, times: int = 1
+    ) -> dict[str, list[Run]]:
+        """Return the runs of each predictor with each training seed; finished ones are not repeated.
 
-        share: of the training seeds. times: as many epochs. The rule of the road draws nothing: it has one run.
+        share: of the training seeds. times: factor of the epochs. The rule of the road is not random: it has one run.
         """
-        runs: dict[Model, list[Run]] = {model: [] for model in models}
+        runs: dict[str, list[Run]] = {model: [] for model in models}
         jobs = [(seed, model) for seed in self.seeds for model in runs if seed == self.seeds[0] or model != "rule"]
         split = TUNED.split.model_copy(update={"training_share": share})
-        epochs, patience = (times * each for each in (TUNED.optimiser.epochs, TUNED.optimiser.patience))
+        epochs, patience = times * TUNED.optimiser.epochs, times * TUNED.optimiser.patience
         optimiser = TUNED.optimiser.model_copy(update={"epochs": epochs, "patience": patience})
         for seed, model in track(jobs, f"{name}, share {share:g}", console=self.console):
-            own = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
-            settings = TUNED.model_copy(update=own)
+            changes = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
+            settings = TUNED.model_copy(update=changes)
             folder = self.out / name / f"{model}-{share:g}-{seed}"
             runs[model].append(train_records(self.records, self.made_of, folder, settings))
         return runs
@@ -119,13 +121,13 @@ def run(
     seeds: int = 3,
     other: Dataset | None = None,
     console: Console | None = None,
-    also: Sequence[Model] = (),
+    also: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Measure `truth`, `other`, `samples`, `longer`, `early`, `late`, `by_window_end`, kept in OUT/predictors.json."""
+    """Return `truth`, `other`, `samples`, `longer`, `early`, `late` and `by_window_end`, also in predictors.json."""
     console = console or Console(stderr=True)
     bench = Bench(dataset, Records.of(dataset), out, range(seeds), console)
     truth = Bench(dataset, Records.of(dataset, "tv_truth"), out / "true", range(seeds), console)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "training": TUNED.model_dump(mode="json"),
         "longer_times_epochs": LONGER,
         "dataset": dataset.digest,
@@ -133,9 +135,9 @@ def run(
     }
 
     def keep(**parts: Any) -> None:
-        found.update(parts)
+        result.update(parts)
         out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "predictors.json", found)
+        write_json(out / "predictors.json", result)
 
     main = bench.train(COMPARED)
     keep(truth=_beside(bench, truth, main, truth.train(COMPARED)))
@@ -145,28 +147,28 @@ def run(
     samples = []
     for share in SHARES:
         runs = bench.train(COMPARED, "sensed", share)
-        for model, each in runs.items():
-            taught = spread([sum(one.card.counts.values()) for one in each]).mean
-            samples.append({"model": model, "share": share, "samples": taught, **bench.scores(each, "early")})
+        for model, repeats in runs.items():
+            taught = spread([sum(run.card.counts.values()) for run in repeats]).mean
+            samples.append({"model": model, "share": share, "samples": taught, **bench.scores(repeats, "early")})
     keep(samples=samples)
-    longer = [*bench.train(("asi-bip",), "longer", times=LONGER)["asi-bip"], *main["trees"]]
+    longer = [*bench.train((DEFAULT,), "longer", times=LONGER)[DEFAULT], *main[FLOOR]]
     keep(longer={ends: _predictors(bench.evaluate(longer, "evaluated/longer", ends)) for ends in ENDS})
     trained = bench.train((*PREDICTORS, *also))
-    everyone = [one for each in trained.values() for one in each]
+    everything = [run for repeats in trained.values() for run in repeats]
     for ends in ENDS:
-        keep(**{ends: _predictors(bench.evaluate(everyone, "evaluated/all", ends))})
-    keep(by_window_end=bench.window_end_curves([each[0] for each in trained.values()], "evaluated/window_ends"))
-    return found
+        keep(**{ends: _predictors(bench.evaluate(everything, "evaluated/all", ends))})
+    keep(by_window_end=bench.window_end_curves([repeats[0] for repeats in trained.values()], "evaluated/window_ends"))
+    return result
 
 
 def _beside(
-    own: Bench, other: Bench, own_runs: dict[Model, list[Run]], other_runs: dict[Model, list[Run]]
+    first: Bench, second: Bench, first_runs: dict[str, list[Run]], second_runs: dict[str, list[Run]]
 ) -> list[dict[str, Any]]:
-    """Scores of each predictor on both benches' test windows."""
+    """Return the scores of each predictor on the test windows of both benches."""
     rows = []
-    for model in own_runs:
+    for model in first_runs:
         for ends in ENDS:
-            for bench, runs in ((own, own_runs[model]), (other, other_runs[model])):
+            for bench, runs in ((first, first_runs[model]), (second, second_runs[model])):
                 rows.append({"model": model, "ends": ends, "on": bench.out.name, **bench.scores(runs, ends)})
     return rows
 
@@ -182,15 +184,18 @@ def _predictors(measured: EvaluationResult) -> dict[str, Any]:
 
 def main() -> None:
     """Read the arguments, train, evaluate, and print what predictors.json holds."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=f"predictors:\n{catalogue()}", formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--other", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--also", action="append", default=[], choices=set(get_args(Model)) - set(PREDICTORS))
-    given = parser.parse_args()
-    other = None if given.other is None else Dataset.open(given.other)
-    print(json.dumps(run(Dataset.open(given.dataset), given.out, given.seeds, other, also=given.also), indent=1))
+    parser.add_argument("--also", action="append", default=[], choices=[name for name in OWN if name not in PREDICTORS])
+    arguments = parser.parse_args()
+    other = None if arguments.other is None else Dataset.open(arguments.other)
+    result = run(Dataset.open(arguments.dataset), arguments.out, arguments.seeds, other, also=arguments.also)
+    print(json.dumps(result, indent=1))
 
 
 if __name__ == "__main__":

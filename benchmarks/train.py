@@ -1,15 +1,15 @@
-"""Speed of training ASI-BIP: pooled tokens against the paper read literally.
+"""Speed of training ASI-BIP: pooled tokens against a literal reading of the paper.
 
 - pooled: the network of `models.predictors.asi_bip` with its defaults.
-- literal: every LSTM output a token, and PyTorch's default dropout, that of attention weights included, as a module
-  written straight from the paper has it.
-- patched: pooled, and a step of the LSTMs takes 25 ms of samples side by side (10 of the TV, 5 of the UV), an extension
-  that is not in the paper.
-- bfloat16: pooled, the LSTMs in bfloat16.
+- literal: every LSTM output is a token, with PyTorch's default dropout, also of attention weights: what a module
+  written straight from the paper does.
+- patched: pooled, and one step of the LSTMs takes 25 ms of samples side by side (10 of the TV, 5 of the UV), an
+  extension that is not in the paper.
+- bfloat16: pooled, with the LSTMs in bfloat16.
 
-Steps are full ones: windows cut, forward, focal loss, backward, Adam, in batches of 32 windows of 2.2 s. Epochs of
-4,800 windows are extrapolated from a few steps; all take turns, so that a busy machine slows both. As many threads as
-training has by default.
+A step is a whole one: cut the windows, forward, focal loss, backward, optimiser, in batches of 32 windows of 2.2 s.
+Epochs of 4,800 windows are extrapolated from a few steps. The networks take turns, so that other load on the machine
+slows all of them. The number of threads is the default of training.
 
 Run: python -m benchmarks.train
 """
@@ -26,9 +26,9 @@ import pandas as pd
 import torch
 
 from models.data.windows import Ends, Records, WindowSettings, cut
+from models.fit_settings import OptimiserSettings
+from models.networks.losses import focal_loss
 from models.predictors.asi_bip import AsiBip, AsiBipSettings
-from models.predictors.losses import focal_loss
-from models.run import OptimiserSettings
 
 BATCH, EPOCH = 32, 4800
 THREADS = OptimiserSettings().threads
@@ -36,7 +36,7 @@ TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
 CLASSES = 6
 ROUNDS = 2
 STEPS = {"pooled": 4, "literal": 1, "patched": 8, "bfloat16": 4}
-"""Timed in a round."""
+"""Steps of each network that a round times."""
 PYTORCH_DROPOUT = 0.1
 NETWORKS = {
     "pooled": AsiBipSettings(),
@@ -47,7 +47,7 @@ NETWORKS = {
 
 
 def run() -> dict[str, Any]:
-    """Measure; keys `ratio` (literal over pooled), `epoch_s` of each, and what they rest on."""
+    """Return `ratio` (literal over pooled), `epoch_s` of each network, and how they were measured."""
     threads = torch.get_num_threads()
     torch.set_num_threads(THREADS)
     try:
@@ -61,9 +61,9 @@ def _measured() -> dict[str, Any]:
     for name in steps.keys() - {"literal"}:
         steps[name]()
     rounds = [{name: _seconds(step, STEPS[name]) for name, step in steps.items()} for _ in range(ROUNDS)]
-    step_s = {name: float(np.median([each[name] for each in rounds])) for name in steps}
+    step_s = {name: float(np.median([seconds[name] for seconds in rounds])) for name in steps}
     return {
-        "ratio": round(float(np.median([each["literal"] / each["pooled"] for each in rounds])), 2),
+        "ratio": round(float(np.median([seconds["literal"] / seconds["pooled"] for seconds in rounds])), 2),
         "ratio_of": "seconds of a literal training step with PyTorch's default dropout over those of a pooled one",
         "epoch_s": {name: round(seconds * EPOCH / BATCH, 1) for name, seconds in step_s.items()},
         "step_s": {name: round(seconds, 4) for name, seconds in step_s.items()},
@@ -78,7 +78,7 @@ def _measured() -> dict[str, Any]:
 
 
 def stepping(settings: AsiBipSettings) -> Callable[[], None]:
-    """One training step of such a network on windows of made-up records."""
+    """Return a function that does one training step of a network on windows of made-up records."""
     torch.manual_seed(0)
     windows, records = WindowSettings(), made_up_records(BATCH)
     lengths = round(windows.window_s * TV_RATE_HZ), round(windows.window_s * UV_RATE_HZ)
@@ -88,8 +88,8 @@ def stepping(settings: AsiBipSettings) -> Callable[[], None]:
     label = torch.tensor(records.label)
 
     def step() -> None:
-        given = cut(records, ends, windows)
-        loss = focal_loss(network(torch.from_numpy(given.tv), torch.from_numpy(given.uv)), label)
+        batch = cut(records, ends, windows)
+        loss = focal_loss(network(torch.from_numpy(batch.tv), torch.from_numpy(batch.uv)), label)
         adam.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         adam.step()
@@ -98,7 +98,7 @@ def stepping(settings: AsiBipSettings) -> Callable[[], None]:
 
 
 def made_up_records(count: int) -> Records:
-    """Records of 5 s of noise: how long a step takes does not depend on the values."""
+    """Return records of 5 s of noise; the time of a step does not depend on the values."""
     rng = np.random.default_rng(0)
     table = pd.DataFrame({"label": np.arange(count) % CLASSES})
     tv, uv = (rng.normal(size=(count, 6, round(5 * rate))).astype(np.float32) for rate in (TV_RATE_HZ, UV_RATE_HZ))
@@ -106,7 +106,7 @@ def made_up_records(count: int) -> Records:
 
 
 def _seconds(step: Callable[[], None], count: int) -> float:
-    """Of one step, over `count` of them."""
+    """Return the mean time of a step over `count` of them, s."""
     begin = time.perf_counter()
     for _ in range(count):
         step()

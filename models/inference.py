@@ -1,4 +1,4 @@
-"""A trained predictor at work: windows in the scenario's plane in, intentions and whether to believe them out."""
+"""A trained predictor in use: from windows in the scenario's plane to intentions, and whether to trust them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import softmax
 
+from isacsim.arrays import Array, BoolArray, Float32Array
 from models.data.lane_map import LaneMap
 from models.data.windows import OnMap, in_frame
 from models.run import Run, load_run
@@ -20,15 +20,15 @@ from models.scores.open_set import Score
 
 @dataclass(frozen=True)
 class Inference:
-    """What was said of a batch of windows.
+    """The answers to a batch of n windows.
 
-    probabilities: (n, G), calibrated, in the order of `classes`. rejected: (n,), the window fits none of them.
-    latency_ms: of the whole batch, frame change included.
+    classes: the known intentions. probabilities: (n, G), calibrated, in the order of `classes`. rejected: (n,), whether
+    the window fits none of them. latency_ms: time that the whole batch took, including the change of frame.
     """
 
     classes: tuple[str, ...]
-    probabilities: npt.NDArray[np.float64]
-    rejected: npt.NDArray[np.bool_]
+    probabilities: Array
+    rejected: BoolArray
     latency_ms: float
 
     @property
@@ -39,24 +39,25 @@ class Inference:
 
 @dataclass(frozen=True)
 class Infer:
-    """Answers windows on the CPU."""
+    """A trained predictor, on the CPU.
+
+    run: the predictor with its card. score: the unknown score by which windows are rejected.
+    """
 
     run: Run
     score: Score
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """From a run's folder. InputError where it is none."""
+        """Load it from a run's folder. Raises InputError if it is not a finished run."""
         run = load_run(path)
         return cls(run, open_set.chosen(run))
 
-    def __call__(
-        self, tv: npt.NDArray[np.floating], uv: npt.NDArray[np.floating], lanes: LaneMap | None = None
-    ) -> Inference:
+    def __call__(self, tv: Array | Float32Array, uv: Array | Float32Array, lanes: LaneMap | None = None) -> Inference:
         """Answer one window, (6, T) and (6, U), or a batch, (n, 6, T) and (n, 6, U), in the scenario's plane.
 
-        Both streams end at the same instant. lanes: of the road network, which the rule needs, other predictors do not.
-        ValueError where shapes are not those that the predictor was trained on.
+        Both streams end at the same instant. lanes: those of the road network, for predictors that look at lanes.
+        Raises ValueError if the shapes are not those that the predictor was trained on.
         """
         begin = time.perf_counter()
         card = self.run.card
@@ -69,8 +70,8 @@ class Infer:
             )
         windows = in_frame(tv, uv, card.settings.windows, card.tv_rate_hz, card.uv_rate_hz)
         if lanes is not None:
-            here = np.full(len(tv), "here", dtype=object)
-            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, here, lambda _: lanes))
+            scenario = np.full(len(tv), "", dtype=object)
+            windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
         outputs = self.run.predictor(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         rejected = self.score(outputs) < threshold

@@ -26,7 +26,8 @@ from hypothesis import strategies as st
 import cosim
 from isacsim.errors import RunError
 from labeling.generation.generate import generate
-from models.run import OptimiserSettings, TrainSettings
+from models.fit_settings import OptimiserSettings
+from models.settings import TrainSettings
 from models.studies.single import claim_study
 from models.studies.study import Study, read_study
 from models.training.training import train
@@ -84,9 +85,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
         "labeling.generation.engine.LocalEngine.run",
-        "models.training.training._train_network",
-        "models.training.training._train_trees",
-        "models.run.TreesPredictor.__call__",
+        "models.predictors.network_predictor.fit_network",
+        "models.predictors.trees.fit_trees",
+        "models.predictors.trees.TreesPredictor.__call__",
     ):
         monkeypatch.setattr(place, begin)
     monkeypatch.setattr("labeling.generation.engine.ANSWER_S", 0.05)

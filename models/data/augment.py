@@ -1,4 +1,4 @@
-"""Variation of training windows: a turned frame, more noise, the mirror image. All of it is off by default."""
+"""Augmentation of training windows: a turned frame, more noise, mirror images. All of it is off by default."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ MIRRORED = {
     Intention.LEFT_LANE_CHANGE: Intention.RIGHT_LANE_CHANGE,
     Intention.RIGHT_LANE_CHANGE: Intention.LEFT_LANE_CHANGE,
 }
-"""What becomes of an intention in the mirror; the others stay, but for the overtake, which has no mirror image."""
+"""Intentions that swap in the mirror image. The others stay; an overtake has none and is never mirrored."""
 
 
 class AugmentSettings(Settings):
-    """How training windows are varied. Turning and mirroring need a frame of reference that is not absolute."""
+    """How training windows are augmented. Turning and mirroring need a frame of reference that is not absolute."""
 
-    turn_deg: float = Field(0.0, ge=0, le=45, description="standard deviation of a turn of the frame about its origin")
-    noise_m: float = Field(0.0, ge=0, description="standard deviation of white noise on the TV's positions, m")
-    noise_mps: float = Field(0.0, ge=0, description="standard deviation of white noise on the TV's velocities, m/s")
-    noise_mps2: float = Field(0.0, ge=0, description="standard deviation of white noise on its accelerations, m/s2")
+    turn_deg: float = Field(0.0, ge=0, le=45, description="standard deviation of a turn of the frame")
+    noise_m: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's positions, m")
+    noise_mps: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's velocities, m/s")
+    noise_mps2: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's accelerations, m/s2")
     mirror_share: float = Field(
         0.0,
         ge=0,
         le=1,
-        description="share of windows that are mirrored, left changes becoming right ones; overtakes are never. "
-        "Traffic that keeps right and overtakes left is not symmetric: it would hardly hold such windows",
+        description="share of windows that are mirrored, which swaps left and right changes; overtakes are never "
+        "mirrored. Traffic that keeps right is not symmetric: mirrored windows are rare in it",
     )
 
     @property
@@ -43,7 +43,7 @@ class AugmentSettings(Settings):
 def augmented(
     windows: Windows, label: IntArray, settings: AugmentSettings, rng: np.random.Generator
 ) -> tuple[Windows, IntArray]:
-    """The windows varied anew, and their labels (n,)."""
+    """Return augmented windows and their labels (n,), drawn from rng."""
     tv, uv = windows.tv, windows.uv
     if settings.mirror_share:
         chosen = (rng.random(len(label)) < settings.mirror_share) & (label != Intention.OVERTAKE)
@@ -59,12 +59,12 @@ def augmented(
 
 
 def mirrored(states: Float32Array) -> Float32Array:
-    """States (n, 6, T) with left and right exchanged, across the x axis."""
+    """Return states (n, 6, T) mirrored at the x axis, with left and right swapped."""
     return states * np.array([1, -1] * 3, dtype=np.float32)[:, None]
 
 
 def mirrored_labels(label: IntArray) -> IntArray:
-    """The labels (n,) of mirrored windows."""
+    """Return the labels (n,) of mirrored windows."""
     swapped = label.copy()
     for one, other in MIRRORED.items():
         swapped[label == one] = other
@@ -72,7 +72,7 @@ def mirrored_labels(label: IntArray) -> IntArray:
 
 
 def turned(states: Float32Array, angle: Array) -> Float32Array:
-    """States (n, 6, T) turned to the left about the origin by angles (n,), rad."""
+    """Return states (n, 6, T) turned to the left about the origin by angles (n,), rad."""
     c, s = (f(angle).astype(np.float32)[:, None, None] for f in (np.cos, np.sin))
     pairs = states.reshape(len(states), 3, 2, -1)
     u, v = pairs[:, :, 0], pairs[:, :, 1]

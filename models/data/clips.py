@@ -1,12 +1,12 @@
-"""Per-clip feature files, for features that were extracted elsewhere, e.g. those of Brain4Cars.
+"""Feature files of clips, for features that were extracted elsewhere, such as those of Brain4Cars.
 
-A folder of clips holds one `.npz` file a clip, without pickled objects:
+A folder of clips holds one `.npz` file per clip, without pickled objects:
 
-    in      (T, W) float   features of the inside stream, a row a frame; 65 wide for Brain4Cars, the speed last
+    in      (T, W) float   features of the inside stream, one row per frame; 65 wide for Brain4Cars, the speed last
     out     (T, V) float   features of the outside stream at the same frames; 33 wide for Brain4Cars, the speed last
     label   ()     int     number of the class, from 0
 
-T may differ between clips, W and V may not. Clips are read in the order of their file names.
+T can differ between clips, W and V cannot. Clips are read in the order of their file names.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KEYS = ("in", "out", "label")
 
 @dataclass(frozen=True)
 class Clip:
-    """One clip: inner (T, W), outer (T, V), and the number of its class."""
+    """One clip: inner (T, W), outer (T, V) and the number of its class."""
 
     name: str
     inner: Float32Array
@@ -39,7 +39,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class ClipBatch:
-    """Clips at one length: inner (N, L, W), outer (N, L, V), label (N,)."""
+    """Clips of one length: inner (N, L, W), outer (N, L, V), label (N,)."""
 
     inner: Float32Array
     outer: Float32Array
@@ -52,22 +52,24 @@ class ClipBatch:
 
 
 def load_clips(folder: str | Path, n_classes: int) -> list[Clip]:
-    """All clips of a folder. InputError where there are none or one does not follow the format."""
+    """Read all clips of a folder. Raises InputError if there are none, or one does not follow the format."""
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
         raise InputError(f"{folder}: no .npz files in it; name the folder of the clips")
     clips = [read_clip(file, n_classes) for file in files]
     widths = (clips[0].inner.shape[1], clips[0].outer.shape[1])
     for file, clip in zip(files, clips, strict=True):
-        found = (clip.inner.shape[1], clip.outer.shape[1])
-        if found != widths:
-            raise InputError(f"{file}: {found[0]} and {found[1]} features a frame, others have {widths[0]} and "
-                             f"{widths[1]}; extract all clips alike")  # fmt: skip
+        clip_widths = (clip.inner.shape[1], clip.outer.shape[1])
+        if clip_widths != widths:
+            raise InputError(
+                f"{file}: {clip_widths[0]} and {clip_widths[1]} features per frame, others have {widths[0]} and "
+                f"{widths[1]}; extract all clips alike"
+            )
     return clips
 
 
 def read_clip(file: Path, n_classes: int) -> Clip:
-    """One clip. InputError where the file does not follow the format."""
+    """Read one clip. Raises InputError if the file does not follow the format."""
     try:
         with np.load(file, allow_pickle=False) as stored:
             inner, outer, label = (np.asarray(stored[key]) for key in KEYS)
@@ -79,14 +81,15 @@ def read_clip(file: Path, n_classes: int) -> Clip:
     if len(inner) != len(outer):
         raise InputError(f"{file}: {len(inner)} frames inside and {len(outer)} outside; give the same frames of both")
     if label.shape != () or label.dtype.kind not in "iu" or not 0 <= label < n_classes:
-        raise InputError(f"{file}: label {label.tolist()} is no class; give a whole number from 0 to {n_classes - 1}")
+        raise InputError(f"{file}: label {label.tolist()} is not a class; give an integer from 0 to {n_classes - 1}")
     return Clip(file.stem, inner, outer, int(label))
 
 
 def batch(clips: list[Clip], length: int, *keys: str | int) -> ClipBatch:
-    """Clips at `length` frames each, evenly spaced over the clip; with keys one drawn at random of each even part.
+    """Return clips with `length` frames each, evenly spaced over the clip.
 
-    keys: name the draw, as for `isacsim.seeding.stream`; a clip's frames depend on them and on its name alone.
+    keys: if given, one frame is drawn at random from each of `length` even parts; they name the draw, as for
+    `isacsim.seeding.stream`, and a clip's frames depend on them and on its name alone.
     """
     chosen = [frames(len(clip.inner), length, stream("clip", *keys, clip.name) if keys else None) for clip in clips]
     return ClipBatch(
@@ -97,12 +100,13 @@ def batch(clips: list[Clip], length: int, *keys: str | int) -> ClipBatch:
 
 
 def frames(count: int, length: int, rng: np.random.Generator | None = None) -> IntArray:
-    """Which of `count` frames are taken, (length,), rising: the middle of each even part, or a random one with rng."""
+    """Return which of `count` frames are taken, (length,), rising: the middle of each part, or a random one."""
     place = np.full(length, 0.5) if rng is None else rng.random(length)
     return np.floor((np.arange(length) + place) * (count / length)).astype(np.int64)
 
 
 def _stream(file: Path, name: str, values: npt.NDArray[Any]) -> Float32Array:
+    """Return a stream as float32. Raises InputError if it is not a table of finite numbers."""
     if values.ndim != 2 or not values.size or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
-        raise InputError(f"{file}: {name} is no table of finite numbers, frames by features; mend the extraction")
+        raise InputError(f"{file}: {name} is not a table of finite numbers, frames by features; fix the extraction")
     return values.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Where a vehicle is in its lane, from its position and motion alone: the lanes of a road network, searchable."""
+"""The lanes of a road network as a search tree: where in its lane a vehicle is, from position and velocity alone."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from scipy.spatial import cKDTree
 from isacsim.arrays import Array
 
 SPACING_M = 2.0
-"""Of the points that stand for a centre line; on a curve of 100 m radius it departs from them by 5 mm."""
+"""Spacing of the points that represent a centre line; on a curve of 100 m radius they are up to 5 mm off it."""
 CANDIDATES = 24
-"""Nearest points looked at for one that leads the vehicle's way: those of crossing lanes and of the other direction
-are passed over."""
+"""How many nearest points are searched for one whose lane leads the vehicle's way; points of crossing and oncoming
+lanes are passed over."""
 SAME_WAY_COS = 0.5
-"""A lane within 60 degrees of the vehicle's motion leads its way."""
+"""A lane leads a vehicle's way if its direction is within 60 degrees of the vehicle's motion."""
 
 
 class CentreLine(Protocol):
-    """A lane: its centre line (n, 2), m, in the scenario's plane, in the direction of driving, and its width."""
+    """A lane: its centre line (n, 2), m, in the scenario's plane and in the direction of driving, and its width."""
 
     @property
     def shape(self) -> npt.NDArray[np.floating]: ...
@@ -32,8 +32,10 @@ class CentreLine(Protocol):
 
 @dataclass(frozen=True)
 class InLane:
-    """Places in lanes. offset_m: left of the centre line, (n,). width_m: of the lane, (n,). heading: its direction
-    there, a unit vector, (n, 2).
+    """The places of n vehicles in their lanes.
+
+    offset_m: distance from the centre line, positive to the left, (n,). width_m: of the lane, (n,). heading: direction
+    of the lane there, unit vectors (n, 2).
     """
 
     offset_m: Array
@@ -43,8 +45,10 @@ class InLane:
 
 @dataclass(frozen=True)
 class LaneMap:
-    """Points along all centre lines, (m, 2), with what their lane is there: its direction, a unit vector (m, 2), its
-    bend to the left, 1/m, and its width, (m,).
+    """Points along all centre lines.
+
+    tree: of the m points. heading: direction of the lane at each point, unit vectors (m, 2). bend: its curvature,
+    positive to the left, 1/m, (m,). width_m: its width, (m,).
     """
 
     tree: cKDTree
@@ -54,31 +58,31 @@ class LaneMap:
 
     @classmethod
     def of(cls, lanes: Sequence[CentreLine]) -> Self:
-        """The map of a network's lanes, at least one of them longer than nothing."""
+        """Make the map of the lanes of a network; at least one must have a length above 0."""
         parts = [_points(np.asarray(lane.shape, dtype=np.float64)) for lane in lanes]
         points, heading, bend = (np.concatenate(side) for side in zip(*parts, strict=True))
         width = np.repeat([float(lane.width_m) for lane in lanes], [len(part[0]) for part in parts])
         return cls(cKDTree(points), heading, bend, width)
 
     def place(self, position: Array, velocity: Array) -> InLane:
-        """Places of vehicles at positions (n, 2), m, that move with velocities (n, 2), m/s.
+        """Return the places of vehicles at positions (n, 2), m, with velocities (n, 2), m/s.
 
-        The nearest lane that leads a vehicle's way is its own; where none is near, the nearest lane of all.
+        A vehicle is in the nearest lane that leads its way; if none is near, in the nearest lane of all.
         """
         count = min(CANDIDATES, self.tree.n)
         near = np.asarray(self.tree.query(position, k=np.arange(1, count + 1))[1])
         speed = np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)
         leads = np.einsum("nkc,nc->nk", self.heading[near], velocity) > SAME_WAY_COS * speed[:, None]
-        own = near[np.arange(len(near)), leads.argmax(axis=1)]
-        heading, bend, away = self.heading[own], self.bend[own], position - self.tree.data[own]
+        nearest = near[np.arange(len(near)), leads.argmax(axis=1)]
+        heading, bend, away = self.heading[nearest], self.bend[nearest], position - self.tree.data[nearest]
         past = np.einsum("nk,nk->n", heading, away)
         turned = np.stack([heading[:, 0] - bend * past * heading[:, 1], heading[:, 1] + bend * past * heading[:, 0]], 1)
         turned /= np.hypot(turned[:, 0], turned[:, 1])[:, None]
-        return InLane(_cross(heading, away) - bend * past**2 / 2, self.width_m[own], turned)
+        return InLane(_cross(heading, away) - bend * past**2 / 2, self.width_m[nearest], turned)
 
 
 def _points(line: Array) -> tuple[Array, Array, Array]:
-    """Points of a polyline (n, 2) at most SPACING_M apart, direction and bend at each; none where it has no length."""
+    """Return points of a polyline (n, 2) at most SPACING_M apart, with direction and bend; none if it has no length."""
     parts = np.diff(line, axis=0)
     length = np.hypot(parts[:, 0], parts[:, 1])
     line, parts, length = np.concatenate([line[:1], line[1:][length > 0]]), parts[length > 0], length[length > 0]
@@ -86,7 +90,7 @@ def _points(line: Array) -> tuple[Array, Array, Array]:
         return np.empty((0, 2)), np.empty((0, 2)), np.empty(0)
     reached = np.concatenate([[0.0], np.cumsum(length)])
     at = np.linspace(0, reached[-1], max(2, int(np.ceil(reached[-1] / SPACING_M)) + 1))
-    # Direction changes evenly between the middles of the parts, not in leaps at the vertices.
+    # The direction changes evenly between the middles of the segments, instead of jumping at the vertices.
     angle = np.unwrap(np.arctan2(parts[:, 1], parts[:, 0]))
     turned = np.interp(at, (reached[1:] + reached[:-1]) / 2, angle)
     points = np.stack([np.interp(at, reached, line[:, k]) for k in (0, 1)], axis=1)
@@ -94,5 +98,5 @@ def _points(line: Array) -> tuple[Array, Array, Array]:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """z of the cross product of vectors (n, 2): how far b points to the left of a."""
+    """Return the z component of the cross product of vectors (n, 2): how far b points to the left of a."""
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -1,7 +1,7 @@
-"""Records to windows: where a window ends, cutting both streams, the frame of reference, and the split by seed.
+"""From records to windows: where windows end, how both streams are cut, the frame of reference, the split by seed.
 
-A window is the `window_s` seconds of both streams that end at one instant. Ends lie on the UV's sampling grid, so that
-the last TV sample and the last UV sample of a window are taken at the same time; no later sample reaches a predictor.
+A window is the last `window_s` seconds of both streams before an instant, its end. Ends lie on the UV's sampling grid,
+so that the last TV sample and the last UV sample of a window are simultaneous; no later sample reaches a predictor.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
     from labeling.dataset.dataset import Dataset
 
 LaneMaps = Callable[[str], LaneMap]
-"""The lanes of a scenario, by its name."""
+"""Returns the lanes of a scenario, given its name."""
 
 COLUMNS = ("sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db")
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
 START_SHARE = 0.05
-"""Share of a window that gives the TV's velocity at its start."""
+"""Share of a window over which the TV's velocity at its start is averaged."""
 
 MIN_TRAVEL_M = 0.5
-"""A UV that moves less than this within a window has no heading of its own."""
+"""A vehicle that moves less than this within a window has no heading, m."""
 
 
 class WindowSettings(Settings):
@@ -44,33 +44,33 @@ class WindowSettings(Settings):
 
     window_s: float = Field(2.2, gt=0, description="length of a window, s")
     relative_to: Literal["onset", "commit"] = Field(
-        "onset", description="the instant that window ends are counted from"
+        "onset", description="instant relative to which window ends are given"
     )
     end_after_s: tuple[float, float] = Field(
-        (0.5, 2.2), description="range of window ends after that instant, s; negative is before it; equal: a fixed end"
+        (0.5, 2.2), description="range of window ends after that instant, s; negative is before; equal: fixed"
     )
     frame: Literal["relative", "moving", "absolute"] = Field(
         "relative",
         description="relative: origin at the TV's first sample of the window, x along the UV's heading; absolute: the "
-        "scenario's plane; moving, an extension: as relative, and moving on with the TV's velocity of then",
+        "scenario's plane; moving, an extension: like relative, but moving on with the TV's velocity at that sample",
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.end_after_s[0] > self.end_after_s[1]:
-            raise ValueError(f"end_after_s {self.end_after_s} is no range: give the earlier end first")
+            raise ValueError(f"end_after_s {self.end_after_s} is not a range: give the earlier end first")
         return self
 
 
 class SplitSettings(Settings):
-    """Shares of the scenario seeds; no vehicle is on two sides."""
+    """Shares of the scenario seeds on each side; no vehicle is on two sides."""
 
-    validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds that choose the best epoch")
-    test: float = Field(0.25, gt=0, lt=1, description="share of the seeds that nothing is chosen on")
+    validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds on which the best epoch is chosen")
+    test: float = Field(0.25, gt=0, lt=1, description="share of the seeds on which nothing is chosen")
     training_share: float = Field(
-        1.0, gt=0, le=1, description="share of the training seeds that are used; a smaller share is part of a larger"
+        1.0, gt=0, le=1, description="share of the training seeds that is used; smaller shares are subsets"
     )
-    seed: int = Field(0, description="of the draw among the possible splits")
+    seed: int = Field(0, description="seed of the split")
 
     @model_validator(mode="after")
     def _leaves_training(self) -> Self:
@@ -83,8 +83,8 @@ class SplitSettings(Settings):
 class Records:
     """The records of a dataset, in memory.
 
-    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, float32. table: one row a record, with COLUMNS.
-    lane_maps: the roads they drove on, for predictors that ask for them.
+    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates. table: one row per record, with COLUMNS. lane_maps: the
+    roads of their scenarios, for predictors that look at lanes.
     """
 
     tv: Float32Array
@@ -96,7 +96,7 @@ class Records:
 
     @classmethod
     def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self:
-        """All records of a dataset; sensed: the column taken for the TV."""
+        """Read all records of a dataset; sensed: the column that gives the TV's states."""
         arrays = dataset.arrays(sensed, "uv")
         table = dataset.frame(COLUMNS)
         rates = dataset.meta
@@ -112,7 +112,7 @@ class Records:
         return len(self.table)
 
     def take(self, rows: npt.NDArray[np.bool_] | IntArray) -> Records:
-        """The records at those rows (a mask or positions)."""
+        """Return the records of some rows, given as a mask (N,) or as positions."""
         table = self.table.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows].reset_index(drop=True)
         return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps)
 
@@ -123,13 +123,13 @@ class Records:
 
     @property
     def groups(self) -> npt.NDArray[np.object_]:
-        """`<scenario>-<seed>` of each record, (N,): what splits and bootstraps draw by."""
+        """`<scenario>-<seed>` of each record, (N,): the units of splits and bootstraps."""
         return (self.table["scenario"].astype(str) + "-" + self.table["seed"].astype(str)).to_numpy(dtype=object)
 
 
 @dataclass(frozen=True)
 class Ends:
-    """Window ends, without the windows: row of the record, and UV sample at which the window ends, each (n,)."""
+    """Ends of n windows: row of the record, and number of the UV sample at which the window ends, each (n,)."""
 
     row: IntArray
     step: IntArray
@@ -141,16 +141,14 @@ class Ends:
         return Ends(self.row[part], self.step[part])
 
     def times(self, records: Records) -> Array:
-        """Simulation time of each end, s, (n,)."""
+        """Return the simulation time of each end, s, (n,)."""
         start = records.table["t_start"].to_numpy(dtype=np.float64)[self.row]
         return np.asarray(start + self.step / records.uv_rate_hz)
 
 
 @dataclass(frozen=True)
 class OnMap:
-    """The same windows in the scenario's plane: tv (n, 6, T) and uv (n, 6, U); the scenario of each, (n,), and its
-    lanes.
-    """
+    """Windows in the scenario's plane: tv (n, 6, T) and uv (n, 6, U), the scenario of each, (n,), and its lanes."""
 
     tv: Array
     uv: Array
@@ -161,9 +159,9 @@ class OnMap:
 
 @dataclass(frozen=True)
 class Windows:
-    """A batch of windows: tv (n, 6, T) and uv (n, 6, U), float32, in the frame that the settings name.
+    """A batch of windows: tv (n, 6, T) and uv (n, 6, U), in the frame of reference of the settings.
 
-    on_map: where the roads are known, for predictors that look at lanes.
+    on_map: the same windows on their roads, if these are known, for predictors that look at lanes.
     """
 
     tv: Float32Array
@@ -175,16 +173,16 @@ class Windows:
 
 
 def lengths(records: Records, settings: WindowSettings) -> tuple[int, int]:
-    """Samples of a window in the TV's and in the UV's stream. InputError where a record is shorter than a window."""
+    """Return the samples per window of the TV's and the UV's stream. Raises InputError if records are too short."""
     tv, uv = round(settings.window_s * records.tv_rate_hz), round(settings.window_s * records.uv_rate_hz)
     if tv > records.tv.shape[2] or uv > records.uv.shape[2]:
-        have = records.uv.shape[2] / records.uv_rate_hz
-        raise InputError(f"windows.window_s {settings.window_s} is longer than the records ({have:g} s): shorten it")
+        length_s = records.uv.shape[2] / records.uv_rate_hz
+        raise InputError(f"windows.window_s {settings.window_s} exceeds the records ({length_s:g} s): shorten it")
     return tv, uv
 
 
 def fitting(records: Records, settings: WindowSettings) -> tuple[int, int]:
-    """First and last UV step at which a window that lies wholly inside a record may end."""
+    """Return the first and last UV sample at which a window that lies wholly inside a record can end."""
     n_tv, n_uv = lengths(records, settings)
     ratio = records.tv_rate_hz / records.uv_rate_hz
     first = max(n_uv - 1, int(np.ceil((n_tv - 1) / ratio - 1e-9)))
@@ -193,9 +191,9 @@ def fitting(records: Records, settings: WindowSettings) -> tuple[int, int]:
 
 
 def end_bounds(records: Records, settings: WindowSettings) -> tuple[IntArray, IntArray]:
-    """First and last UV step at which a window of each record may end, both (N,); last < first where none fits.
+    """Return the first and last UV sample at which a window of each record can end, (N,); last < first if none can.
 
-    The settings' range, cut to the ends at which the window lies wholly inside the record.
+    This is the range of the settings, limited to ends for which the window lies wholly inside the record.
     """
     first_fit, last_fit = fitting(records, settings)
     anchor = records.table[f"t_{settings.relative_to}"].to_numpy(dtype=np.float64)
@@ -212,9 +210,10 @@ def end_bounds(records: Records, settings: WindowSettings) -> tuple[IntArray, In
 
 
 def draw_ends(records: Records, settings: WindowSettings, *keys: str | int, per_record: int = 1) -> Ends:
-    """Window ends drawn uniformly, `per_record` of each record that can hold such a window.
+    """Draw window ends uniformly, `per_record` from each record that can hold such a window.
 
-    keys: name the draw (e.g. purpose, seed, epoch); a record's ends depend on them and on its sample_id alone.
+    keys: name the draw (such as purpose, seed, epoch); the ends of a record depend on them and on its sample_id alone.
+    Raises InputError if no record can hold such a window.
     """
     first, last = end_bounds(records, settings)
     usable = np.flatnonzero(last >= first)
@@ -232,7 +231,10 @@ def draw_ends(records: Records, settings: WindowSettings, *keys: str | int, per_
 
 
 def in_frame(tv: Array, uv: Array, settings: WindowSettings, tv_rate_hz: float, uv_rate_hz: float) -> Windows:
-    """Windows from streams (n, 6, T) and (n, 6, U) in the scenario's plane that end at the same instant."""
+    """Return windows in the frame of the settings, from streams (n, 6, T) and (n, 6, U) in the scenario's plane.
+
+    Both streams end at the same instant.
+    """
     if settings.frame != "absolute":
         tv, uv = to_relative(tv, uv)
     if settings.frame == "moving":
@@ -242,7 +244,7 @@ def in_frame(tv: Array, uv: Array, settings: WindowSettings, tv_rate_hz: float, 
 
 
 def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
-    """The windows that end there, in the settings' frame. ValueError where one does not lie inside its record."""
+    """Cut windows with these ends, in the frame of the settings. Raises ValueError if one is not inside its record."""
     n_tv, n_uv = lengths(records, settings)
     first, last = fitting(records, settings)
     if len(ends) and not (first <= ends.step.min() and ends.step.max() <= last):
@@ -258,16 +260,16 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
 
 
 def batches(records: Records, ends: Ends, settings: WindowSettings, size: int) -> Iterator[Windows]:
-    """The windows in order, `size` at a time."""
+    """Cut windows with these ends, in order, `size` at a time."""
     for k in range(0, len(ends), size):
         yield cut(records, ends[k : k + size], settings)
 
 
 def to_relative(tv: Array, uv: Array) -> tuple[Array, Array]:
-    """Both streams with the origin at the TV's first sample and x along the UV's heading; shapes are kept.
+    """Return both streams with the origin at the TV's first sample and x along the UV's heading; shapes are kept.
 
-    The heading is that of the UV's displacement over the window, the TV's where the UV stands; if both stand the axes
-    stay. Positions are shifted and rotated, velocities and accelerations rotated.
+    The heading is the direction of the UV's displacement over the window, or of the TV's if the UV stands still; if
+    both stand still, the axes stay. Positions are shifted and rotated, velocities and accelerations only rotated.
     """
     travel = _travel(uv)
     standing = np.hypot(travel[:, 0], travel[:, 1]) < MIN_TRAVEL_M
@@ -281,27 +283,27 @@ def to_relative(tv: Array, uv: Array) -> tuple[Array, Array]:
 
 
 def to_moving(tv: Array, uv: Array, end_s: float, uv_start_s: float) -> tuple[Array, Array]:
-    """Both streams seen from a frame that keeps the TV's velocity at the window's start; shapes are kept.
+    """Return both streams in a frame that moves with the TV's velocity at the start of the window; shapes are kept.
 
-    end_s, uv_start_s: times of both streams' last and of the UV's first sample, s after the TV's first. The velocity is
-    the mean over the first START_SHARE of the window, because one sensed sample is noisy.
+    end_s: time of the last sample of both streams, s after the TV's first one. uv_start_s: the same of the UV's first
+    sample. The velocity is the mean over the first START_SHARE of the window, because a single sample is noisy.
     """
     early = max(1, round(START_SHARE * tv.shape[2]))
     velocity = tv[:, 2:4, :early].mean(axis=2)[:, :, None]
-    seen = []
+    moved = []
     for states, first in ((tv, 0.0), (uv, uv_start_s)):
         drift = velocity * np.linspace(first, end_s, states.shape[2])
-        seen.append(np.concatenate([states[:, :2] - drift, states[:, 2:4] - velocity, states[:, 4:]], axis=1))
-    return seen[0], seen[1]
+        moved.append(np.concatenate([states[:, :2] - drift, states[:, 2:4] - velocity, states[:, 4:]], axis=1))
+    return moved[0], moved[1]
 
 
 def _travel(states: Array) -> Array:
-    """Displacement over the window, m, (n, 2)."""
+    """Return the displacement over the window, m, (n, 2)."""
     return states[:, :2, -1] - states[:, :2, 0]
 
 
 def _turned(states: Array, origin: Array, cos: Array, sin: Array) -> Array:
-    """States (n, 6, T) about an origin (n, 2), with x along (cos, sin), each (n,)."""
+    """Return states (n, 6, T) relative to an origin (n, 2), with x along (cos, sin), each (n,)."""
     pairs = states.reshape(len(states), 3, 2, -1)
     shift = np.zeros((len(states), 3, 2, 1))
     shift[:, 0, :, 0] = origin
@@ -311,21 +313,21 @@ def _turned(states: Array, origin: Array, cos: Array, sin: Array) -> Array:
 
 
 def _gather(states: Float32Array, row: IntArray, last: IntArray, n: int) -> Array:
-    """The n samples of each record that end at `last`, (len(row), 6, n) float64."""
+    """Return the n samples that end at `last` of each of some records, (len(row), 6, n)."""
     index = last[:, None] + np.arange(1 - n, 1)
     taken = states[row[:, None, None], np.arange(states.shape[1])[None, :, None], index[:, None, :]]
     return np.asarray(taken, dtype=np.float64)
 
 
 def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
-    """The sides `train`, `validation` and `test`, each a sorted list of `<scenario>-<seed>`.
+    """Split the scenario seeds into `train`, `validation` and `test`, each a sorted list of `<scenario>-<seed>`.
 
-    Training seeds beyond `training_share` are on a side `unused` that is there only with a share below 1: validation
+    Training seeds beyond `training_share` are on a side `unused`, which exists only if the share is below 1; validation
     and test seeds are the same for every share.
 
-    Of many random splits of the seeds the one is taken that leaves the fewest intentions off a side, known ones first,
-    and among those the one whose sides hold shares of every intention closest to the asked ones. InputError with fewer
-    than 3 seeds.
+    Of many random splits, the one is chosen in which the fewest intentions are missing from a side, known ones first;
+    among those, the one whose sides hold shares of every intention closest to the wanted ones. Raises InputError if
+    there are fewer than 3 seeds.
     """
     groups, of_record = np.unique(records.groups.astype(str), return_inverse=True)
     if len(groups) < 3:
@@ -352,7 +354,7 @@ def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:
 
 
 def _imbalance(side: IntArray, counts: Array, wanted: Array) -> tuple[int, int, float]:
-    """Known intentions missing from sides, all intentions missing, how far the sides' shares are from the wanted."""
+    """Return known intentions missing from sides, all intentions missing, and the deviation from the wanted shares."""
     held = np.stack([counts[side == k].sum(axis=0) for k in range(3)])
     present = counts.sum(axis=0) > 0
     missing = (held == 0) & present

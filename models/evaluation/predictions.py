@@ -12,7 +12,8 @@ from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from labeling.intentions import KNOWN, Intention
 from models.data.windows import Ends, Records, batches
-from models.run import Outputs, Run
+from models.predictors.protocol import Outputs
+from models.run import Run
 
 BATCH = 64
 """Windows that are predicted at once."""

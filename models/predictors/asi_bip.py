@@ -1,70 +1,74 @@
 """ASI-BIP: asynchronous spatio-temporal interaction behavioural intention prediction (Section III-C of the paper).
 
-Two bidirectional LSTMs run on the streams at their own rates; a Transformer encoder attends over both outputs behind a
-learned classification token, from which the intention is read.
+Two bidirectional LSTMs run over the streams, each at its own rate. A Transformer encoder attends over both outputs and
+a learned classification token, which gives the intention.
 """
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from isacsim.settings import Settings
-from models.predictors.network import N_STATES, WindowNetwork, linear_head
+from models.fit_settings import FitSettings
+from models.networks.network import N_STATES, WindowNetwork, linear_head
+from models.predictors.network_predictor import NetworkPredictor
+from models.predictors.protocol import WindowShape
 from models.predictors.statistics_branch import StatisticsBranch
 
 Streams = Literal["both", "tv", "uv"]
 
 
 class AsiBipSettings(Settings):
-    """Everything that the paper leaves open about its network."""
+    """Sizes of the network, and every point that the paper leaves open."""
 
-    hidden: int = Field(64, ge=1, description="units of one LSTM direction")
+    hidden: int = Field(64, ge=1, description="units per LSTM direction")
     lstm_layers: int = Field(1, ge=1, description="layers of each LSTM")
-    width: int = Field(128, ge=1, description="d of the tokens")
+    width: int = Field(128, ge=1, description="features per token, d")
     encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder")
     heads: int = Field(8, ge=1, description="attention heads")
-    feedforward: int = Field(256, ge=1, description="hidden units of the encoder's feed-forward blocks")
+    feedforward: int = Field(256, ge=1, description="hidden units of the feed-forward blocks in the encoder")
     norm_first: bool = Field(True, description="normalise before attention and feed-forward, not after")
-    dropout: float = Field(0.1, ge=0, lt=1, description="after projection, attention, feed-forward and before the head")
-    attention_dropout: float = Field(0.0, ge=0, lt=1, description="of attention weights; above 0 costs fused attention")
+    dropout: float = Field(0.1, ge=0, lt=1, description="dropout of projection, attention, feed-forward and head")
+    attention_dropout: float = Field(0.0, ge=0, lt=1, description="dropout of attention weights; 0 is faster")
     tokens: Literal["pooled", "literal"] = Field(
         "pooled",
-        description="pooled: LSTM outputs are averaged over tv_pool and uv_pool; literal: every output a token",
+        description="pooled: LSTM outputs averaged over tv_pool and uv_pool samples; literal: every output",
     )
-    tv_pool: int = Field(20, ge=1, description="TV samples a token, where pooled")
-    uv_pool: int = Field(5, ge=1, description="UV samples a token, where pooled")
+    tv_pool: int = Field(20, ge=1, description="TV samples per pooled token")
+    uv_pool: int = Field(5, ge=1, description="UV samples per pooled token")
     lstm_bfloat16: bool = Field(
         False,
         description="train the LSTMs in bfloat16, faster on processors that have it; predictions are always float32",
     )
     tv_patch: int = Field(
-        1, ge=1, description="extension, not in the paper: TV samples that one step of the LSTM takes side by side"
+        1, ge=1, description="extension, not in the paper: TV samples side by side in one step of the LSTM"
     )
-    uv_patch: int = Field(1, ge=1, description="extension, as tv_patch: UV samples of one step")
+    uv_patch: int = Field(1, ge=1, description="extension, like tv_patch: UV samples in one step")
     statistics: bool = Field(
         False,
-        description="extension, not in the paper: a third branch, an MLP over the statistics that the boosted trees "
-        "see, is added to the class token",
+        description="extension, not in the paper: add a third branch to the class token, an MLP on the statistics that "
+        "the boosted trees see",
     )
 
     @model_validator(mode="after")
     def _fit_together(self) -> Self:
         if self.width % self.heads:
-            raise ValueError(f"width {self.width} is no multiple of heads {self.heads}")
+            raise ValueError(f"width {self.width} is not a multiple of heads {self.heads}")
         for pool, patch in ((self.tv_pool, self.tv_patch), (self.uv_pool, self.uv_patch)):
             if self.tokens == "pooled" and pool % patch:
-                raise ValueError(f"a token of {pool} samples is no whole number of patches of {patch}")
+                raise ValueError(f"a token of {pool} samples is not a whole number of patches of {patch}")
         return self
 
 
 class AsiBip(WindowNetwork):
-    """The network. tv_length, uv_length: samples of a window in each stream.
+    """The network.
 
-    streams: "both" is the paper's; with one alone the other branch is left out (a floor).
+    tv_length, uv_length: samples per window of each stream. streams: "both" as in the paper; with one of them, the
+    branch of the other is left out.
     """
 
     def __init__(
@@ -92,15 +96,16 @@ class AsiBip(WindowNetwork):
         self.norm = nn.LayerNorm(settings.width)
 
     def fit_scale(self, tv: Tensor, uv: Tensor) -> None:
+        """Set the scale of streams and statistics to that of training windows (n, 6, T) and (n, 6, U)."""
         super().fit_scale(tv, uv)
         if self.statistics is not None:
-            self.statistics.fit_scale(*self._seen(*self.standardised(tv, uv)))
+            self.statistics.fit_scale(*self._streams(*self.standardised(tv, uv)))
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
-        """The encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
+        """Return the encoded classification token, (B, width), of standardised streams (B, 6, T) and (B, 6, U)."""
         class_token = self.class_token.expand(tv.shape[0], -1, -1)
         if self.statistics is not None:
-            class_token = class_token + self.statistics(*self._seen(tv, uv))[:, None]
+            class_token = class_token + self.statistics(*self._streams(tv, uv))[:, None]
         tokens = [class_token]
         if self.tv_branch is not None:
             tokens.append(self.tv_branch(tv))
@@ -108,15 +113,47 @@ class AsiBip(WindowNetwork):
             tokens.append(self.uv_branch(uv))
         return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))))
 
-    def _seen(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
-        """The streams that the network looks at."""
+    def _streams(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
+        """Return the streams that the network looks at."""
         return [x for x, branch in ((tv, self.tv_branch), (uv, self.uv_branch)) if branch is not None]
 
 
-class ClassTokenEncoder(nn.Module):
-    """A Transformer encoder of which the first token alone is asked.
+class AsiBipPredictor(NetworkPredictor):
+    """ASI-BIP as a predictor."""
 
-    The last layer makes nothing else: it attends to all tokens, but what it would make of them nobody reads.
+    display_name = "ASI-BIP"
+    summary = "two bidirectional LSTMs at their own rates, a Transformer encoder over both"
+    settings_class: ClassVar[type[Settings] | None] = AsiBipSettings
+    window_s = 10.3e-3
+    streams: ClassVar[Streams] = "both"
+
+    @classmethod
+    def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
+        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, shape.tv_length, shape.uv_length, cls.streams)
+
+
+class TvAlonePredictor(AsiBipPredictor):
+    """A floor: ASI-BIP without the UV's stream."""
+
+    display_name = "TV alone"
+    summary = "asi-bip with the stream of the TV alone"
+    window_s = 8.2e-3
+    streams = "tv"
+
+
+class UvAlonePredictor(AsiBipPredictor):
+    """A floor: ASI-BIP without the TV's stream."""
+
+    display_name = "UV alone"
+    summary = "asi-bip with the stream of the UV alone"
+    window_s = 2.5e-3
+    streams = "uv"
+
+
+class ClassTokenEncoder(nn.Module):
+    """A Transformer encoder of which only the first token is read.
+
+    The last layer attends to all tokens, but computes its output for the first one alone.
     """
 
     def __init__(self, settings: AsiBipSettings) -> None:
@@ -133,7 +170,7 @@ class ClassTokenEncoder(nn.Module):
         self.layers = nn.ModuleList(layers)
 
     def forward(self, tokens: Tensor) -> Tensor:
-        """The first token encoded, (B, width), of tokens (B, n, width)."""
+        """Return the first token encoded, (B, width), of tokens (B, n, width)."""
         *whole, last = self.layers
         for layer in whole:
             tokens = layer(tokens)
@@ -142,7 +179,7 @@ class ClassTokenEncoder(nn.Module):
 
 
 def first_of(layer: nn.TransformerEncoderLayer, tokens: Tensor) -> Tensor:
-    """The layer's first output, (B, width), of tokens (B, n, width); the others are not computed."""
+    """Return the first output of a layer, (B, width), of tokens (B, n, width); the others are not computed."""
     first = tokens[:, :1]
     context = layer.norm1(tokens) if layer.norm_first else tokens
     first = first + layer.dropout1(layer.self_attn(context[:, :1], context, context, need_weights=False)[0])
@@ -156,7 +193,7 @@ def first_of(layer: nn.TransformerEncoderLayer, tokens: Tensor) -> Tensor:
 class Branch(nn.Module):
     """One stream: patches, bidirectional LSTM, pooling, projection, learned position and stream embedding.
 
-    length: samples of the stream. patch: of them in one step of the LSTM. pool: steps in one token.
+    length: samples per window. patch: samples in one step of the LSTM. pool: steps in one token.
     """
 
     def __init__(self, settings: AsiBipSettings, length: int, patch: int, pool: int) -> None:
@@ -170,8 +207,8 @@ class Branch(nn.Module):
         self.dropout = nn.Dropout(settings.dropout)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Tokens (B, ceil(T / (patch pool)), width) of a standardised stream (B, 6, T)."""
-        # Time stays the first axis up to the tokens: transposing all LSTM outputs would cost as much as attention does.
+        """Return tokens (B, ceil(T / (patch pool)), width) of a standardised stream (B, 6, T)."""
+        # Time stays the first axis up to the tokens, because transposing all LSTM outputs costs as much as attention.
         with torch.autocast("cpu", torch.bfloat16, enabled=self.coarse and self.training):
             out = self.lstm(patches(x, self.patch))[0]
         out = pooled(out.to(x.dtype), self.pool)
@@ -180,9 +217,9 @@ class Branch(nn.Module):
 
 
 def patches(x: Tensor, size: int) -> Tensor:
-    """`size` samples side by side a step, (ceil(T / size), B, 6 size) of a stream (B, 6, T).
+    """Return steps of `size` samples side by side, (ceil(T / size), B, 6 size), of a stream (B, 6, T).
 
-    Patches end with the window's last sample; what the first one lacks is filled with the window's first sample.
+    The last patch ends with the window; the first one is padded with the window's first sample.
     """
     if size > 1:
         x = nn.functional.pad(x, (-x.shape[2] % size, 0), mode="replicate")
@@ -191,7 +228,7 @@ def patches(x: Tensor, size: int) -> Tensor:
 
 
 def pooled(x: Tensor, size: int) -> Tensor:
-    """Means over `size` steps of the first axis, (ceil(T / size), ...) of (T, ...); the last may be over fewer."""
+    """Return means over `size` steps of the first axis, (ceil(T / size), ...); the last may be over fewer."""
     if size == 1:
         return x
     whole = len(x) // size

@@ -1,14 +1,15 @@
 """CaSTFormer: causal spatio-temporal Transformer for driving intention, from its paper.
 
-Two streams of frames are projected, given a position and encoded by a causal Transformer each; RSF, CPE and FSN
-(`models.predictors.castformer_modules`) follow in the order of the settings, each of which may be left out. On windows
-a frame is `frame_s` of samples, the TV is the paper's `in` stream and the UV its `out` stream.
+Each of two streams of frames is projected, given a position code and encoded by a causal Transformer. The modules RSF,
+CPE and FSN (`models.predictors.castformer_modules`) follow, in the order of the settings; each can be turned off. For
+windows, a frame holds the samples of `frame_s`; the TV is the paper's `in` stream and the UV its `out` stream.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import ClassVar, Literal, Self
 
 import torch
 from pydantic import Field, model_validator
@@ -16,6 +17,9 @@ from torch import Tensor, nn
 
 from isacsim.errors import InputError
 from isacsim.settings import Settings
+from models.fit_settings import FitSettings
+from models.networks.losses import focal_loss
+from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.castformer_modules import (
     Attention,
     CausalPatternExtraction,
@@ -26,50 +30,50 @@ from models.predictors.castformer_modules import (
     State,
     joint,
 )
-from models.predictors.losses import focal_loss
-from models.predictors.network import N_STATES, WindowNetwork, linear_head
+from models.predictors.network_predictor import NetworkPredictor
+from models.predictors.protocol import WindowShape
 
 Order = Literal["rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf"]
 SPEED_UNIT_M_S = 10.0
-"""Speeds enter in this unit, in which they are of order 1."""
+"""Unit of the speed input, m/s, in which speeds are of order 1."""
 PAPER_OPTIMISER = {"epochs": 160, "batch": 16, "learning_rate": 1e-3}
-"""What the paper trained with, by the names of `OptimiserSettings`."""
+"""The optimiser of the paper, by the names of `OptimiserSettings`."""
 
 
 class CastformerSettings(Settings):
-    """The network's sizes, its three modules, and every point that the paper leaves open."""
+    """Sizes of the network, its three modules, and every point that the paper leaves open."""
 
-    frame_s: float = Field(0.1, gt=0, description="length of a frame of a window, s")
-    width: int = Field(64, ge=1, description="D, features of a frame")
+    frame_s: float = Field(0.1, gt=0, description="length of a frame, s")
+    width: int = Field(64, ge=1, description="features per frame, D")
     heads: int = Field(8, ge=1, description="attention heads")
-    encoder_layers: int = Field(2, ge=1, description="layers of each stream's Transformer encoder")
-    feedforward: int = Field(128, ge=1, description="hidden units of the encoders' feed-forward blocks and of FSN's")
-    dropout: float = Field(0.1, ge=0, lt=1, description="of encoders, attention, RSF and before the logits")
-    causal_encoder: bool = Field(True, description="no frame of an encoder sees a later one")
+    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder of each stream")
+    feedforward: int = Field(128, ge=1, description="hidden units of the feed-forward blocks in encoders and FSN")
+    dropout: float = Field(0.1, ge=0, lt=1, description="dropout in encoders, attention and RSF, and before the logits")
+    causal_encoder: bool = Field(True, description="encoders do not let a frame see a later one")
     rsf: bool = Field(True, description="reciprocal shift fusion")
     cpe: bool = Field(True, description="causal pattern extraction")
     fsn: bool = Field(True, description="feature synthesis; without it the streams are concatenated")
-    order: Order = Field("rsf-cpe-fsn", description="of the modules that are on")
+    order: Order = Field("rsf-cpe-fsn", description="order of the modules that are on")
     attention: Attention = Field(
         "bda",
-        description="whose past RSF attends to. bda: each stream to the other's; self: to its own; joint: to both; "
-        "one_way: `in` to that of `out`, `out` to its own",
+        description="the past that RSF attends to. bda: each stream to that of the other; self: to its own; joint: to "
+        "both; one_way: `in` to that of `out`, `out` to its own",
     )
-    delay_frames: int = Field(1, ge=0, description="by which keys are delayed; 0 lets a frame see its own instant")
+    delay_frames: int = Field(1, ge=0, description="delay of the keys; with 0 a frame sees its own instant")
     residual: bool = Field(False, description="RSF adds to a stream instead of replacing it")
     detach_mean: bool = Field(True, description="no gradient through the mean in the counterfactual")
-    intent_source: Source = Field("in", description="stream that the coarse intention is read from; the paper's: out")
-    alpha: float = Field(0.1, ge=0, description="weight of the intention loss")
+    intent_source: Source = Field("in", description="stream that gives the coarse intention; in the paper: out")
+    alpha: float = Field(0.1, ge=0, description="weight of the loss of the coarse intention")
 
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:
         if self.width % self.heads:
-            raise ValueError(f"width {self.width} is no multiple of heads {self.heads}")
+            raise ValueError(f"width {self.width} is not a multiple of heads {self.heads}")
         return self
 
     @property
     def modules(self) -> list[str]:
-        """The modules that are on, in their order."""
+        """The modules that are on, in order."""
         return [name for name in self.order.split("-") if getattr(self, name)]
 
 
@@ -89,7 +93,7 @@ class StreamEncoder(nn.Module):
         self.dropout = nn.Dropout(settings.dropout)
 
     def forward(self, frames: Tensor) -> Tensor:
-        """(B, T, D) of frames (B, T, in_width)."""
+        """Return (B, T, D) of frames (B, T, in_width)."""
         x = self.project(frames)
         x = self.dropout(x + positions(x.shape[1], x.shape[2]).to(x))
         mask = None
@@ -99,14 +103,14 @@ class StreamEncoder(nn.Module):
 
 
 def positions(length: int, width: int) -> Tensor:
-    """Sinusoidal position code, (T, D). Source: Vaswani et al. 2017, Section 3.5."""
+    """Return the sinusoidal position code, (T, D). Source: Vaswani et al. 2017, Section 3.5."""
     at = torch.arange(length)[:, None]
     rate = torch.exp(-math.log(10_000.0) * (torch.arange(width) // 2 * 2) / width)
     return torch.where(torch.arange(width) % 2 == 0, torch.sin(at * rate), torch.cos(at * rate))
 
 
 class CastformerCore(nn.Module):
-    """The network on frames of any width: `in` (B, T, in_width), `out` (B, T, out_width), speed (B, T, 1) or none.
+    """The network on frames of any width: `in` (B, T, in_width), `out` (B, T, out_width), speed (B, T, 1) or None.
 
     The original features of Brain4Cars are 65 and 33 wide, the speed being the last of each.
     """
@@ -130,42 +134,42 @@ class CastformerCore(nn.Module):
         )
 
     def states(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> State:
-        """What the last module says of every frame."""
+        """Return the state after the last module, at every frame."""
         state = State(self.inner(inner), self.outer(outer), speed)
         for stage in self.stages:
             state = stage(state)
         return state
 
     def features(self, state: State) -> Tensor:
-        """What the logits are read from, at the last frame: the three branches, or the concatenated streams.
+        """Return the features of the last frame, (B, features_width): the three branches, or the concatenated streams.
 
-        (B, features_width). Without FSN the intention token stands behind the streams.
+        Without FSN, the intention token follows the streams, if there is one.
         """
         third = state.context if state.context is not None else state.token
         parts = (state.inner, state.outer) if third is None else (state.inner, state.outer, third)
         return torch.cat([x[:, -1] for x in parts], dim=1)
 
-    def answers(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
-        """Logits (B, M) by name: `joint`, and where there are such modules `in`, `out`, `context`, `intent`."""
+    def training_logits(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
+        """Return logits (B, M) by name: `joint`; with FSN `in`, `out` and `context`; with CPE `intent`."""
         state = self.states(inner, outer, speed)
         features = self.features(state)
         if isinstance(self.head, Confidence):
             logits, weight = self.head.branches(features)
-            said = {"joint": joint(logits, weight)}
-            said |= dict(zip(("in", "out", "context"), logits.unbind(dim=1), strict=True))
+            by_name = {"joint": joint(logits, weight)}
+            by_name |= dict(zip(("in", "out", "context"), logits.unbind(dim=1), strict=True))
         else:
-            said = {"joint": self.head(features)}
+            by_name = {"joint": self.head(features)}
         if state.intent is not None:
-            said["intent"] = state.intent[:, -1]
-        return said
+            by_name["intent"] = state.intent[:, -1]
+        return by_name
 
     def forward(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> Tensor:
-        """Joint logits, (B, M)."""
+        """Return the joint logits, (B, M)."""
         return torch.as_tensor(self.head(self.features(self.states(inner, outer, speed))))
 
 
 def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool, speed: bool) -> nn.Module:
-    """One of the three modules; token: whether an intention token was extracted before it."""
+    """Return one of the three modules. token: whether a module before it extracts an intention token."""
     attention = settings.width, settings.heads, settings.dropout, settings.delay_frames
     if name == "rsf":
         return ReciprocalShiftFusion(*attention, settings.attention, settings.residual)
@@ -174,66 +178,74 @@ def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool,
     return FeatureSynthesis(settings.width, settings.feedforward, token, speed)
 
 
-def castformer_loss(said: dict[str, Tensor], label: Tensor, weight: Tensor | None, alpha: float) -> Tensor:
-    """Mean cross-entropy of all branches and the joint logits, plus alpha times that of the coarse intention.
+def castformer_loss(logits: dict[str, Tensor], label: Tensor, weight: Tensor | None, alpha: float) -> Tensor:
+    """Return the mean cross-entropy of all branches and the joint logits, plus alpha times that of the intention.
 
-    said: logits by name (`CastformerCore.answers`). weight: of the classes, (M,), if any. Source: Eq. (12).
+    logits: by name, as `CastformerCore.training_logits` returns them. label: (B,). weight: of the classes, (M,), all 1
+    if None. Source: Eq. (12).
     """
-    main = [focal_loss(logits, label, weight, 0.0) for name, logits in said.items() if name != "intent"]
+    main = [focal_loss(values, label, weight, 0.0) for name, values in logits.items() if name != "intent"]
     loss = torch.stack(main).mean()
-    if "intent" in said:
-        loss = loss + alpha * focal_loss(said["intent"], label, weight, 0.0)
+    if "intent" in logits:
+        loss = loss + alpha * focal_loss(logits["intent"], label, weight, 0.0)
     return loss
 
 
 class Castformer(WindowNetwork):
-    """CaSTFormer on windows. tv_length, uv_length: samples of a window in each stream, at rates of Hz.
+    """CaSTFormer on windows.
 
-    Where a window is no whole number of frames its earliest samples are left out. The speed is the TV's in the
-    window's frame of reference. InputError where a window is shorter than two frames.
+    If a window is not a whole number of frames, its earliest samples are left out. The speed is that of the TV in the
+    window's frame of reference. Raises InputError if a window is shorter than two frames.
     """
 
-    def __init__(
-        self,
-        settings: CastformerSettings,
-        n_classes: int,
-        tv_length: int,
-        uv_length: int,
-        tv_rate_hz: float,
-        uv_rate_hz: float,
-    ) -> None:
-        frame = [max(1, round(settings.frame_s * rate)) for rate in (tv_rate_hz, uv_rate_hz)]
-        count = min(tv_length // frame[0], uv_length // frame[1])
+    def __init__(self, settings: CastformerSettings, shape: WindowShape) -> None:
+        frame = [max(1, round(settings.frame_s * rate)) for rate in (shape.tv_rate_hz, shape.uv_rate_hz)]
+        count = min(shape.tv_length // frame[0], shape.uv_length // frame[1])
         if count < 2:
             raise InputError(f"castformer.frame_s {settings.frame_s:g}: a window has fewer than two frames; shorten it")
-        super().__init__(n_classes)
+        super().__init__(shape.n_classes)
         self.settings, self.frame, self.count = settings, frame, count
-        self.core = CastformerCore(settings, n_classes, N_STATES * frame[0], N_STATES * frame[1], speed=True)
+        self.core = CastformerCore(settings, shape.n_classes, N_STATES * frame[0], N_STATES * frame[1], speed=True)
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
-        """Features (B, features_width) of standardised streams (B, 6, T) and (B, 6, U)."""
+        """Return features (B, features_width) of standardised streams (B, 6, T) and (B, 6, U)."""
         return self.core.features(self.core.states(*self.frames(tv, uv)))
 
     def classify(self, features: Tensor) -> Tensor:
-        """Joint logits (B, n_classes) of features."""
+        """Return the joint logits (B, n_classes) of features."""
         return torch.as_tensor(self.core.head(features))
 
     def frames(self, tv: Tensor, uv: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Frames (B, count, 6 n) of both standardised streams, and the TV's speed at the end of each, (B, count, 1)."""
+        """Return frames (B, count, 6 n) of both standardised streams, and the TV's speed at each end, (B, count, 1)."""
         inner, outer = (in_frames(x, n, self.count) for x, n in ((tv, self.frame[0]), (uv, self.frame[1])))
         velocity = tv[:, 2:4] * self.tv_sd[2:4] + self.tv_mean[2:4]
         ends = velocity[:, :, self.frame[0] - 1 + tv.shape[2] - self.count * self.frame[0] :: self.frame[0]]
         return inner, outer, ends.square().sum(dim=1).add(1e-6).sqrt()[:, :, None] / SPEED_UNIT_M_S
 
-    def answers(self, tv: Tensor, uv: Tensor) -> dict[str, Tensor]:
-        return self.core.answers(*self.frames(*self.standardised(tv, uv)))
+    def training_logits(self, tv: Tensor, uv: Tensor) -> dict[str, Tensor]:
+        """Return logits (B, n_classes) by name, as `CastformerCore.training_logits` does."""
+        return self.core.training_logits(*self.frames(*self.standardised(tv, uv)))
 
-    def loss(self, said: dict[str, Tensor], label: Tensor, weight: Tensor | None, gamma: float) -> Tensor:
-        """Eq. (12); gamma, of the focal loss, has no part in it."""
-        return castformer_loss({k: v.float() for k, v in said.items()}, label, weight, self.settings.alpha)
+    def loss(self, logits: dict[str, Tensor], label: Tensor, weight: Tensor | None, gamma: float) -> Tensor:
+        """Return the loss of Eq. (12); gamma, of the focal loss, is not used."""
+        return castformer_loss({k: v.float() for k, v in logits.items()}, label, weight, self.settings.alpha)
+
+
+class CastformerPredictor(NetworkPredictor):
+    """CaSTFormer as a predictor, trained with the paper's optimiser unless other values are given."""
+
+    display_name = "CaSTFormer"
+    summary = "causal spatio-temporal Transformer on frames of 0.1 s"
+    settings_class: ClassVar[type[Settings] | None] = CastformerSettings
+    optimiser_defaults: ClassVar[Mapping[str, object]] = PAPER_OPTIMISER
+    window_s = 2.4e-3
+
+    @classmethod
+    def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
+        return Castformer(settings.of(CastformerSettings), shape)
 
 
 def in_frames(x: Tensor, size: int, count: int) -> Tensor:
-    """The last `count` frames of `size` samples of a stream (B, 6, T), (B, count, 6 size)."""
+    """Return the last `count` frames of `size` samples of a stream (B, 6, T), (B, count, 6 size)."""
     x = x[:, :, x.shape[2] - count * size :]
     return x.reshape(x.shape[0], x.shape[1], count, size).transpose(1, 2).flatten(2)

@@ -1,7 +1,7 @@
 """The three modules of CaSTFormer: reciprocal shift fusion, causal pattern extraction, feature synthesis.
 
-All of them work on whole sequences (B, T, D), and none lets a frame see a later one, so that they may stand in any
-order; CaSTFormer reads the last frame. `inner` and `outer` are the paper's `in` and `out` streams.
+All of them map whole sequences (B, T, D) to sequences, and none lets a frame see a later one, so they can follow each
+other in any order. CaSTFormer reads the last frame. `inner` and `outer` are the paper's `in` and `out` streams.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from torch import Tensor, nn
 Attention = Literal["bda", "self", "joint", "one_way"]
 Source = Literal["in", "out"]
 EPSILON = 1e-6
+"""Keeps norms and quotients finite."""
 
 
 @dataclass(frozen=True)
 class State:
-    """What goes from module to module, (B, T, D) each but where said.
+    """What one module hands to the next: sequences (B, T, D), unless stated otherwise.
 
-    context: the interaction branch, once features were synthesised. intent: logits of the coarse intention, (B, T, M),
-    and token, its embedding, once causal patterns were extracted. speed: (B, T, 1), where there is one.
+    context: the interaction branch, after feature synthesis. intent: logits of the coarse intention, (B, T, M), and
+    token, its embedding, after causal pattern extraction. speed: (B, T, 1), if there is one.
     """
 
     inner: Tensor
@@ -34,33 +35,33 @@ class State:
 
 
 def shifted(x: Tensor, frames: int) -> Tensor:
-    """A sequence (B, T, D) delayed by that many frames, zeros in front. Eq. (1)."""
+    """Return a sequence (B, T, D) delayed by a number of frames, with zeros in front. Source: Eq. (1)."""
     if frames == 0:
         return x
     return torch.cat((torch.zeros_like(x[:, :frames]), x[:, : x.shape[1] - frames]), dim=1)
 
 
 def delayed_mask(length: int, frames: int, device: torch.device | None = None) -> Tensor:
-    """Which delayed keys each query must not see, (T, T) bool, True is hidden.
+    """Return which delayed keys are hidden from each query, (T, T), True for hidden.
 
-    Query t sees what was there up to frame t - `frames`. The zeros in front are hidden from all but the first
-    queries, which would see nothing else.
+    Query t sees the original frames up to t - `frames`. The zeros in front are hidden from all but the first queries,
+    which would otherwise see nothing at all.
     """
     query = torch.arange(length, device=device)[:, None]
     key = torch.arange(length, device=device)[None, :]
-    seen = ((key >= frames) & (key <= query)) | ((query < frames) & (key == 0))
-    return ~seen
+    visible = ((key >= frames) & (key <= query)) | ((query < frames) & (key == 0))
+    return ~visible
 
 
 def running_mean(x: Tensor, frames: int) -> Tensor:
-    """Mean of the delayed keys that each query sees, (B, T, D); at the last frame the mean over the whole stream."""
+    """Return the mean of the delayed keys that each query sees, (B, T, D), of a stream (B, T, D)."""
     total = shifted(x, frames).cumsum(dim=1)
     count = torch.arange(1, x.shape[1] + 1, device=x.device) - frames
     return total / count.clamp(min=1).to(x.dtype)[:, None]
 
 
 class DelayedAttention(nn.Module):
-    """Multi-head attention to delayed keys, Eq. (2)."""
+    """Multi-head attention to keys that are delayed by a number of frames, Eq. (2)."""
 
     def __init__(self, width: int, heads: int, dropout: float, frames: int) -> None:
         super().__init__()
@@ -68,16 +69,16 @@ class DelayedAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, dropout, batch_first=True)
 
     def forward(self, query: Tensor, *streams: Tensor) -> Tensor:
-        """(B, T, D) of queries (B, T, D) and one or more streams of keys, all of the same shape."""
+        """Return (B, T, D) for queries (B, T, D) and one or more streams of keys of the same shape."""
         mask = delayed_mask(query.shape[1], self.frames, query.device)
         keys = torch.cat([shifted(x, self.frames) for x in streams], dim=1)
         out = self.attention(query, keys, keys, attn_mask=mask.repeat(1, len(streams)), need_weights=False)[0]
         return torch.as_tensor(out)
 
     def uniform(self, mean: Tensor) -> Tensor:
-        """The attention's answer where every key is `mean`, (B, T, D).
+        """Return the output of the attention if every key were `mean`, (B, T, D).
 
-        Equal keys get weights that sum to 1 whatever the query: only the value and output projections are left.
+        Equal keys get weights that sum to 1, whatever the query, so only the value and output projections remain.
         """
         width = mean.shape[-1]
         value = nn.functional.linear(
@@ -87,7 +88,7 @@ class DelayedAttention(nn.Module):
 
 
 class ChannelGate(nn.Module):
-    """Two gating layers over channels, root-mean-square norm, dropout: Eq. (3) to (5)."""
+    """Two gating layers over channels, a root-mean-square norm and dropout: Eq. (3) to (5)."""
 
     def __init__(self, width: int, dropout: float) -> None:
         super().__init__()
@@ -96,11 +97,12 @@ class ChannelGate(nn.Module):
         self.dropout = nn.Dropout(dropout)
 
     def forward(self, x: Tensor) -> Tensor:
+        """Return a gated sequence, (B, T, D), of one of the same shape."""
         return torch.as_tensor(self.dropout(self.norm(self.gate(x) * x)))
 
 
 class ReciprocalShiftFusion(nn.Module):
-    """RSF: each stream attends to the past of the one that the attention design names, then its channels are gated."""
+    """RSF: each stream attends to the past that the attention design names, then its channels are gated."""
 
     def __init__(
         self, width: int, heads: int, dropout: float, frames: int, attention: Attention, residual: bool
@@ -111,21 +113,23 @@ class ReciprocalShiftFusion(nn.Module):
         self.gate = nn.ModuleList(ChannelGate(width, dropout) for _ in range(2))
 
     def forward(self, state: State) -> State:
+        """Return the state with both streams fused."""
         fused = []
-        for k, (own, other) in enumerate(((state.inner, state.outer), (state.outer, state.inner))):
-            x = self.gate[k](self.attend[k](own, *self._keys(k, own, other)))
-            fused.append(own + x if self.residual else x)
+        for k, (stream, other) in enumerate(((state.inner, state.outer), (state.outer, state.inner))):
+            x = self.gate[k](self.attend[k](stream, *self._keys(k, stream, other)))
+            fused.append(stream + x if self.residual else x)
         return State(fused[0], fused[1], state.speed, state.context, state.intent, state.token)
 
-    def _keys(self, k: int, own: Tensor, other: Tensor) -> tuple[Tensor, ...]:
+    def _keys(self, k: int, stream: Tensor, other: Tensor) -> tuple[Tensor, ...]:
+        """Return the streams that the k-th stream attends to; 0 is `inner`, 1 is `outer`."""
         if self.design == "joint":
-            return own, other
-        alone = self.design == "self" or (self.design == "one_way" and k == 1)
-        return (own,) if alone else (other,)
+            return stream, other
+        to_itself = self.design == "self" or (self.design == "one_way" and k == 1)
+        return (stream,) if to_itself else (other,)
 
 
 class CausalResidual(nn.Module):
-    """What a stream's attention to the other adds over attention to the other's mean: Eq. (6) to (8)."""
+    """What attention to the other stream adds over attention to that stream's mean: Eq. (6) to (8)."""
 
     def __init__(self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool) -> None:
         super().__init__()
@@ -133,26 +137,27 @@ class CausalResidual(nn.Module):
         self.attend = DelayedAttention(width, heads, dropout, frames)
         self.gate = nn.Linear(width, 1)
 
-    def forward(self, own: Tensor, other: Tensor) -> Tensor:
-        residual = self.residual(own, other)
-        return own + torch.sigmoid(self.gate(residual)) * residual
+    def forward(self, stream: Tensor, other: Tensor) -> Tensor:
+        """Return a stream with its gated residual, (B, T, D)."""
+        residual = self.residual(stream, other)
+        return stream + torch.sigmoid(self.gate(residual)) * residual
 
-    def residual(self, own: Tensor, other: Tensor) -> Tensor:
-        """Observed minus counterfactual attention, orthogonal to the mean of the other stream, (B, T, D)."""
+    def residual(self, stream: Tensor, other: Tensor) -> Tensor:
+        """Return observed minus counterfactual attention, made orthogonal to the other stream's mean, (B, T, D)."""
         mean = running_mean(other, self.attend.frames)
-        delta = self.attend(own, other) - self.counterfactual(mean)
+        delta = self.attend(stream, other) - self.counterfactual(mean)
         share = (delta * mean).sum(dim=-1, keepdim=True) / (mean.square().sum(dim=-1, keepdim=True) + EPSILON)
         return torch.as_tensor(delta - share * mean)
 
     def counterfactual(self, mean: Tensor) -> Tensor:
-        """Attention had the other stream always been its mean, (B, T, D)."""
+        """Return the attention if the other stream had always been its mean, (B, T, D)."""
         return self.attend.uniform(mean.detach() if self.detach_mean else mean)
 
 
 class CausalPatternExtraction(nn.Module):
     """CPE: gated causal residuals, and the coarse intention as a token: Eq. (6) to (9).
 
-    The token is left to the modules behind; where features are synthesised already, it is added to their context.
+    Later modules use the token; if features are synthesised already, it is added to their context.
     """
 
     def __init__(
@@ -166,6 +171,7 @@ class CausalPatternExtraction(nn.Module):
         self.embed = nn.Linear(n_classes, width, bias=False)
 
     def forward(self, state: State) -> State:
+        """Return the state with causal streams, coarse intention and token."""
         inner, outer = self.inner(state.inner, state.outer), self.outer(state.outer, state.inner)
         intent = self.classify(inner if self.source == "in" else outer)
         token = self.embed(intent.softmax(dim=-1))
@@ -176,7 +182,7 @@ class CausalPatternExtraction(nn.Module):
 class FeatureSynthesis(nn.Module):
     """FSN: the residual branches of Eq. (10). Their confidence weights are in `Confidence`.
 
-    token, speed: whether the state comes with an intention token and with a speed.
+    token, speed: whether the state has an intention token and a speed.
     """
 
     def __init__(self, width: int, hidden: int, token: bool, speed: bool) -> None:
@@ -188,6 +194,7 @@ class FeatureSynthesis(nn.Module):
         )
 
     def forward(self, state: State) -> State:
+        """Return the state with the three branches of synthesised features."""
         token = [state.token] if self.token and state.token is not None else []
         speed = [state.speed] if self.speed and state.speed is not None else []
         inner, outer = state.inner, state.outer
@@ -198,7 +205,7 @@ class FeatureSynthesis(nn.Module):
 
 
 class Confidence(nn.Module):
-    """Logits of the three branches, and their sum weighted by confidence: Eq. (11)."""
+    """The logits of the three branches, and their sum weighted by confidence: Eq. (11)."""
 
     def __init__(self, width: int, n_classes: int, dropout: float) -> None:
         super().__init__()
@@ -207,18 +214,18 @@ class Confidence(nn.Module):
         self.confidence = nn.ModuleList(nn.Linear(width, 1, bias=False) for _ in range(3))
 
     def branches(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (B, 3, M) and weights (B, 3) of features (B, 3 D): inner, outer, context."""
+        """Return logits (B, 3, M) and weights (B, 3) of features (B, 3 D): inner, outer, context."""
         parts = self.dropout(features).chunk(3, dim=-1)
         logits = torch.stack([layer(x) for layer, x in zip(self.classify, parts, strict=True)], dim=1)
         score = torch.cat([layer(x) for layer, x in zip(self.confidence, parts, strict=True)], dim=1)
         return logits, score.softmax(dim=1)
 
     def forward(self, features: Tensor) -> Tensor:
-        """Joint logits (B, M)."""
+        """Return joint logits (B, M) of features (B, 3 D)."""
         logits, weight = self.branches(features)
         return joint(logits, weight)
 
 
 def joint(logits: Tensor, weight: Tensor) -> Tensor:
-    """(B, M) of branch logits (B, 3, M) and weights (B, 3). Eq. (11)."""
+    """Return the weighted sum (B, M) of branch logits (B, 3, M) with weights (B, 3). Source: Eq. (11)."""
     return (weight[:, :, None] * logits).sum(dim=1)

@@ -1,16 +1,16 @@
-"""MiniRocket as a floor: random convolutions of both streams, read by a ridge classifier.
+"""MiniRocket as a floor: random convolutions of both streams, and a ridge classifier on their features.
 
-An optional extra, `pip install 'isac-cosim[minirocket]'`: aeon has the convolutions. A trained one is stored as plain
-arrays. Source: Dempster, Schmidt & Webb 2021.
+It needs an optional extra, `pip install 'isac-cosim[minirocket]'`, because aeon implements the convolutions. A trained
+one is stored as plain arrays. Source: Dempster, Schmidt & Webb 2021.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,35 +18,71 @@ from pydantic import Field
 from sklearn.linear_model import RidgeClassifierCV
 
 from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.errors import InputError
+from isacsim.feedback import Feedback
+from isacsim.files import replace_file
 from isacsim.settings import Settings
-from models.data.windows import Windows
-from models.predictors.network import N_STATES
+from models.data.windows import Windows, cut
+from models.fit_settings import FitSettings
+from models.networks.network import N_STATES
+from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, among_known
 
+ROCKET_FILE = "minirocket.npz"
 KERNELS = 84
-"""Every set of MiniRocket's kernels has so many."""
+"""The number of kernels of every MiniRocket."""
 PARTS = ("channels_each", "channels", "dilations", "features_each", "biases")
 """What a fitted transform consists of, in aeon's order: number of channels of every kernel with every dilation, which
-ones these are, dilations, features of every dilation, and the bias of every feature.
+channels these are, dilations, features of every dilation, and the bias of every feature.
 """
 PENALTIES = np.logspace(-3, 3, 10)
-"""Of the ridge, of which leave-one-out validation chooses."""
+"""Penalties of the ridge, from which leave-one-out validation chooses."""
 
 
 class MinirocketSettings(Settings):
     """Size of the transform, and what it is trained on."""
 
-    features: int = Field(10_000, ge=2 * KERNELS, description="features of a window, half of each stream, about")
-    ends_per_record: int = Field(1, ge=1, description="training windows drawn of each record")
+    features: int = Field(
+        10_000, ge=2 * KERNELS, description="approximate number of features per window, half of them of each stream"
+    )
+    ends_per_record: int = Field(1, ge=1, description="training windows per record")
+
+
+class MinirocketPredictor(Predictor):
+    """A trained MiniRocket. Its features are its logits, because those of its transform are too many to keep."""
+
+    display_name = "MiniRocket"
+    summary = "random convolutions of both streams and a ridge classifier (optional extra)"
+    settings_class: ClassVar[type[Settings] | None] = MinirocketSettings
+    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
+
+    def __init__(self, rocket: Rocket) -> None:
+        self.rocket = rocket
+
+    @classmethod
+    def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        settings = task.settings.of(MinirocketSettings)
+        ends, label = task.training_ends(settings.ends_per_record)
+        windows = cut(task.training, ends, task.settings.windows)
+        return cls(fit_rocket(windows, label, settings, task.settings.seed))
+
+    def save(self, folder: Path) -> None:
+        replace_file(folder / ROCKET_FILE, lambda path: write_rocket(self.rocket, path))
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        return cls(read_rocket(folder / ROCKET_FILE, (shape.tv_length, shape.uv_length)))
+
+    def __call__(self, windows: Windows) -> Outputs:
+        logits = among_known(self.rocket.decide(windows), self.rocket.classes)
+        return Outputs(logits, logits)
 
 
 @dataclass(frozen=True)
 class Rocket:
     """A trained MiniRocket.
 
-    rockets: aeon's transforms of the TV's and of the UV's stream. mean, sd: (2, 6), what their channels are
-    standardised by; centre, scale: (F,), what the features are. weight: (F, G) and offset: (G,) of the ridge.
-    classes: (G,), the intentions it was taught.
+    rockets: aeon's transforms of the TV's and of the UV's stream. mean, sd: (2, 6), of the components of the streams,
+    which are standardised by them. centre, scale: (F,), the same of the features. weight: (F, G) and offset: (G,) of
+    the ridge. classes: (G,), the intentions it was taught.
     """
 
     rockets: tuple[Any, Any]
@@ -59,21 +95,21 @@ class Rocket:
     classes: IntArray
 
     def decide(self, windows: Windows) -> Array:
-        """The ridge's values, (n, G): 1 is what it was taught for a class, -1 for the others."""
+        """Return the values of the ridge, (n, G); it is fitted to 1 for the true class and to -1 for the others."""
         features = transformed(self.rockets, standardised(windows, self.mean, self.sd))
         return ((features - self.centre) / self.scale) @ self.weight + self.offset
 
 
 def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, seed: int) -> Rocket:
-    """Train on windows with labels (n,), classes weighted by inverse frequency. InputError where aeon is missing."""
-    kind = rocket_kind()
+    """Fit to windows with labels (n,), classes weighted by inverse frequency."""
+    transform_class = rocket_class()
     streams = (windows.tv, windows.uv)
     mean = np.stack([x.mean(axis=(0, 2), dtype=np.float64) for x in streams])
     sd = np.stack([x.std(axis=(0, 2), dtype=np.float64) + 1e-6 for x in streams])
-    seen = standardised(windows, mean, sd)
-    each = settings.features // 2
-    rockets = tuple(kind(n_kernels=each, random_state=seed % 2**31).fit(x) for x in seen)
-    features = transformed(rockets, seen)
+    scaled = standardised(windows, mean, sd)
+    count = settings.features // 2
+    rockets = tuple(transform_class(n_kernels=count, random_state=seed % 2**31).fit(x) for x in scaled)
+    features = transformed(rockets, scaled)
     centre, scale = features.mean(axis=0, dtype=np.float64), features.std(axis=0, dtype=np.float64) + 1e-6
     ridge = RidgeClassifierCV(PENALTIES, class_weight="balanced").fit((features - centre) / scale, label)
     weight, offset = np.atleast_2d(ridge.coef_).T, np.atleast_1d(ridge.intercept_)
@@ -83,7 +119,7 @@ def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, 
 
 
 def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32Array, Float32Array]:
-    """Both streams by the channels' means and standard deviations, (2, 6)."""
+    """Return both streams standardised by means and standard deviations of their components, (2, 6)."""
     tv, uv = (
         ((x - m[:, None]) / s[:, None]).astype(np.float32)
         for x, m, s in zip((windows.tv, windows.uv), mean, sd, strict=True)
@@ -92,49 +128,53 @@ def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32Array
 
 
 def transformed(rockets: tuple[Any, ...], streams: tuple[Float32Array, Float32Array]) -> Float32Array:
-    """Features (n, F) of standardised streams (n, 6, T) and (n, 6, U)."""
-    return np.concatenate([each.transform(x) for each, x in zip(rockets, streams, strict=True)], axis=1)
+    """Return features (n, F) of standardised streams (n, 6, T) and (n, 6, U)."""
+    return np.concatenate([rocket.transform(x) for rocket, x in zip(rockets, streams, strict=True)], axis=1)
 
 
 def write_rocket(rocket: Rocket, path: Path) -> None:
-    """Write it as arrays."""
+    """Write a trained MiniRocket as plain arrays."""
     arrays = {name: getattr(rocket, name) for name in ("mean", "sd", "centre", "scale", "weight", "offset", "classes")}
-    for k, each in enumerate(rocket.rockets):
-        arrays |= {f"{name}_{k}": part for name, part in zip(PARTS, each.parameters, strict=True)}
+    for k, transform in enumerate(rocket.rockets):
+        arrays |= {f"{name}_{k}": part for name, part in zip(PARTS, transform.parameters, strict=True)}
     np.savez_compressed(path, **arrays)
 
 
 def read_rocket(path: Path, lengths: tuple[int, int]) -> Rocket:
-    """What `write_rocket` wrote, for windows of those samples in both streams.
+    """Read what `write_rocket` wrote.
 
-    ValueError or LookupError where it holds anything else; InputError where aeon is missing.
+    lengths: samples per window of the TV's and of the UV's stream.
+    Raises ValueError or LookupError if the file holds anything else.
     """
-    kind = rocket_kind()
+    transform_class = rocket_class()
     with np.load(path, allow_pickle=False) as stored:
         arrays = dict(stored)
     rockets = []
     for k, length in enumerate(lengths):
         parts = tuple(arrays.pop(f"{name}_{k}") for name in PARTS)
         check(parts, length)
-        # Fitted on anything that varies, lest it warn: what it learns is put aside for what was read.
-        rocket = kind(n_kernels=KERNELS).fit(np.tile(np.arange(length, dtype=np.float32), (2, N_STATES, 1)))
+        # aeon has no other way to make a fitted transform: fit to any varying input, then replace the parameters.
+        rocket = transform_class(n_kernels=KERNELS).fit(np.tile(np.arange(length, dtype=np.float32), (2, N_STATES, 1)))
         rocket.parameters = parts
         rockets.append(rocket)
     return Rocket((rockets[0], rockets[1]), **arrays)
 
 
 def check(parts: tuple[npt.NDArray[Any], ...], length: int) -> None:
-    """ValueError unless a transform of such parts stays inside its arrays: compiled loops do not look."""
-    each, channels, dilations, features, biases = parts
+    """Raise ValueError unless a transform with these PARTS stays inside its arrays; aeon's compiled loops do not check.
+
+    length: samples per window.
+    """
+    channels_each, channels, dilations, features, biases = parts
     sound = (
         all(part.ndim == 1 for part in parts)
-        and all(part.dtype == np.int32 for part in (each, channels, dilations))
+        and all(part.dtype == np.int32 for part in (channels_each, channels, dilations))
         and np.issubdtype(features.dtype, np.integer)
         and biases.dtype == np.float32
-        and len(each) == KERNELS * len(dilations)
+        and len(channels_each) == KERNELS * len(dilations)
         and len(features) == len(dilations) > 0
-        and min(each.min(), dilations.min(), features.min()) > 0
-        and len(channels) == each.sum()
+        and min(channels_each.min(), dilations.min(), features.min()) > 0
+        and len(channels) == channels_each.sum()
         and 0 <= channels.min() <= channels.max() < N_STATES
         and len(biases) == KERNELS * features.sum()
         and 8 * dilations.max() < length
@@ -143,8 +183,6 @@ def check(parts: tuple[npt.NDArray[Any], ...], length: int) -> None:
         raise ValueError("not the parameters of a MiniRocket transform")
 
 
-def rocket_kind() -> Any:
-    """aeon's transform. InputError where it is not installed."""
-    if importlib.util.find_spec("aeon") is None:
-        raise InputError("model minirocket needs aeon, an optional extra: pip install 'isac-cosim[minirocket]'")
+def rocket_class() -> Any:
+    """Return aeon's transform."""
     return importlib.import_module("aeon.transformations.collection.convolution_based").MiniRocket

@@ -1,15 +1,16 @@
-"""The rule of the road: what driver assistance would say of a window, from lane markings and thresholds alone.
+"""The rule of the road: what driver assistance would conclude from a window, by lane markings and thresholds alone.
 
-A lane change is told by the time to line crossing: distance to the marking over lateral speed. Hard maneuvers are told
-by the accelerations along and across the lane, an overtake by how soon the TV is level with a slower UV ahead of it.
-Nothing is learned, unless the thresholds are fitted.
+A lane change is recognised by the time to line crossing: distance to the marking over lateral speed. Hard maneuvers are
+recognised by the accelerations along and across the lane, an overtake by how soon the TV is level with a slower UV
+ahead of it. Nothing is learned, unless the thresholds are fitted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from pathlib import Path
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
@@ -18,57 +19,96 @@ from sklearn.metrics import f1_score
 
 from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
+from isacsim.feedback import Feedback
+from isacsim.files import replace_file
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
 from models.data.lane_map import InLane
 from models.data.windows import OnMap, Windows
+from models.fit_settings import FitSettings
+from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
 
-LOOK_S = 0.2
-"""Between the instants at which the lane's direction is looked up, about."""
+RULE_FILE = "rule.json"
+HEADING_STEP_S = 0.2
+"""Approximate time between the instants at which the direction of the lane is looked up."""
 LEAST = 1e-3
-"""What distances and times are at least taken for, m or s, where something is divided by them."""
+"""Distances and times are raised to this value before they divide anything, m or s."""
 LEAST_STRENGTH = 1e-2
-"""Below it nothing speaks for an intention."""
+"""Strengths are raised to this value before their logarithm is taken."""
 PARTS = ((slice(0, 2), 2), (slice(2, 4), 1))
 """Positions and velocities among the states, and the order of the polynomials that smooth them."""
-STEPS = np.geomspace(0.4, 2.5, 15)
-"""Factors that fitting tries on a threshold."""
+FACTORS = np.geomspace(0.4, 2.5, 15)
+"""Factors by which fitting tries to scale a threshold."""
 FITTED = ("line_crossing_s", "brake_mps2", "accel_mps2", "swerve_mps2", "level_s")
+"""The thresholds that fitting scales."""
 
 
 class RuleSettings(Settings):
-    """Thresholds of the rule; those of accelerations are the labels' own."""
+    """Thresholds of the rule; those of the accelerations are the ones that define the labels."""
 
     smooth_s: float = Field(0.5, gt=0, description="span of the straight-line fits that smooth velocities, s")
     line_crossing_s: float = Field(
         1.5,
         gt=0,
-        description="time to line crossing that means a change, s; ISO 17361's earliest lane departure warning",
+        description="time to line crossing that means a lane change, s; the earliest lane departure warning of "
+        "ISO 17361",
     )
     brake_mps2: float = Field(
-        4.0, gt=0, description="deceleration of a hard brake, m/s2; UN R157: above 5 is emergency"
+        4.0, gt=0, description="deceleration of a hard brake, m/s2; in UN R157, above 5 is emergency"
     )
     accel_mps2: float = Field(2.5, gt=0, description="acceleration of a hard acceleration, m/s2")
     swerve_mps2: float = Field(
-        3.0, gt=0, description="lateral acceleration of a swerve, m/s2; UN R79 allows an automated lane change 1"
+        3.0, gt=0, description="lateral acceleration of a swerve, m/s2; UN R79 allows 1 in an automated lane change"
     )
     level_s: float = Field(
         30.0,
         gt=0,
-        description="a left change is an overtake where the TV is level with the UV within this time, s; the labels "
-        "give an overtake as long",
+        description="a left change is an overtake if the TV is level with the UV within this time, s; the labels "
+        "allow an overtake as long",
     )
-    fit: bool = Field(False, description="scale the thresholds to the best macro-F1 on training windows")
+    fit: bool = Field(False, description="scale the thresholds to the best macro-F1 on the training windows")
+
+
+class RulePredictor(Predictor):
+    """The rule with its thresholds; its features are its logits."""
+
+    display_name = "rule of the road"
+    summary = "thresholds on lane markings and accelerations; nothing is learned unless they are fitted"
+    settings_class: ClassVar[type[Settings] | None] = RuleSettings
+
+    def __init__(self, settings: RuleSettings) -> None:
+        self.settings = settings
+
+    @classmethod
+    def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        settings = task.settings.of(RuleSettings)
+        if not settings.fit:
+            return cls(settings)
+        ends, label = task.training_ends(task.settings.ends_per_record)
+        drives = Drive.joined([drive(windows, settings.smooth_s) for windows in task.batches(ends)])
+        return cls(fitted(drives, label, settings))
+
+    def save(self, folder: Path) -> None:
+        content = self.settings.model_dump_json(indent=1) + "\n"
+        replace_file(folder / RULE_FILE, lambda path: path.write_text(content))
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        return cls(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+
+    def __call__(self, windows: Windows) -> Outputs:
+        answer = logits(drive(windows, self.settings.smooth_s), self.settings)
+        return Outputs(answer, answer)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A batch of windows as the road sees them, each (n,).
+    """What the rule sees of a batch of windows, each array (n,).
 
-    accel, brake, swerve: the greatest acceleration, deceleration and lateral acceleration in the window, m/s2. left,
-    right: from the TV at the window's end to the markings of the lane it began the window in, m, negative when crossed.
-    aside: its lateral speed at the end, m/s, left positive. level: until it is level with the UV, s, front bumpers;
-    infinite where the UV is not ahead in that lane, or not slower.
+    accel, brake, swerve: greatest acceleration, deceleration and lateral acceleration in the window, m/s2. left, right:
+    distances at the end of the window from the TV to the markings of the lane in which it began the window, m, negative
+    once crossed. aside: its lateral speed at the end, m/s, positive to the left. level: time until it is level with the
+    UV, s, from front bumper to front bumper; infinite if the UV is not ahead in that lane, or not slower.
     """
 
     accel: Array
@@ -81,112 +121,133 @@ class Drive:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Several batches as one."""
+        """Return several batches as one."""
         return cls(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(cls)))
 
 
 def drive(windows: Windows, smooth_s: float) -> Drive:
-    """What the rule looks at. InputError where the windows come without roads."""
-    seen = windows.on_map
-    if seen is None:
-        raise InputError("the rule needs lane markings, and these windows come without roads: give it a dataset's")
-    n_samples = seen.tv.shape[2]
-    span = min(2 * int(smooth_s * seen.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2)
-    count = 2 + round(n_samples / (LOOK_S * seen.tv_rate_hz))
-    look = np.unique(np.linspace(0, n_samples - 1, count).astype(np.int64))
-    # Parabolas for positions: over half a second a bend is no straight line.
-    smooth = np.concatenate([savgol_filter(seen.tv[:, part], span, order, axis=2) for part, order in PARTS], axis=1)
-    way = _headings(seen, smooth, look)
-    # Seen from the lane, a bend is no lateral acceleration: velocities are turned first, and differentiated then.
-    along = np.einsum("nkt,nkt->nt", way, seen.tv[:, 2:4])
-    across = way[:, 0] * seen.tv[:, 3] - way[:, 1] * seen.tv[:, 2]
+    """Return what the rule sees of n windows. Raises InputError if the windows come without roads.
+
+    smooth_s: span of the smoothing fits, s.
+    """
+    on_map = windows.on_map
+    if on_map is None:
+        raise InputError("the rule needs lane markings, but these windows come without roads: use those of a dataset")
+    n_samples = on_map.tv.shape[2]
+    span = min(2 * int(smooth_s * on_map.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2)
+    count = 2 + round(n_samples / (HEADING_STEP_S * on_map.tv_rate_hz))
+    instants = np.unique(np.linspace(0, n_samples - 1, count).astype(np.int64))
+    # Parabolas for positions, because a bend is not a straight line over half a second.
+    smooth = np.concatenate([savgol_filter(on_map.tv[:, part], span, order, axis=2) for part, order in PARTS], axis=1)
+    heading = _headings(on_map, smooth, instants)
+    # Velocities are turned into the lane before they are differentiated: in the lane, a bend is no acceleration.
+    along = np.einsum("nkt,nkt->nt", heading, on_map.tv[:, 2:4])
+    across = heading[:, 0] * on_map.tv[:, 3] - heading[:, 1] * on_map.tv[:, 2]
     speed, aside = (savgol_filter(v, span, 1, axis=1) for v in (along, across))
-    pull, push = (savgol_filter(v, span, 1, deriv=1, delta=1 / seen.tv_rate_hz, axis=1) for v in (along, across))
-    began = _place(seen, smooth[:, :2, 0], smooth[:, 2:4, 0])
-    moved = np.trapezoid(across, dx=1 / seen.tv_rate_hz, axis=1)
-    offset, half = began.offset_m + moved, began.width_m / 2
-    level = _until_level(seen, smooth[:, :2, -1], way[:, :, -1], speed[:, -1], offset, half)
+    accel, swerve = (savgol_filter(v, span, 1, deriv=1, delta=1 / on_map.tv_rate_hz, axis=1) for v in (along, across))
+    start = _place(on_map, smooth[:, :2, 0], smooth[:, 2:4, 0])
+    moved = np.trapezoid(across, dx=1 / on_map.tv_rate_hz, axis=1)
+    offset, half = start.offset_m + moved, start.width_m / 2
+    level = _until_level(on_map, smooth[:, :2, -1], heading[:, :, -1], speed[:, -1], offset, half)
     return Drive(
-        pull.max(axis=1), -pull.min(axis=1), np.abs(push).max(axis=1), half - offset, half + offset, aside[:, -1], level
+        accel=accel.max(axis=1),
+        brake=-accel.min(axis=1),
+        swerve=np.abs(swerve).max(axis=1),
+        left=half - offset,
+        right=half + offset,
+        aside=aside[:, -1],
+        level=level,
     )
 
 
-def strengths(seen: Drive, settings: RuleSettings) -> Array:
-    """How far each of the known intentions is on its way to its threshold, (n, 6).
+def strengths(drives: Drive, settings: RuleSettings) -> Array:
+    """Return how far each known intention is on the way to its threshold, (n, 6); 1 is at the threshold.
 
-    A lane change has at most 1, so that a hard maneuver beyond its threshold is told first. Of a left change and an
-    overtake one has the whole strength, and the other less by how far `level` is on the wrong side of its threshold.
+    A lane change has at most 1, so that a hard maneuver beyond its threshold wins. Of a left change and an overtake one
+    has the whole strength, and the other less by the factor by which `level` is on the wrong side of its threshold.
     """
-    left = _crossing(seen.left, seen.aside, settings.line_crossing_s)
-    right = _crossing(seen.right, -seen.aside, settings.line_crossing_s)
-    soon = np.clip(settings.level_s / np.maximum(seen.level, LEAST), 0.5, 2.0)
-    of: dict[Intention, Array] = {
-        Intention.HARD_BRAKE: seen.brake / settings.brake_mps2,
+    left = _crossing(drives.left, drives.aside, settings.line_crossing_s)
+    right = _crossing(drives.right, -drives.aside, settings.line_crossing_s)
+    soon = np.clip(settings.level_s / np.maximum(drives.level, LEAST), 0.5, 2.0)
+    by_intention: dict[Intention, Array] = {
+        Intention.HARD_BRAKE: drives.brake / settings.brake_mps2,
         Intention.LEFT_LANE_CHANGE: left * np.minimum(1, 1 / soon),
         Intention.RIGHT_LANE_CHANGE: right,
         Intention.OVERTAKE: left * np.minimum(1, soon),
-        Intention.HARD_ACCEL: seen.accel / settings.accel_mps2,
-        Intention.EVASIVE_SWERVE: seen.swerve / settings.swerve_mps2,
+        Intention.HARD_ACCEL: drives.accel / settings.accel_mps2,
+        Intention.EVASIVE_SWERVE: drives.swerve / settings.swerve_mps2,
     }
-    return np.stack([of[intention] for intention in KNOWN], axis=1)
+    return np.stack([by_intention[intention] for intention in KNOWN], axis=1)
 
 
-def logits(seen: Drive, settings: RuleSettings) -> Array:
-    """Logarithms of the strengths, (n, 6): probabilities are the strengths' shares."""
-    return np.log(np.maximum(strengths(seen, settings), LEAST_STRENGTH))
+def logits(drives: Drive, settings: RuleSettings) -> Array:
+    """Return the logarithms of the strengths, (n, 6); probabilities are then the shares of the strengths."""
+    return np.log(np.maximum(strengths(drives, settings), LEAST_STRENGTH))
 
 
-def fitted(seen: Drive, label: IntArray, settings: RuleSettings) -> RuleSettings:
-    """The settings with every threshold scaled, one after the other and twice over, to the best macro-F1."""
+def fitted(drives: Drive, label: IntArray, settings: RuleSettings) -> RuleSettings:
+    """Return the settings with each threshold scaled in turn, twice over, to the best macro-F1 on labels (n,)."""
     for name in FITTED * 2:
-        tried = [settings.model_copy(update={name: float(getattr(settings, name) * step)}) for step in STEPS]
-        scores = [_macro_f1(seen, label, each) for each in (settings, *tried)]
-        settings = (settings, *tried)[int(np.argmax(scores))]
+        scaled = [settings.model_copy(update={name: float(getattr(settings, name) * factor)}) for factor in FACTORS]
+        candidates = (settings, *scaled)
+        settings = candidates[int(np.argmax([_macro_f1(drives, label, candidate) for candidate in candidates]))]
     return settings
 
 
-def _macro_f1(seen: Drive, label: IntArray, settings: RuleSettings) -> float:
-    return float(f1_score(label, logits(seen, settings).argmax(axis=1), average="macro"))
+def _macro_f1(drives: Drive, label: IntArray, settings: RuleSettings) -> float:
+    return float(f1_score(label, logits(drives, settings).argmax(axis=1), average="macro"))
 
 
 def _crossing(distance: Array, speed: Array, threshold_s: float) -> Array:
-    """Strength of a change over a marking at that distance, m, neared at that speed, m/s; 1 once it is crossed."""
-    on_the_way = threshold_s * np.maximum(speed, 0) / np.maximum(distance, LEAST)
-    return np.where(distance <= 0, 1.0, np.minimum(on_the_way, 1.0))
+    """Return the strength of a lane change across a marking, (n,).
+
+    distance: to the marking, m. speed: towards it, m/s. The strength is the threshold over the time to line crossing,
+    at most 1, and 1 once the marking is crossed.
+    """
+    approaching = threshold_s * np.maximum(speed, 0) / np.maximum(distance, LEAST)
+    return np.where(distance <= 0, 1.0, np.minimum(approaching, 1.0))
 
 
-def _headings(seen: OnMap, smooth: Array, look: IntArray) -> Array:
-    """The lane's direction at every sample of the TV, unit vectors (n, 2, T), looked up at the samples `look`."""
-    n, count = len(seen.tv), len(look)
-    flat = np.moveaxis(smooth[:, :, look], 1, 2).reshape(n * count, 4)
-    found = _place(seen, flat[:, :2], flat[:, 2:], repeat=count).heading.reshape(n, count, 2)
-    angle = np.unwrap(np.arctan2(found[..., 1], found[..., 0]), axis=1)
-    at = np.arange(smooth.shape[2])
-    every = np.stack([np.interp(at, look, each) for each in angle])
-    return np.stack([np.cos(every), np.sin(every)], axis=1)
+def _headings(on_map: OnMap, smooth: Array, instants: IntArray) -> Array:
+    """Return the direction of the lane at every TV sample, unit vectors (n, 2, T).
+
+    smooth: smoothed positions and velocities (n, 4, T). instants: samples at which the direction is looked up; it is
+    interpolated between them.
+    """
+    n, count = len(on_map.tv), len(instants)
+    flat = np.moveaxis(smooth[:, :, instants], 1, 2).reshape(n * count, 4)
+    heading = _place(on_map, flat[:, :2], flat[:, 2:], repeat=count).heading.reshape(n, count, 2)
+    angle = np.unwrap(np.arctan2(heading[..., 1], heading[..., 0]), axis=1)
+    samples = np.arange(smooth.shape[2])
+    interpolated = np.stack([np.interp(samples, instants, row) for row in angle])
+    return np.stack([np.cos(interpolated), np.sin(interpolated)], axis=1)
 
 
-def _place(seen: OnMap, position: Array, velocity: Array, repeat: int = 1) -> InLane:
-    """Places (n repeat, 2) in the lanes of each window's own scenario, `repeat` of each window one after the other."""
-    scenario = np.repeat(seen.scenario, repeat)
+def _place(on_map: OnMap, position: Array, velocity: Array, repeat: int = 1) -> InLane:
+    """Return the places in lanes of (n repeat, 2) positions and velocities, `repeat` of each window in turn."""
+    scenario = np.repeat(on_map.scenario, repeat)
     offset, width, heading = np.empty(len(position)), np.empty(len(position)), np.empty((len(position), 2))
-    for name in dict.fromkeys(seen.scenario.tolist()):
+    for name in dict.fromkeys(on_map.scenario.tolist()):
         rows = scenario == name
-        found = seen.lane_maps(name).place(position[rows], velocity[rows])
-        offset[rows], width[rows], heading[rows] = found.offset_m, found.width_m, found.heading
+        place = on_map.lane_maps(name).place(position[rows], velocity[rows])
+        offset[rows], width[rows], heading[rows] = place.offset_m, place.width_m, place.heading
     return InLane(offset, width, heading)
 
 
-def _until_level(seen: OnMap, position: Array, way: Array, speed: Array, offset: Array, half: Array) -> Array:
-    """`Drive.level`, of TVs at positions (n, 2) in lanes of direction `way` (n, 2)."""
-    velocity = seen.uv[:, 2:4, -1]
-    ahead = _place(seen, seen.uv[:, :2, -1], velocity).heading
-    # The chord between two points of a circular bend lies along the mean of the directions at both.
-    chord = way + ahead
+def _until_level(on_map: OnMap, position: Array, heading: Array, speed: Array, offset: Array, half: Array) -> Array:
+    """Return `Drive.level`, (n,).
+
+    position: of the TV, (n, 2). heading: of its lane, unit vectors (n, 2). speed: of the TV along the lane, m/s.
+    offset: of the TV from the centre line, m. half: half the width of the lane, m.
+    """
+    velocity = on_map.uv[:, 2:4, -1]
+    uv_heading = _place(on_map, on_map.uv[:, :2, -1], velocity).heading
+    # The chord between two points of a circular bend has the mean of the directions at both.
+    chord = heading + uv_heading
     chord /= np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)[:, None]
-    apart = seen.uv[:, :2, -1] - position
+    apart = on_map.uv[:, :2, -1] - position
     gap = np.einsum("nk,nk->n", chord, apart)
     aside = chord[:, 0] * apart[:, 1] - chord[:, 1] * apart[:, 0]
-    closing = speed - np.einsum("nk,nk->n", ahead, velocity)
+    closing = speed - np.einsum("nk,nk->n", uv_heading, velocity)
     meets = (gap > 0) & (closing > 0) & (np.abs(offset + aside) < half)
     return np.where(meets, gap / np.where(meets, closing, 1.0), np.inf)

@@ -1,16 +1,19 @@
-"""Statistics of a window inside a network: an extension of ASI-BIP that gives it what the boosted trees see."""
+"""The statistics of a window inside a network: an extension of ASI-BIP that shows it what the boosted trees see."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
 
-from models.predictors.floors import STATISTICS
-from models.predictors.network import N_STATES
+from models.networks.network import N_STATES
+from models.predictors.trees import STATISTICS
 
 
 class StatisticsBranch(nn.Module):
-    """An MLP over the statistics of `streams` streams of a window, standardised by those of training windows."""
+    """An MLP on the statistics of one or more streams of a window, standardised by those of training windows.
+
+    streams: how many streams. hidden: hidden units. width: of the output. dropout: before the output layer.
+    """
 
     mean: Tensor
     sd: Tensor
@@ -23,26 +26,26 @@ class StatisticsBranch(nn.Module):
         self.mlp = nn.Sequential(nn.Linear(count, hidden), nn.GELU(), nn.Dropout(dropout), nn.Linear(hidden, width))
 
     def fit_scale(self, *streams: Tensor) -> None:
-        """Take means and standard deviations from the statistics of training windows, (n, 6, T) of each stream."""
-        found = window_statistics(*streams)
-        self.mean.copy_(found.mean(dim=0))
-        self.sd.copy_(found.std(dim=0, correction=0) + 1e-6)
+        """Set the scale to the statistics of training windows, (n, 6, T) for each stream."""
+        statistics = window_statistics(*streams)
+        self.mean.copy_(statistics.mean(dim=0))
+        self.sd.copy_(statistics.std(dim=0, correction=0) + 1e-6)
 
     def forward(self, *streams: Tensor) -> Tensor:
-        """(B, width) of streams (B, 6, T)."""
+        """Return (B, width) for streams (B, 6, T)."""
         return torch.as_tensor(self.mlp((window_statistics(*streams) - self.mean) / self.sd))
 
 
 def window_statistics(*streams: Tensor) -> Tensor:
-    """`models.predictors.floors.statistics` of streams (B, 6, T), (B, 60 for each stream), as a network needs them."""
+    """Return `models.predictors.trees.statistics` of streams (B, 6, T) in torch, 60 columns for each stream."""
     return torch.cat([_of_stream(x) for x in streams], dim=1)
 
 
 def _of_stream(x: Tensor) -> Tensor:
-    """(B, 60) of (B, 6, T), component by component."""
+    """Return the statistics of a stream (B, 6, T), component by component, (B, 60)."""
     count = x.shape[2]
     t = torch.arange(count, dtype=x.dtype, device=x.device) - (count - 1) / 2
-    # Thirds as numpy's array_split makes them: the first ones are longer by one where three does not divide the window.
+    # Like numpy's array_split, this makes the first thirds longer by one if three does not divide the window.
     thirds = [part.mean(dim=2) for part in torch.tensor_split(x, 3, dim=2)]
     parts = [
         x.mean(dim=2), x.std(dim=2, correction=0), x.amin(dim=2), x.amax(dim=2), x[..., 0], x[..., -1],

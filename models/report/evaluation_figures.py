@@ -13,8 +13,8 @@ from isacsim.errors import InputError
 from models.evaluation import repeats
 from models.evaluation.evaluation import Evaluation
 from models.evaluation.repeats import Measured
+from models.networks.fitting import HISTORY_FILE
 from models.report import figures
-from models.run import HISTORY_FILE
 from models.scores import open_set
 
 HISTORY_COLUMNS = ["epoch", "train_loss", "validation_loss", "validation_macro_f1", "validation_accuracy"]

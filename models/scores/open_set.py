@@ -1,38 +1,44 @@
-"""Scores of how well a window fits the known intentions, and how they tell the unknown one apart.
+"""Unknown scores: how well a window fits the known intentions, and how well that separates the unknown class.
 
-Every score is higher for the known. None is fitted to samples of the unknown class.
+Every score is higher for known intentions. None is fitted to samples of the unknown class.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 from sklearn.covariance import LedoitWolf
+from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.neighbors import NearestNeighbors
 
-from isacsim.arrays import Array, IntArray
-from models.run import Outputs, Run
+from isacsim.arrays import Array, Float32Array, IntArray
+from models.predictors.protocol import Outputs
+from models.run import Run
 
 Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
+"""The `knn` score is the distance to the neighbour of this rank."""
 SCORES = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude")
+"""Names of the scores; `prelude` is that of the reject option."""
 PLAIN = "msp"
-"""Always reported, and used where there is nothing to choose on."""
+"""The score that is always reported, and used if there is nothing to choose on."""
 
 
-def scores(reference: tuple[npt.NDArray[np.float32], IntArray], preludes: Any | None = None) -> dict[str, Score]:
-    """All SCORES; reference: features (n, F) and labels (n,) of training windows, for knn and mahalanobis.
+def scores(
+    reference: tuple[Float32Array, IntArray], reject_option: HistGradientBoostingClassifier | None = None
+) -> dict[str, Score]:
+    """Return all SCORES, by name.
 
-    preludes: trees of `models.predictors.reject_option`; without them there is no score of that name.
+    reference: features (n, F) and labels (n,) of training windows, for `knn` and `mahalanobis`. reject_option: trees of
+    `models.predictors.reject_option`; without them there is no `prelude`. Sources: Hendrycks & Gimpel 2017 (msp), Liu
+    et al. 2020 (energy), Sun et al. 2022 (knn), Lee et al. 2018 (mahalanobis).
     """
     features, label = reference[0].astype(np.float64), reference[1]
-    found: dict[str, Score] = {
+    by_name: dict[str, Score] = {
         "msp": lambda out: np.asarray(out.probabilities.max(axis=1)),
         "max_logit": lambda out: np.asarray(out.logits.max(axis=1)),
         "energy": lambda out: np.asarray(logsumexp(out.logits, axis=1)),
@@ -40,24 +46,24 @@ def scores(reference: tuple[npt.NDArray[np.float32], IntArray], preludes: Any | 
         "knn": _neighbours(features),
         "mahalanobis": _mahalanobis(features, label),
     }
-    if preludes is not None:
-        # Trees split at float32 values, as they were trained on.
-        found["prelude"] = lambda out: np.asarray(preludes.decision_function(out.features.astype(np.float32)))
-    return found
+    if reject_option is not None:
+        # The trees were trained on float32 features, and split between such values.
+        by_name["prelude"] = lambda out: np.asarray(reject_option.decision_function(out.features.astype(np.float32)))
+    return by_name
 
 
 def of_run(run: Run) -> dict[str, Score]:
-    """The scores of a run's outputs."""
-    return scores(run.reference, run.preludes)
+    """Return the scores of a run, by name."""
+    return scores(run.reference, run.reject_option)
 
 
 def chosen(run: Run) -> Score:
-    """The score that was chosen on the run's validation seeds."""
+    """Return the score that was chosen on the run's validation seeds."""
     return of_run(run)[run.card.unknown_score]
 
 
 def auroc(known: Array, unknown: Array) -> float | None:
-    """Area under the ROC of telling known from unknown by a score; None where either is empty."""
+    """Return the area under the ROC of separating known from unknown windows by a score; None if either is empty."""
     if not len(known) or not len(unknown):
         return None
     truth = np.repeat([1, 0], [len(known), len(unknown)])
@@ -65,36 +71,37 @@ def auroc(known: Array, unknown: Array) -> float | None:
 
 
 def threshold_at_recall(known: Array, recall: float = 0.95) -> float:
-    """The score that `recall` of the known windows reach: what is below it is rejected."""
+    """Return the score that a share `recall` of the known windows reach; windows below it are rejected."""
     return float(np.quantile(known, 1 - recall))
 
 
 def accepted_unknown(known: Array, unknown: Array, recall: float = 0.95) -> float | None:
-    """Share of the unknown taken for known where `recall` of the known are kept: the false-positive rate then."""
+    """Return the false-positive rate at that recall: the share of unknown windows accepted as known; None if empty."""
     if not len(known) or not len(unknown):
         return None
     return float(np.mean(unknown >= threshold_at_recall(known, recall)))
 
 
 def told_apart(known: Array, unknown: Array) -> dict[str, float | None]:
-    """`auroc` and `fpr_at_95_recall` of one score."""
+    """Return `auroc` and `fpr_at_95_recall` of the values of one score on known and on unknown windows."""
     return {"auroc": auroc(known, unknown), "fpr_at_95_recall": accepted_unknown(known, unknown)}
 
 
 def _negative_entropy(out: Outputs) -> Array:
+    """Return minus the entropy of the probabilities, (n,)."""
     p = out.probabilities
     return np.asarray((p * np.log(np.maximum(p, 1e-300))).sum(axis=1))
 
 
 def _neighbours(features: Array) -> Score:
-    """Minus the distance to the NEIGHBOURS-th nearest training window, in standardised features."""
+    """Return the score: minus the distance to the NEIGHBOURS-th nearest training window, in standardised features."""
     mean, sd = features.mean(axis=0), features.std(axis=0) + 1e-9
     index = NearestNeighbors(n_neighbors=min(NEIGHBOURS, len(features))).fit((features - mean) / sd)
     return lambda out: np.asarray(-index.kneighbors((out.features - mean) / sd)[0][:, -1])
 
 
 def _mahalanobis(features: Array, label: IntArray) -> Score:
-    """Minus the least squared distance to a class mean, by the shrunk covariance within classes."""
+    """Return the score: minus the least squared distance to a class mean, by the shrunk within-class covariance."""
     sd = features.std(axis=0) + 1e-9
     scaled = features / sd
     means = np.stack([scaled[label == g].mean(axis=0) for g in np.unique(label)])

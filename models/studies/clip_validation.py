@@ -145,7 +145,7 @@ def _trained(clips: list[Clip], settings: ClipSettings, fold: int) -> Castformer
         for start in range(0, len(clips), settings.batch):
             members = [clips[i] for i in order[start : start + settings.batch]]
             drawn = batch(members, settings.frames, settings.seed, fold, epoch)
-            outputs = network.answers(*_tensors(drawn))
+            outputs = network.training_logits(*_tensors(drawn))
             loss = castformer_loss(outputs, torch.from_numpy(drawn.label), None, settings.castformer.alpha)
             adam.zero_grad()
             torch.autograd.backward(loss)

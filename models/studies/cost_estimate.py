@@ -1,34 +1,23 @@
 """Estimates what a whole study costs before it runs: datasets by their episodes, trainings by constants.
 
-The constants are processor time on one thread, measured on a machine with other work to do: for the default networks on
-windows of 2.2 s, 880 instants of the TV and 220 of the UV, in batches of 32; and for trees on 500 to 2,000 windows.
-Networks of other widths cost more or less, and a training that stops early costs less.
+The constants are the predictors' own (`Predictor.cost_s`): processor time on one thread, measured on a machine with
+other work to do: for the default networks on windows of 2.2 s, 880 instants of the TV and 220 of the UV, in batches of
+32; and for trees on 500 to 2,000 windows. Networks of other widths cost more or less, and a training that stops early
+costs less.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from models.run import Model
-from models.studies.study import FLOOR, Study
+from models.predictors.protocol import Workload
+from models.predictors.registry import PREDICTORS
+from models.studies.study import Study
 from models.studies.sweep_axes import sensings
 
 INSTANTS = 1100
 """Instants of a window for which the constants hold, both streams together."""
-TRAINED_S: Mapping[Model, float] = {
-    "asi-bip": 10.3e-3, "tv-alone": 8.2e-3, "uv-alone": 2.5e-3, "aligned": 1.1e-3, "castformer": 2.4e-3,
-}  # fmt: skip
-"""Processor time of a network's training step for one window, s; predictors that are not networks take STATISTICS_S."""
-PREDICTION_SHARE = 0.25
-"""Share of that time that a prediction takes."""
-BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
-"""Processor time of sorting features into bins before trees grow, and its increase with each window, s."""
-ROUND_S = 0.025
-"""Processor time of one boosting round, s."""
-STATISTICS_S = 0.09e-3
-"""Processor time of the statistics of one window, s."""
 RUN_BYTES, REPORT_BYTES = 12e6, 1.2e6
 """Size of the folder of a trained network with its checkpoints, and of an evaluation with its figures, bytes."""
 
@@ -83,20 +72,11 @@ def estimate_study(study: Study) -> StudyEstimate:
     )
 
 
-def cell_s(study: Study, model: Model, samples: int) -> float:
+def cell_s(study: Study, model: str, samples: int) -> float:
     """Return the processor time of one training of a cell and its evaluation, s; samples: of its network's dataset."""
-    settings, evaluation, record = study.training, study.evaluation, study.dataset.record
+    settings, evaluation, record = study.training.for_predictor(model), study.evaluation, study.dataset.record
     split, scale = settings.split, settings.windows.window_s * (record.tv_rate_hz + record.uv_rate_hz) / INSTANTS
     training = (1 - split.validation - split.test) * split.training_share * samples
     ends = evaluation.ends_per_record + (len(evaluation.window_end_curve.ends_s) if evaluation.window_end_curve else 0)
     tested = split.test * samples * ends * (1 + len(study.axes.test_on))
-    total = tested * STATISTICS_S * scale
-    if model in (FLOOR, "ensemble"):
-        windows = training * settings.trees.ends_per_record
-        total += windows * (STATISTICS_S * scale + BINNED_WINDOW_S) + BINNED_S + settings.trees.rounds * ROUND_S
-    if model != FLOOR:
-        window_s = scale * TRAINED_S.get("asi-bip" if model == "ensemble" else model, STATISTICS_S)
-        predicted = split.validation * samples * settings.validation_ends * settings.optimiser.epochs + tested
-        trained = training * settings.ends_per_record * settings.optimiser.epochs
-        total += window_s * (trained + PREDICTION_SHARE * predicted)
-    return total
+    return PREDICTORS[model].cost_s(Workload(training, split.validation * samples, tested, scale), settings)

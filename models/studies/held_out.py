@@ -31,7 +31,7 @@ from models.evaluation.results import (
 from models.evaluation.settings import EvaluateSettings
 from models.report.evaluation_figures import draw_figures
 from models.report.figures import spoken
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from models.training.training import train_records
 
 TABLE_FILE = "held_out.json"

@@ -14,13 +14,12 @@ from isacsim.settings import Settings
 from labeling.generation.generate import describe, read_scenarios
 from labeling.generation.settings import DatasetStudy, checked, read_toml
 from models.evaluation.settings import EvaluateSettings
-from models.run import Model, TrainSettings
+from models.roles import FLOOR
+from models.settings import TrainSettings
 from models.studies.sweep_axes import Cell, Sensing, SweepAxes, network_name, sensings
 
 QUICK = "quick.toml"
 """The bundled study, which runs where none is given."""
-FLOOR: Model = "trees"
-"""The plain predictor with which every other is compared."""
 
 
 class Study(Settings):
@@ -52,8 +51,8 @@ class Study(Settings):
 
     @property
     def floor(self) -> TrainSettings:
-        """Training settings of the floor: boosted trees on the same windows and split."""
-        return self.training.model_copy(update={"model": FLOOR})
+        """Training settings of the floor: a plain predictor on the same windows and split."""
+        return self.training.for_predictor(FLOOR)
 
     @property
     def axes(self) -> SweepAxes:
@@ -100,9 +99,9 @@ class Study(Settings):
         content = self.dataset.sensing.model_dump()
         return SensingSettings.model_validate({**content, "channel": {**content["channel"], **channel(snr)}})
 
-    def training_of(self, model: Model, seed: int) -> TrainSettings:
+    def training_of(self, model: str, seed: int) -> TrainSettings:
         """Return the study's training settings for another predictor and training seed."""
-        return self.training.model_copy(update={"model": model, "seed": seed})
+        return self.training.for_predictor(model, seed)
 
 
 def read_study(path: Path | None) -> Study:

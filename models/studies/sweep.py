@@ -35,10 +35,11 @@ from models.evaluation.evaluation import evaluate_records
 from models.evaluation.results import EvaluationResult, read_metrics
 from models.report.evaluation_figures import draw_figures
 from models.report.report import PAGE, write_page
+from models.roles import FLOOR
 from models.run import Run, load_run, read_card
 from models.studies.cost_estimate import cell_s, estimate_study
 from models.studies.single import claim_study
-from models.studies.study import FLOOR, Study
+from models.studies.study import Study
 from models.studies.sweep_axes import Cell, Sensing, sensings
 from models.studies.sweep_results import FailedTraining, SweepMadeBy, SweepResult, SweepRow
 from models.studies.sweep_table import row_of, write_sweep

@@ -20,7 +20,7 @@ from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
 from isacsim.sensors import SENSORS
 from isacsim.settings import Settings
-from models.run import Model
+from models.predictors.registry import PREDICTORS
 
 
 def _channel_of(text: str) -> str:
@@ -44,7 +44,9 @@ class SweepAxes(Settings):
     sensors: tuple[Annotated[str, AfterValidator(SENSORS.check)], ...] = Field(
         ("isac",), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
-    models: tuple[Model, ...] = Field((), description="predictors; trees are always added, as the floor")
+    models: tuple[Annotated[str, AfterValidator(PREDICTORS.check)], ...] = Field(
+        (), description="predictors; trees are always added, as the floor"
+    )
     training_seeds: tuple[int, ...] = Field(
         (), description="training seeds; the table has mean and standard deviation over them"
     )
@@ -89,7 +91,7 @@ class Cell:
 
     network: str
     sensing: Sensing
-    model: Model
+    model: str
 
     @property
     def path(self) -> Path:

@@ -18,20 +18,20 @@ def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPa
     assert networks["literal"].attention_dropout == networks["literal"].dropout == 0.1
     small = {name: network.model_copy(update=SMALL) for name, network in networks.items()}
     monkeypatch.setattr(benchmarks.train, "NETWORKS", small)
-    found = benchmarks.train.run()
-    assert set(found["epoch_s"]) == set(found["step_s"]) == set(networks)
+    result = benchmarks.train.run()
+    assert set(result["epoch_s"]) == set(result["step_s"]) == set(networks)
     for name in networks:
-        assert found["epoch_s"][name] == pytest.approx(10 * found["step_s"][name], abs=0.06)
-    assert found["ratio"] > 0
+        assert result["epoch_s"][name] == pytest.approx(10 * result["step_s"][name], abs=0.06)
+    assert result["ratio"] > 0
 
 
 def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
-    small = dict(list(benchmarks.infer.networks().items())[2:])
+    small = dict(list(benchmarks.infer.predictors().items())[2:])
     monkeypatch.setattr(benchmarks.infer, "ROUNDS", 1)
     monkeypatch.setattr(benchmarks.infer, "BATCH", 2)
     stood_in = {"asi-bip": small["aligned"], "asi-bip literal": small["aligned"], **small}
-    monkeypatch.setattr(benchmarks.infer, "networks", lambda: stood_in)
-    found = benchmarks.infer.run()
-    assert set(found["window_ms"]) == set(found["window_ms_of_a_batch"]) == set(stood_in)
-    assert all(value > 0 for value in found["window_ms"].values())
-    assert found["parameters"]["castformer"] == small["castformer"].parameter_count
+    monkeypatch.setattr(benchmarks.infer, "predictors", lambda: stood_in)
+    result = benchmarks.infer.run()
+    assert set(result["window_ms"]) == set(result["window_ms_of_a_batch"]) == set(stood_in)
+    assert all(value > 0 for value in result["window_ms"].values())
+    assert result["parameters"]["castformer"] == small["castformer"].network.parameter_count

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import benchmarks.predictors as bench
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
 
@@ -34,28 +34,28 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small")
 def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_path: Path) -> None:
-    own, other = write_dataset(tmp_path / "own", "north", 8), write_dataset(tmp_path / "other", "south", 3)
+    first, second = write_dataset(tmp_path / "own", "north", 8), write_dataset(tmp_path / "other", "south", 3)
     console = Console(file=io.StringIO())
-    found = bench.run(own, tmp_path / "out", 2, other, console)
-    assert found == json.loads((tmp_path / "out" / "predictors.json").read_text())
+    result = bench.run(first, tmp_path / "out", 2, second, console)
+    assert result == json.loads((tmp_path / "out" / "predictors.json").read_text())
     for ends in ("early", "late"):
-        rows = found[ends]["predictors"]
+        rows = result[ends]["predictors"]
         assert [row["training_seeds"] for row in rows] == [[0, 1]] * 3
         assert "paired_difference" not in rows[0]
         assert all(set(row["paired_difference"]["macro_f1"]) >= {"difference", "low", "high"} for row in rows[1:])
-        assert len(found[ends]["unknown"]) == 6
-    assert [row["name"] for row in found["by_window_end"]] == ["ASI-BIP", "boosted trees", "UV alone"]
-    assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in found["by_window_end"])
-    for row in found["longer"].values():
-        assert [each["name"] for each in row["predictors"]] == ["ASI-BIP", "boosted trees"]
+        assert len(result[ends]["unknown"]) == 6
+    assert [row["name"] for row in result["by_window_end"]] == ["ASI-BIP", "boosted trees", "UV alone"]
+    assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in result["by_window_end"])
+    for row in result["longer"].values():
+        assert [predictor["name"] for predictor in row["predictors"]] == ["ASI-BIP", "boosted trees"]
     card = json.loads((tmp_path / "out" / "longer" / "asi-bip-1-0" / "run.json").read_text())
     assert card["settings"]["optimiser"]["epochs"] == 3
-    half, whole = (next(r for r in found["samples"] if (r["model"], r["share"]) == ("trees", s)) for s in (0.5, 1.0))
+    half, whole = (next(r for r in result["samples"] if (r["model"], r["share"]) == ("trees", s)) for s in (0.5, 1.0))
     assert half["samples"] == pytest.approx(whole["samples"] / 2)
     assert half["windows"] == whole["windows"]
     for part, places in (("truth", {"out", "true"}), ("other", {"out", "other"})):
-        assert {row["on"] for row in found[part]} == places
-        assert len(found[part]) == 4
+        assert {row["on"] for row in result[part]} == places
+        assert len(result[part]) == 4
     # Every seed of the other road is new to the predictors, and a share of their own road's.
-    on_other, on_own = (next(r for r in found["other"] if r["on"] == place) for place in ("other", "out"))
+    on_other, on_own = (next(r for r in result["other"] if r["on"] == place) for place in ("other", "out"))
     assert on_other["windows"] == 3 * on_own["windows"] / round(0.3 * 8)

@@ -9,9 +9,11 @@ import torch
 from isacsim.errors import InputError
 from models.data.windows import Records, Windows, cut, draw_ends
 from models.export import write_export
+from models.predictors.aligned import AlignedSettings
 from models.predictors.castformer import CastformerSettings
-from models.predictors.floors import AlignedSettings
-from models.run import NetworkPredictor, Run, build_network
+from models.predictors.network_predictor import NetworkPredictor
+from models.predictors.registry import PREDICTORS
+from models.run import Run
 from tests.support.made_up import SMALL_RUN
 
 SHORT = {"tv_length": 80, "uv_length": 20}
@@ -37,7 +39,9 @@ def assert_same(run: Run, file: Path, windows: Windows) -> None:
 def test_a_written_program_answers_like_the_network(model: str, network_run: Run, tmp_path: Path) -> None:
     settings = SETTINGS.model_copy(update={"model": model})
     card = network_run.card.model_copy(update={"settings": settings, **SHORT})
-    run = Run(network_run.path, card, NetworkPredictor(build_network(card).eval()), network_run.reference)
+    kind = PREDICTORS[model]
+    assert issubclass(kind, NetworkPredictor)
+    run = Run(network_run.path, card, kind(kind.build(settings, card.shape).eval()), network_run.reference)
     rng = np.random.default_rng(0)
     windows = Windows(rng.normal(size=(7, 6, 80)).astype(np.float32), rng.normal(size=(7, 6, 20)).astype(np.float32))
     assert_same(run, write_export(run, tmp_path / "network.pt2"), windows)
@@ -50,7 +54,10 @@ def test_a_trained_network_exports(records: Records, network_run: Run, tmp_path:
 
 
 def test_trees_and_other_names_are_refused(network_run: Run, trees_run: Run, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no single network"):
+    with pytest.raises(
+        InputError,
+        match=r"not a single network; export a run of one of asi-bip, .*castformer",
+    ):
         write_export(trees_run, tmp_path / "trees.pt2")
     with pytest.raises(InputError, match=r"\.pt2"):
         write_export(network_run, tmp_path / "network.onnx")

@@ -1,4 +1,4 @@
-"""A predictor at work answers what evaluation measured."""
+"""A predictor in use gives the answers that evaluation measured."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,9 @@ import torch
 
 from models.data.windows import Ends, Records, cut
 from models.inference import Infer
-from models.predictors.asi_bip import AsiBip
-from models.predictors.floors import Aligned
-from models.run import Run, build_network
+from models.predictors.aligned import Aligned, AlignedPredictor
+from models.predictors.asi_bip import AsiBip, TvAlonePredictor, UvAlonePredictor
+from models.run import Run
 from models.scores.open_set import chosen
 from tests.support.made_up import SMALL_RUN
 
@@ -28,15 +28,15 @@ def streams(records: Records, run: Run) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("kind", ["network_run", "trees_run"])
 def test_a_batch_is_answered_as_in_evaluation(kind: str, records: Records, request: pytest.FixtureRequest) -> None:
     run: Run = request.getfixturevalue(kind)
-    found = Infer.load(run.path)(*streams(records, run))
+    inference = Infer.load(run.path)(*streams(records, run))
     outputs = run.predictor(cut(records, ENDS, run.card.settings.windows))
     expected = torch.softmax(torch.from_numpy(outputs.logits) / run.card.temperature, 1).numpy()
-    np.testing.assert_allclose(found.probabilities, expected, atol=1e-6)
+    np.testing.assert_allclose(inference.probabilities, expected, atol=1e-6)
     assert run.card.unknown_threshold is not None
     score = chosen(run)(outputs)
-    np.testing.assert_array_equal(found.rejected, score < run.card.unknown_threshold)
-    assert found.intentions == [run.card.classes[k] for k in outputs.logits.argmax(axis=1)]
-    assert found.latency_ms > 0
+    np.testing.assert_array_equal(inference.rejected, score < run.card.unknown_threshold)
+    assert inference.intentions == [run.card.classes[k] for k in outputs.logits.argmax(axis=1)]
+    assert inference.latency_ms > 0
 
 
 def test_one_window_is_a_batch_of_one(records: Records, network_run: Run) -> None:
@@ -51,25 +51,25 @@ def test_windows_of_another_length_are_refused(records: Records, network_run: Ru
         Infer.load(network_run.path)(tv[:, :, 1:], uv)
 
 
-@pytest.mark.parametrize(("model", "deaf"), [("tv-alone", 1), ("uv-alone", 0)])
-def test_a_single_stream_floor_is_deaf_to_the_other(network_run: Run, model: str, deaf: int) -> None:
-    settings = SMALL_RUN.model_copy(update={"model": model})
-    network = build_network(network_run.card.model_copy(update={"settings": settings})).eval()
+@pytest.mark.parametrize(("kind", "ignored"), [(TvAlonePredictor, 1), (UvAlonePredictor, 0)])
+def test_a_single_stream_floor_ignores_the_other_stream(
+    network_run: Run, kind: type[TvAlonePredictor], ignored: int
+) -> None:
+    network = kind.build(SMALL_RUN, network_run.card.shape).eval()
     assert isinstance(network, AsiBip)
-    given = [torch.randn(2, 6, 480), torch.randn(2, 6, 120)]
-    answer = network(*given)
+    streams = [torch.randn(2, 6, 480), torch.randn(2, 6, 120)]
+    logits = network(*streams)
     for k in (0, 1):
-        changed = [x + 1 if j == k else x for j, x in enumerate(given)]
-        assert torch.equal(network(*changed), answer) == (k == deaf)
+        changed = [x + 1 if j == k else x for j, x in enumerate(streams)]
+        assert torch.equal(network(*changed), logits) == (k == ignored)
 
 
 def test_aligned_fusion_sees_both_streams_at_the_same_instants(network_run: Run) -> None:
-    settings = SMALL_RUN.model_copy(update={"model": "aligned"})
-    network = build_network(network_run.card.model_copy(update={"settings": settings})).eval()
+    network = AlignedPredictor.build(SMALL_RUN, network_run.card.shape).eval()
     assert isinstance(network, Aligned)
-    seen: list[torch.Tensor] = []
-    network.lstm.register_forward_pre_hook(lambda _, args: seen.append(args[0]))
+    inputs: list[torch.Tensor] = []
+    network.lstm.register_forward_pre_hook(lambda _, args: inputs.append(args[0]))
     ramp_tv, ramp_uv = (torch.linspace(0, 1, n).expand(1, 6, n) for n in (480, 120))
     assert network(ramp_tv, ramp_uv).shape == (1, 6)
-    torch.testing.assert_close(seen[0][:, 0, 0], seen[0][:, 0, 6])
-    assert seen[0].shape == (220, 1, 12)
+    torch.testing.assert_close(inputs[0][:, 0, 0], inputs[0][:, 0, 6])
+    assert inputs[0].shape == (220, 1, 12)

@@ -7,11 +7,12 @@ import pandas as pd
 
 from isacsim.seeding import stream
 from labeling.intentions import Intention
+from models.data.pre_onset import PreOnsetSettings
 from models.data.windows import Records, WindowSettings
+from models.fit_settings import OptimiserSettings
 from models.predictors.asi_bip import AsiBipSettings
-from models.predictors.floors import TreesSettings
-from models.predictors.reject_option import PreludeSettings
-from models.run import OptimiserSettings, TrainSettings
+from models.predictors.trees import TreesSettings
+from models.settings import TrainSettings
 
 TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
 BEFORE_ONSET_S, DURATION_S = 2.6, 5.0
@@ -98,5 +99,5 @@ SMALL_RUN = TrainSettings(
     asi_bip=AsiBipSettings(hidden=12, width=16, heads=4, feedforward=32, dropout=0.05),
     optimiser=OptimiserSettings(epochs=3, batch=16, learning_rate=5e-3, schedule="cosine", threads=1),
     trees=TreesSettings(rounds=10, ends_per_record=1),
-    preludes=PreludeSettings(rounds=20, ends_per_record=1),
+    preludes=PreOnsetSettings(rounds=20, ends_per_record=1),
 )

@@ -11,7 +11,7 @@ from isacsim.seeding import stream
 from labeling.intentions import Intention
 from models.data.augment import AugmentSettings, augmented, mirrored, mirrored_labels, turned
 from models.data.windows import Records, Windows, WindowSettings
-from models.run import TrainSettings
+from models.settings import TrainSettings
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -30,49 +30,56 @@ def test_mirrored_twice_is_the_window_itself() -> None:
 
 def test_the_mirror_swaps_sides_and_labels_and_leaves_overtakes() -> None:
     windows, label = some()
-    seen, said = augmented(windows, label, AugmentSettings(mirror_share=1), stream("test"))
+    changed, changed_label = augmented(windows, label, AugmentSettings(mirror_share=1), stream("test"))
     overtake = label == Intention.OVERTAKE
-    for before, after in ((windows.tv, seen.tv), (windows.uv, seen.uv)):
+    for before, after in ((windows.tv, changed.tv), (windows.uv, changed.uv)):
         np.testing.assert_array_equal(after[:, ::2], before[:, ::2])
         np.testing.assert_array_equal(after[~overtake, 1::2], -before[~overtake, 1::2])
         np.testing.assert_array_equal(after[overtake], before[overtake])
-    assert set(zip(label.tolist(), said.tolist(), strict=True)) == {(0, 0), (1, 2), (2, 1), (3, 3), (4, 4), (5, 5)}
+    assert set(zip(label.tolist(), changed_label.tolist(), strict=True)) == {
+        (0, 0),
+        (1, 2),
+        (2, 1),
+        (3, 3),
+        (4, 4),
+        (5, 5),
+    }
 
 
 def test_about_the_asked_share_is_mirrored() -> None:
     windows, _ = some(2000)
     label = np.full(2000, Intention.LEFT_LANE_CHANGE)
-    _, said = augmented(windows, label, AugmentSettings(mirror_share=0.3), stream("test"))
-    assert (said == Intention.RIGHT_LANE_CHANGE).mean() == pytest.approx(0.3, abs=0.04)
+    _, changed_label = augmented(windows, label, AugmentSettings(mirror_share=0.3), stream("test"))
+    assert (changed_label == Intention.RIGHT_LANE_CHANGE).mean() == pytest.approx(0.3, abs=0.04)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.1, 45))
 def test_a_turn_keeps_lengths_and_what_both_streams_are_to_each_other(seed: int, degrees: float) -> None:
     windows, label = some(5, seed)
-    seen, said = augmented(windows, label, AugmentSettings(turn_deg=degrees), stream("test", seed))
-    np.testing.assert_array_equal(said, label)
+    changed, changed_label = augmented(windows, label, AugmentSettings(turn_deg=degrees), stream("test", seed))
+    np.testing.assert_array_equal(changed_label, label)
     for part in (slice(0, 2), slice(2, 4), slice(4, 6)):
-        for before, after in ((windows.tv, seen.tv), (windows.uv, seen.uv)):
+        for before, after in ((windows.tv, changed.tv), (windows.uv, changed.uv)):
             expected = np.linalg.norm(before[:, part], axis=1)
             np.testing.assert_allclose(np.linalg.norm(after[:, part], axis=1), expected, atol=1e-5)
-        inner = [(w.tv[:, part, 0] * w.uv[:, part, 0]).sum(axis=1) for w in (windows, seen)]
+        inner = [(w.tv[:, part, 0] * w.uv[:, part, 0]).sum(axis=1) for w in (windows, changed)]
         np.testing.assert_allclose(inner[0], inner[1], atol=1e-5)
 
 
 def test_a_quarter_turn_takes_x_to_y() -> None:
     states = np.zeros((1, 6, 1), np.float32)
     states[0, [0, 3]] = 2
-    found = turned(states, np.array([np.pi / 2]))
-    np.testing.assert_allclose(found[0, :, 0], [0, 2, -2, 0, 0, 0], atol=1e-6)
+    after = turned(states, np.array([np.pi / 2]))
+    np.testing.assert_allclose(after[0, :, 0], [0, 2, -2, 0, 0, 0], atol=1e-6)
 
 
 def test_noise_is_on_the_tv_and_of_the_asked_size() -> None:
     windows, label = some(400)
     noisy = AugmentSettings(noise_m=0.5, noise_mps=0.2)
-    seen, _ = augmented(windows, label, noisy, stream("test"))
-    np.testing.assert_array_equal(seen.uv, windows.uv)
-    added = (seen.tv - windows.tv).std(axis=(0, 2))
+    noisy_windows, _ = augmented(windows, label, noisy, stream("test"))
+    np.testing.assert_array_equal(noisy_windows.uv, windows.uv)
+    added = (noisy_windows.tv - windows.tv).std(axis=(0, 2))
     np.testing.assert_allclose(added, [0.5, 0.5, 0.2, 0.2, 0, 0], rtol=0.03, atol=1e-6)
 
 
@@ -87,7 +94,7 @@ def test_training_sees_varied_windows_and_repeats_itself(records: Records, tmp_p
     plain = SMALL_RUN.model_copy(update={"optimiser": one})
     varied = plain.model_copy(update={"augment": AugmentSettings(turn_deg=5, noise_mps=0.2, mirror_share=0.5)})
     loss = []
-    for k, each in enumerate((plain, varied, varied)):
-        run = train_records(records, MADE_OF, tmp_path / str(k), each)
+    for k, training in enumerate((plain, varied, varied)):
+        run = train_records(records, MADE_OF, tmp_path / str(k), training)
         loss.append(pd.read_csv(run.path / "history.csv")["train_loss"][0])
     assert loss[0] != loss[1] == loss[2]

@@ -31,38 +31,38 @@ def test_clips_come_as_they_were_written(tmp_path: Path) -> None:
     with np.load(tmp_path / "clip07.npz") as stored:
         np.testing.assert_array_equal(clips[7].inner, stored["in"].astype(np.float32))
         np.testing.assert_array_equal(clips[7].outer, stored["out"].astype(np.float32))
-    found = batch(clips, 10)
-    assert found.inner.shape == (20, 10, 65)
-    assert found.outer.shape == (20, 10, 33)
-    np.testing.assert_array_equal(found.speed[:, :, 0], found.outer[:, :, 32])
+    everything = batch(clips, 10)
+    assert everything.inner.shape == (20, 10, 65)
+    assert everything.outer.shape == (20, 10, 33)
+    np.testing.assert_array_equal(everything.speed[:, :, 0], everything.outer[:, :, 32])
 
 
 @settings(max_examples=50, deadline=None)
 @given(count=st.integers(1, 200), length=st.integers(1, 60), seed=st.none() | st.integers(0, 9))
 def test_one_frame_of_each_even_part(count: int, length: int, seed: int | None) -> None:
-    found = frames(count, length, None if seed is None else np.random.default_rng(seed))
+    taken = frames(count, length, None if seed is None else np.random.default_rng(seed))
     edges = np.arange(length + 1) * count / length
-    assert (found >= np.floor(edges[:-1])).all()
-    assert (found <= np.ceil(edges[1:]) - 1 + 1e-9).all()
-    assert (np.diff(found) >= 0).all()
+    assert (taken >= np.floor(edges[:-1])).all()
+    assert (taken <= np.ceil(edges[1:]) - 1 + 1e-9).all()
+    assert (np.diff(taken) >= 0).all()
 
 
 def test_random_frames_depend_on_the_keys_and_the_clip_alone(tmp_path: Path) -> None:
     write(tmp_path, 4)
     clips = load_clips(tmp_path, 5)
-    here = batch(clips, 6, "train", 1).inner
-    np.testing.assert_array_equal(batch(clips[::-1], 6, "train", 1).inner[::-1], here)
-    assert (batch(clips, 6, "train", 2).inner != here).any()
+    inner = batch(clips, 6, "train", 1).inner
+    np.testing.assert_array_equal(batch(clips[::-1], 6, "train", 1).inner[::-1], inner)
+    assert (batch(clips, 6, "train", 2).inner != inner).any()
 
 
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"label": 5}, "no class"),
-        ({"label": 1.5}, "no class"),
-        ({"label": np.array([1])}, "no class"),
-        ({"in": np.full((4, 65), np.nan)}, "in is no table"),
-        ({"out": np.zeros(4)}, "out is no table"),
+        ({"label": 5}, "not a class"),
+        ({"label": 1.5}, "not a class"),
+        ({"label": np.array([1])}, "not a class"),
+        ({"in": np.full((4, 65), np.nan)}, "in is not a table"),
+        ({"out": np.zeros(4)}, "out is not a table"),
         ({"out": np.zeros((3, 33))}, "same frames"),
         ({"in": np.array([object()], dtype=object)}, "pickled"),
         ({"in": None}, "missing"),
@@ -97,11 +97,11 @@ def test_castformer_learns_from_clips(tmp_path: Path) -> None:
     adam = torch.optim.Adam(net.parameters(), 3e-3)
     for epoch in range(25):
         data = batch(clips, 8, "train", epoch)
-        given = [torch.from_numpy(x) for x in (data.inner, data.outer, data.speed)]
-        loss = castformer_loss(net.answers(*given), torch.from_numpy(data.label), None, 0.1)
+        streams = [torch.from_numpy(x) for x in (data.inner, data.outer, data.speed)]
+        loss = castformer_loss(net.training_logits(*streams), torch.from_numpy(data.label), None, 0.1)
         adam.zero_grad()
         loss.backward()
         adam.step()
     data = batch(clips, 8)
-    said = net.eval()(*(torch.from_numpy(x) for x in (data.inner, data.outer, data.speed)))
-    assert (said.argmax(dim=1).numpy() == data.label).mean() > 0.8
+    logits = net.eval()(*(torch.from_numpy(x) for x in (data.inner, data.outer, data.speed)))
+    assert (logits.argmax(dim=1).numpy() == data.label).mean() > 0.8

@@ -1,4 +1,4 @@
-"""Places in lanes, found from positions and velocities."""
+"""Places in lanes, from positions and velocities."""
 
 from dataclasses import dataclass
 
@@ -24,18 +24,18 @@ def arc(radius: float, degrees: float, every: float = 3.0) -> np.ndarray:
 
 def test_of_two_lanes_side_by_side_the_nearer_one_is_the_vehicle_s() -> None:
     lanes = LaneMap.of([Line(np.array([[0, y], [500, y]]), 3.0 + y) for y in (0.0, 3.5)])
-    found = lanes.place(np.array([[123.4, 1.5], [123.4, 2.0]]), np.array([[20.0, 0.5], [20.0, 0.5]]))
-    np.testing.assert_allclose(found.offset_m, [1.5, -1.5], atol=1e-9)
-    np.testing.assert_allclose(found.width_m, [3.0, 6.5])
-    np.testing.assert_allclose(found.heading, [[1, 0], [1, 0]], atol=1e-9)
+    places = lanes.place(np.array([[123.4, 1.5], [123.4, 2.0]]), np.array([[20.0, 0.5], [20.0, 0.5]]))
+    np.testing.assert_allclose(places.offset_m, [1.5, -1.5], atol=1e-9)
+    np.testing.assert_allclose(places.width_m, [3.0, 6.5])
+    np.testing.assert_allclose(places.heading, [[1, 0], [1, 0]], atol=1e-9)
 
 
 def test_a_lane_of_the_other_direction_or_across_is_none_of_its() -> None:
-    own, oncoming = np.array([[0.0, 0], [100, 0]]), np.array([[100.0, 3.2], [0, 3.2]])
+    forward, oncoming = np.array([[0.0, 0], [100, 0]]), np.array([[100.0, 3.2], [0, 3.2]])
     crossing = np.array([[50.0, -40], [50, 40]])
-    lanes = LaneMap.of([Line(line, 3.2) for line in (own, oncoming, crossing)])
-    found = lanes.place(np.array([[50.0, 2.5], [50.0, 2.5]]), np.array([[9.0, 0.0], [-9.0, 0.0]]))
-    np.testing.assert_allclose(found.offset_m, [2.5, 0.7], atol=1e-9)
+    lanes = LaneMap.of([Line(line, 3.2) for line in (forward, oncoming, crossing)])
+    places = lanes.place(np.array([[50.0, 2.5], [50.0, 2.5]]), np.array([[9.0, 0.0], [-9.0, 0.0]]))
+    np.testing.assert_allclose(places.offset_m, [2.5, 0.7], atol=1e-9)
 
 
 @settings(max_examples=40, deadline=None)
@@ -48,10 +48,10 @@ def test_in_a_bend_the_offset_is_the_difference_of_radii(
     at = np.radians(degrees)
     place = np.array([0, radius]) + (radius - offset) * np.array([np.sin(at), -np.cos(at)])
     heading = np.array([np.cos(at), np.sin(at)])
-    found = lanes.place((rotation @ place)[None] + (700, -300), 15 * (rotation @ heading)[None])
+    in_lane = lanes.place((rotation @ place)[None] + (700, -300), 15 * (rotation @ heading)[None])
     # The polyline with a vertex every 3 degrees lies inside the arc by up to radius (1 - cos 1.5 degrees).
-    assert found.offset_m[0] == pytest.approx(offset, abs=radius * 3.5e-4 + 0.02)
-    np.testing.assert_allclose(found.heading[0], rotation @ heading, atol=0.005)
+    assert in_lane.offset_m[0] == pytest.approx(offset, abs=radius * 3.5e-4 + 0.02)
+    np.testing.assert_allclose(in_lane.heading[0], rotation @ heading, atol=0.005)
 
 
 def test_lanes_without_length_are_passed_over() -> None:

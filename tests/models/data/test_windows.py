@@ -55,13 +55,13 @@ def test_windows_on_the_map_are_the_same_in_the_scenario_s_plane(records: Record
     ends = draw_ends(few, ABSOLUTE, "test")
     assert cut(records, ends, ABSOLUTE).on_map is None
     for frame in ("relative", "moving", "absolute"):
-        seen = cut(few, ends, WindowSettings(frame=frame)).on_map
-        assert seen is not None
+        on_map = cut(few, ends, WindowSettings(frame=frame)).on_map
+        assert on_map is not None
         plain = cut(few, ends, ABSOLUTE)
-        np.testing.assert_array_equal(seen.tv, plain.tv)
-        np.testing.assert_array_equal(seen.uv, plain.uv)
-        assert seen.lane_maps(seen.scenario[0]) is maps["toy"]
-        assert len(seen.scenario) == len(ends)
+        np.testing.assert_array_equal(on_map.tv, plain.tv)
+        np.testing.assert_array_equal(on_map.uv, plain.uv)
+        assert on_map.lane_maps(on_map.scenario[0]) is maps["toy"]
+        assert len(on_map.scenario) == len(ends)
 
 
 @pytest.mark.parametrize(
@@ -137,8 +137,8 @@ def test_the_relative_frame_forgets_place_and_direction(angle: float, dx: float,
         out[:, 0] += np.array([dx, dy])[:, None]
         return out.reshape(states.shape)
 
-    for here, there in zip(to_relative(tv, uv), to_relative(moved(tv), moved(uv)), strict=True):
-        np.testing.assert_allclose(there, here, atol=1e-7)
+    for before, after in zip(to_relative(tv, uv), to_relative(moved(tv), moved(uv)), strict=True):
+        np.testing.assert_allclose(after, before, atol=1e-7)
 
 
 def test_the_relative_frame_is_the_tv_start_and_the_uv_heading(records: Records) -> None:
@@ -161,9 +161,9 @@ def test_the_moving_frame_forgets_a_common_velocity(u: float, v: float) -> None:
     for states, t in zip(faster, times, strict=True):
         states[:, 0:2] += np.array([u, v])[:, None] * t
         states[:, 2:4] += np.array([u, v])[:, None]
-    seen = zip(to_moving(tv, uv, times[0][-1], 0.0075), to_moving(*faster, times[0][-1], 0.0075), strict=True)
-    for here, there in seen:
-        np.testing.assert_allclose(there, here, atol=1e-9)
+    pairs = zip(to_moving(tv, uv, times[0][-1], 0.0075), to_moving(*faster, times[0][-1], 0.0075), strict=True)
+    for before, after in pairs:
+        np.testing.assert_allclose(after, before, atol=1e-9)
 
 
 def test_the_moving_frame_starts_at_rest(records: Records) -> None:
@@ -190,10 +190,10 @@ def test_an_end_outside_its_record_is_an_error(records: Records) -> None:
 
 def test_a_draw_depends_on_the_sample_and_the_keys_alone(records: Records) -> None:
     order = np.arange(len(records))[::-1].copy()
-    here = draw_ends(records, WindowSettings(), "train", 1, 5)
-    there = draw_ends(records.take(order), WindowSettings(), "train", 1, 5)
-    np.testing.assert_array_equal(there.step, here.step[::-1])
-    assert (draw_ends(records, WindowSettings(), "train", 1, 6).step != here.step).mean() > 0.9
+    ends = draw_ends(records, WindowSettings(), "train", 1, 5)
+    reordered = draw_ends(records.take(order), WindowSettings(), "train", 1, 5)
+    np.testing.assert_array_equal(reordered.step, ends.step[::-1])
+    assert (draw_ends(records, WindowSettings(), "train", 1, 6).step != ends.step).mean() > 0.9
 
 
 def test_no_seed_is_on_two_sides_and_every_intention_on_each(records: Records) -> None:

@@ -6,8 +6,8 @@ from torch import nn
 
 from models.data.windows import Windows
 from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches
-from models.predictors.floors import statistics
 from models.predictors.statistics_branch import window_statistics
+from models.predictors.trees import statistics
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 
@@ -17,20 +17,20 @@ def network(settings: AsiBipSettings = SMALL, tv: int = 80, uv: int = 20) -> Asi
     return AsiBip(settings, 6, tv, uv).eval()
 
 
-def seen_tokens(net: AsiBip, tv: int, uv: int) -> int:
-    seen: list[int] = []
-    net.encoder.register_forward_pre_hook(lambda _, args: seen.append(args[0].shape[1]))
+def count_tokens(net: AsiBip, tv: int, uv: int) -> int:
+    counts: list[int] = []
+    net.encoder.register_forward_pre_hook(lambda _, args: counts.append(args[0].shape[1]))
     net(torch.randn(2, 6, tv), torch.randn(2, 6, uv))
-    return seen[0]
+    return counts[0]
 
 
 def test_the_paper_s_window_gives_44_and_44_tokens_and_a_class_token() -> None:
-    assert seen_tokens(network(tv=880, uv=220), 880, 220) == 1 + 44 + 44
+    assert count_tokens(network(tv=880, uv=220), 880, 220) == 1 + 44 + 44
 
 
 def test_the_literal_reading_has_1101_tokens() -> None:
     net = network(SMALL.model_copy(update={"tokens": "literal"}), tv=880, uv=220)
-    assert seen_tokens(net, 880, 220) == 1101
+    assert count_tokens(net, 880, 220) == 1101
 
 
 def test_lengths_that_the_pools_do_not_divide_keep_their_tail() -> None:
@@ -38,7 +38,7 @@ def test_lengths_that_the_pools_do_not_divide_keep_their_tail() -> None:
     tv, uv = torch.randn(1, 6, 83), torch.randn(1, 6, 22)
     changed = tv.clone()
     changed[..., -1] += 5
-    assert seen_tokens(net, 83, 22) == 1 + 5 + 5
+    assert count_tokens(net, 83, 22) == 1 + 5 + 5
     assert (net(tv, uv) - net(changed, uv)).abs().max() > 1e-6
 
 
@@ -72,12 +72,12 @@ def test_the_scale_is_that_of_the_windows_it_is_fitted_on() -> None:
     for x in net.standardised(tv, uv):
         torch.testing.assert_close(x.mean(dim=(0, 2)), torch.zeros(6), atol=1e-4, rtol=0)
         torch.testing.assert_close(x.std(dim=(0, 2)), torch.ones(6), atol=1e-2, rtol=0)
-    seen: list[torch.Tensor] = []
+    inputs: list[torch.Tensor] = []
     assert net.statistics is not None
-    net.statistics.mlp.register_forward_pre_hook(lambda _, args: seen.append(args[0]))
+    net.statistics.mlp.register_forward_pre_hook(lambda _, args: inputs.append(args[0]))
     net(tv, uv)
-    torch.testing.assert_close(seen[0].mean(dim=0), torch.zeros(120), atol=1e-3, rtol=0)
-    torch.testing.assert_close(seen[0].std(dim=0, correction=0), torch.ones(120), atol=1e-3, rtol=0)
+    torch.testing.assert_close(inputs[0].mean(dim=0), torch.zeros(120), atol=1e-3, rtol=0)
+    torch.testing.assert_close(inputs[0].std(dim=0, correction=0), torch.ones(120), atol=1e-3, rtol=0)
 
 
 @pytest.mark.parametrize(("tv", "uv"), [(90, 30), (80, 20), (83, 22)])
@@ -157,12 +157,12 @@ def test_the_class_token_is_that_of_a_whole_encoder(norm_first: bool, training: 
 
 def test_patches_are_samples_side_by_side_up_to_the_window_s_end() -> None:
     x = torch.randn(2, 6, 11)
-    found = patches(x, 4)
-    assert found.shape == (3, 2, 24)
+    steps = patches(x, 4)
+    assert steps.shape == (3, 2, 24)
     for component in range(6):
-        torch.testing.assert_close(found[2, 1, 4 * component : 4 * component + 4], x[1, component, 7:])
+        torch.testing.assert_close(steps[2, 1, 4 * component : 4 * component + 4], x[1, component, 7:])
         first = torch.stack([x[1, component, k] for k in (0, 0, 1, 2)])
-        torch.testing.assert_close(found[0, 1, 4 * component : 4 * component + 4], first)
+        torch.testing.assert_close(steps[0, 1, 4 * component : 4 * component + 4], first)
 
 
 def test_patches_shorten_the_lstms_and_keep_the_tokens() -> None:
@@ -170,7 +170,7 @@ def test_patches_shorten_the_lstms_and_keep_the_tokens() -> None:
     steps: list[int] = []
     for branch in (net.tv_branch, net.uv_branch):
         branch.lstm.register_forward_pre_hook(lambda _, args: steps.append(len(args[0])))
-    assert seen_tokens(net, 880, 220) == 1 + 44 + 44
+    assert count_tokens(net, 880, 220) == 1 + 44 + 44
     assert steps == [88, 44]
 
 
@@ -188,13 +188,13 @@ def test_a_patched_branch_that_weighs_its_samples_alike_sees_their_mean() -> Non
 
 
 def test_tokens_hold_whole_patches() -> None:
-    with pytest.raises(ValueError, match="no whole number of patches"):
+    with pytest.raises(ValueError, match="not a whole number of patches"):
         AsiBipSettings(tv_patch=8)
     assert AsiBipSettings(tv_patch=8, tokens="literal").tv_patch == 8
 
 
 def test_heads_divide_the_width() -> None:
-    with pytest.raises(ValueError, match="no multiple of heads"):
+    with pytest.raises(ValueError, match="not a multiple of heads"):
         AsiBipSettings(width=100, heads=8)
 
 

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from isacsim.errors import InputError
 from models.data.windows import Records
+from models.fit_settings import OptimiserSettings
 from models.predictors.castformer import (
     PAPER_OPTIMISER,
     Castformer,
@@ -30,7 +31,8 @@ from models.predictors.castformer_modules import (
     running_mean,
     shifted,
 )
-from models.run import OptimiserSettings, TrainSettings
+from models.predictors.protocol import WindowShape
+from models.settings import TrainSettings
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -43,7 +45,7 @@ def core(settings: CastformerSettings = SMALL, widths: tuple[int, int] = (12, 9)
     return CastformerCore(settings, classes, *widths, speed=True).eval()
 
 
-def given(widths: tuple[int, int] = (12, 9), n: int = 3) -> tuple[Tensor, Tensor, Tensor]:
+def streams_of(widths: tuple[int, int] = (12, 9), n: int = 3) -> tuple[Tensor, Tensor, Tensor]:
     torch.manual_seed(2)
     return torch.randn(n, FRAMES, widths[0]), torch.randn(n, FRAMES, widths[1]), torch.rand(n, FRAMES, 1)
 
@@ -62,7 +64,7 @@ def test_a_change_at_a_frame_moves_nothing_before_it(order: Order, attention: At
 
 
 def assert_causal(order: Order, attention: Attention) -> None:
-    net, streams = core(other(order=order, attention=attention)), given()
+    net, streams = core(other(order=order, attention=attention)), streams_of()
     before = net.states(*streams)
     for k, at in itertools.product(range(3), (1, FRAMES - 2)):
         changed = list(streams)
@@ -71,9 +73,9 @@ def assert_causal(order: Order, attention: Attention) -> None:
         after = net.states(*changed)
         moved = False
         for name in ("inner", "outer", "context", "intent"):
-            here, there = getattr(before, name), getattr(after, name)
-            torch.testing.assert_close(there[:, :at], here[:, :at], atol=1e-6, rtol=0)
-            moved |= bool((there[:, at:] - here[:, at:]).abs().max() > 1e-4)
+            first, second = getattr(before, name), getattr(after, name)
+            torch.testing.assert_close(second[:, :at], first[:, :at], atol=1e-6, rtol=0)
+            moved |= bool((second[:, at:] - first[:, at:]).abs().max() > 1e-4)
         assert moved
 
 
@@ -87,8 +89,8 @@ def test_with_bda_the_other_stream_is_seen_one_frame_late() -> None:
 
 
 def test_the_mask_hides_the_future_and_the_zeros_in_front() -> None:
-    seen = ~delayed_mask(4, 1)
-    assert seen.int().tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 1, 0], [0, 1, 1, 1]]
+    visible = ~delayed_mask(4, 1)
+    assert visible.int().tolist() == [[1, 0, 0, 0], [0, 1, 0, 0], [0, 1, 1, 0], [0, 1, 1, 1]]
     assert (~delayed_mask(3, 0)).int().tolist() == [[1, 0, 0], [1, 1, 0], [1, 1, 1]]
     assert (~delayed_mask(3, 2)).int().tolist() == [[1, 0, 0], [1, 0, 0], [0, 0, 1]]
 
@@ -115,34 +117,34 @@ def test_the_counterfactual_is_attention_to_the_mean_whatever_the_query() -> Non
     part = CausalResidual(16, 4, 0.0, 1, detach_mean=True).eval()
     stream = torch.randn(2, FRAMES, 16)
     mean = running_mean(stream, 1)
-    found = part.counterfactual(mean)
+    answer = part.counterfactual(mean)
     for query in (torch.randn(2, 1, 16), torch.randn(2, 1, 16) * 5):
         keys = mean[:, -1:].expand(-1, FRAMES, -1)
         expected = part.attend.attention(query, keys, keys)[0][:, 0]
-        torch.testing.assert_close(found[:, -1], expected, atol=1e-5, rtol=1e-4)
+        torch.testing.assert_close(answer[:, -1], expected, atol=1e-5, rtol=1e-4)
 
 
 def test_the_counterfactual_s_mean_has_a_gradient_where_asked() -> None:
     for detach in (True, False):
         mean = torch.randn(2, FRAMES, 16, requires_grad=True)
-        found = CausalResidual(16, 4, 0.0, 1, detach).counterfactual(mean).sum()
-        found.backward()
+        total = CausalResidual(16, 4, 0.0, 1, detach).counterfactual(mean).sum()
+        total.backward()
         assert (mean.grad is None) == detach
 
 
 def test_the_residual_is_orthogonal_to_the_other_stream_s_mean() -> None:
     part = CausalResidual(16, 4, 0.0, 1, detach_mean=True).eval()
-    own, stream = torch.randn(2, FRAMES, 16), torch.randn(2, FRAMES, 16)
-    residual = part.residual(own, stream)
-    inside = (residual * running_mean(stream, 1)).sum(dim=-1)
+    stream, other_stream = torch.randn(2, FRAMES, 16), torch.randn(2, FRAMES, 16)
+    residual = part.residual(stream, other_stream)
+    inside = (residual * running_mean(other_stream, 1)).sum(dim=-1)
     assert residual[:, -1].abs().max() > 1e-2
     torch.testing.assert_close(inside, torch.zeros_like(inside), atol=1e-5, rtol=0)
 
 
 def test_a_stream_that_stands_still_has_no_causal_effect() -> None:
     part = CausalResidual(16, 4, 0.0, 1, detach_mean=True).eval()
-    own, still = torch.randn(2, FRAMES, 16), torch.randn(2, 1, 16).expand(-1, FRAMES, -1)
-    torch.testing.assert_close(part(own, still), own, atol=1e-5, rtol=0)
+    stream, still = torch.randn(2, FRAMES, 16), torch.randn(2, 1, 16).expand(-1, FRAMES, -1)
+    torch.testing.assert_close(part(stream, still), stream, atol=1e-5, rtol=0)
 
 
 def test_the_channel_gate_is_equations_3_to_5() -> None:
@@ -161,30 +163,30 @@ def test_the_joint_logits_are_weighted_by_confidence() -> None:
     parts = [features[:, 4 * k : 4 * k + 4] for k in range(3)]
     power = torch.stack([torch.exp(x @ part.confidence[k].weight[0]) for k, x in enumerate(parts)])
     weight = power / power.sum(dim=0)
-    said = [x @ part.classify[k].weight.T + part.classify[k].bias for k, x in enumerate(parts)]
-    expected = sum(weight[k][:, None] * said[k] for k in range(3))
+    logits = [x @ part.classify[k].weight.T + part.classify[k].bias for k, x in enumerate(parts)]
+    expected = sum(weight[k][:, None] * logits[k] for k in range(3))
     torch.testing.assert_close(part(features), expected)
 
 
 def test_the_loss_is_equation_12() -> None:
-    said, label = core().answers(*given()), torch.tensor([0, 3, 5])
-    each = {name: nn.functional.cross_entropy(logits, label) for name, logits in said.items()}
-    assert set(each) == {"joint", "in", "out", "context", "intent"}
-    expected = (each["in"] + each["out"] + each["context"] + each["joint"]) / 4 + 0.3 * each["intent"]
-    torch.testing.assert_close(castformer_loss(said, label, None, 0.3), expected)
+    by_name, label = core().training_logits(*streams_of()), torch.tensor([0, 3, 5])
+    entropy = {name: nn.functional.cross_entropy(logits, label) for name, logits in by_name.items()}
+    assert set(entropy) == {"joint", "in", "out", "context", "intent"}
+    expected = (entropy["in"] + entropy["out"] + entropy["context"] + entropy["joint"]) / 4 + 0.3 * entropy["intent"]
+    torch.testing.assert_close(castformer_loss(by_name, label, None, 0.3), expected)
 
 
 @pytest.mark.parametrize(("rsf", "cpe", "fsn"), list(itertools.product([True, False], repeat=3)))
 @pytest.mark.parametrize(("widths", "classes"), [((240, 60), 6), ((65, 33), 5)])
 def test_all_combinations_and_widths(rsf: bool, cpe: bool, fsn: bool, widths: tuple[int, int], classes: int) -> None:
     net = core(other(rsf=rsf, cpe=cpe, fsn=fsn, dropout=0.0), widths, classes).train()
-    streams = given(widths)
-    said = net.answers(*streams)
-    assert all(logits.shape == (3, classes) for logits in said.values())
-    assert ("intent" in said) == cpe
-    assert ("context" in said) == fsn
-    torch.testing.assert_close(net(*streams), said["joint"])
-    castformer_loss(said, torch.tensor([0, 1, 2]), None, 0.1).backward()
+    streams = streams_of(widths)
+    by_name = net.training_logits(*streams)
+    assert all(logits.shape == (3, classes) for logits in by_name.values())
+    assert ("intent" in by_name) == cpe
+    assert ("context" in by_name) == fsn
+    torch.testing.assert_close(net(*streams), by_name["joint"])
+    castformer_loss(by_name, torch.tensor([0, 1, 2]), None, 0.1).backward()
     for name, parameter in net.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.abs().sum() > 0, name
@@ -193,21 +195,21 @@ def test_all_combinations_and_widths(rsf: bool, cpe: bool, fsn: bool, widths: tu
 @pytest.mark.parametrize("order", get_args(Order))
 def test_every_order_has_gradients_everywhere(order: Order) -> None:
     net = core(other(order=order, dropout=0.0)).train()
-    castformer_loss(net.answers(*given()), torch.tensor([0, 1, 2]), None, 0.1).backward()
+    castformer_loss(net.training_logits(*streams_of()), torch.tensor([0, 1, 2]), None, 0.1).backward()
     assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in net.parameters())
-    assert len({core(other(order=o))(*given()).sum().item() for o in get_args(Order)}) == 4
+    assert len({core(other(order=o))(*streams_of()).sum().item() for o in get_args(Order)}) == 4
 
 
 def test_options_change_the_answer() -> None:
-    plain = core()(*given())
+    plain = core()(*streams_of())
     options = [{"attention": a} for a in get_args(Attention) if a != "bda"]
     options += [{"residual": True}, {"delay_frames": 0}, {"intent_source": "out"}, {"causal_encoder": False}]
     for option in options:
-        assert (core(other(**option))(*given()) - plain).abs().max() > 1e-5, option
+        assert (core(other(**option))(*streams_of()) - plain).abs().max() > 1e-5, option
 
 
 def test_a_sample_s_answer_does_not_depend_on_its_batch() -> None:
-    net, streams = core(), given(n=5)
+    net, streams = core(), streams_of(n=5)
     alone = torch.cat([net(*(x[k : k + 1] for x in streams)) for k in range(5)])
     torch.testing.assert_close(net(*streams), alone, atol=1e-5, rtol=1e-4)
 
@@ -219,7 +221,7 @@ def test_positions_are_vaswani_s() -> None:
 
 
 def test_frames_hold_the_window_s_samples_and_the_tv_s_speed_in_m_s() -> None:
-    net = Castformer(SMALL, 6, 880, 220, 400.0, 100.0).eval()
+    net = Castformer(SMALL, WindowShape(6, 880, 220, 400.0, 100.0)).eval()
     tv, uv = torch.randn(2, 6, 880), torch.randn(2, 6, 220)
     net.set_scale(torch.arange(6.0), torch.arange(1.0, 7.0), torch.zeros(6), torch.ones(6))
     inner, outer, speed = net.frames(*net.standardised(tv, uv))
@@ -228,20 +230,20 @@ def test_frames_hold_the_window_s_samples_and_the_tv_s_speed_in_m_s() -> None:
     torch.testing.assert_close(outer[1, 3], uv[1, :, 30:40].flatten())
     expected = torch.hypot(tv[:, 2, 39::40], tv[:, 3, 39::40]) / 10
     torch.testing.assert_close(speed[:, :, 0], expected, atol=1e-4, rtol=1e-3)
-    torch.testing.assert_close(net.classify(net.features(tv, uv)), net.answers(tv, uv)["joint"])
+    torch.testing.assert_close(net.classify(net.features(tv, uv)), net.training_logits(tv, uv)["joint"])
 
 
 def test_samples_that_fill_no_frame_are_left_out_in_front() -> None:
     x = torch.randn(1, 6, 13)
     torch.testing.assert_close(in_frames(x, 4, 3)[0, 0], x[0, :, 1:5].flatten())
-    net = Castformer(SMALL, 6, 90, 23, 400.0, 100.0)
+    net = Castformer(SMALL, WindowShape(6, 90, 23, 400.0, 100.0))
     assert net.frames(torch.zeros(1, 6, 90), torch.zeros(1, 6, 23))[2].shape == (1, 2, 1)
     with pytest.raises(InputError, match="frame_s"):
-        Castformer(SMALL, 6, 60, 15, 400.0, 100.0)
+        Castformer(SMALL, WindowShape(6, 60, 15, 400.0, 100.0))
 
 
 def test_heads_divide_the_width() -> None:
-    with pytest.raises(ValueError, match="no multiple of heads"):
+    with pytest.raises(ValueError, match="not a multiple of heads"):
         CastformerSettings(width=20, heads=8)
 
 

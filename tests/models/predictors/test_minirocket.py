@@ -1,4 +1,4 @@
-"""MiniRocket: the run, what its file may hold, and what is said where the extra is not installed."""
+"""MiniRocket: the run, what its file may hold, and what is reported if the extra is not installed."""
 
 import importlib.util
 import shutil
@@ -9,8 +9,15 @@ import pytest
 
 from isacsim.errors import InputError
 from models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
-from models.predictors.minirocket import MinirocketSettings, check, fit_rocket, read_rocket, write_rocket
-from models.run import RocketPredictor, Run, load_run
+from models.predictors.minirocket import (
+    MinirocketPredictor,
+    MinirocketSettings,
+    check,
+    fit_rocket,
+    read_rocket,
+    write_rocket,
+)
+from models.run import Run, load_run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -18,20 +25,21 @@ SETTINGS = SMALL_RUN.model_copy(update={"model": "minirocket", "minirocket": Min
 needs_aeon = pytest.mark.skipif(importlib.util.find_spec("aeon") is None, reason="the extra minirocket is missing")
 
 
-def test_without_the_extra_training_says_what_to_install(
+def test_without_the_extra_the_error_says_what_to_install(
     records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"pip install 'isac-cosim\[minirocket\]'"):
+    with pytest.raises(InputError, match=r"needs the optional package aeon: pip install 'isac-cosim\[minirocket\]'"):
         train_records(records, MADE_OF, tmp_path / "run", SETTINGS)
     assert not (tmp_path / "run").exists()
 
 
 def sound() -> dict[str, np.ndarray]:
     """Parts of a transform with two dilations."""
-    each = np.ones(168, np.int32)
+    channels_each = np.ones(168, np.int32)
     return {
-        "each": each, "channels": np.arange(168, dtype=np.int32) % 6, "dilations": np.array([1, 4], np.int32),
+        "channels_each": channels_each, "channels": np.arange(168, dtype=np.int32) % 6,
+        "dilations": np.array([1, 4], np.int32),
         "features": np.array([2, 1], np.int32), "biases": np.zeros(252, np.float32),
     }  # fmt: skip
 
@@ -39,7 +47,7 @@ def sound() -> dict[str, np.ndarray]:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("each", np.full(168, 2, np.int32)),
+        ("channels_each", np.full(168, 2, np.int32)),
         ("channels", np.full(168, 6, np.int32)),
         ("channels", np.full(168, -1, np.int32)),
         ("channels", np.zeros(168)),
@@ -66,13 +74,13 @@ def test_a_run_learns_is_loaded_and_answers_alike(records: Records, rocket_run: 
     test = records.take(np.isin(records.groups, rocket_run.card.split["test"]) & (records.label < 6))
     ends = draw_ends(test, WindowSettings(window_s=1.2, end_after_s=(1.0, 2.2)), "test")
     windows, label = cut(test, ends, SETTINGS.windows), test.label[ends.row]
-    said = rocket_run.predictor(windows)
-    assert (said.logits.argmax(axis=1) == label).mean() > 0.6
-    np.testing.assert_array_equal(load_run(rocket_run.path).predictor(windows).logits, said.logits)
+    outputs = rocket_run.predictor(windows)
+    assert (outputs.logits.argmax(axis=1) == label).mean() > 0.6
+    np.testing.assert_array_equal(load_run(rocket_run.path).predictor(windows).logits, outputs.logits)
     alone = np.concatenate(
         [rocket_run.predictor(Windows(windows.tv[k : k + 1], windows.uv[k : k + 1])).logits for k in range(5)]
     )
-    np.testing.assert_allclose(alone, said.logits[:5], atol=1e-6)
+    np.testing.assert_allclose(alone, outputs.logits[:5], atol=1e-6)
 
 
 @needs_aeon
@@ -88,13 +96,13 @@ def test_what_is_stored_is_what_was_fitted(records: Records, taught: tuple[int, 
     np.testing.assert_array_equal(values, rocket.decide(windows))
     assert values.shape == (len(label), len(taught))
     assert (np.array(taught)[values.argmax(axis=1)] == label).mean() > 0.9
-    logits = RocketPredictor(again)(windows).logits
+    logits = MinirocketPredictor(again)(windows).logits
     assert logits.shape == (len(label), 6)
     np.testing.assert_array_equal(logits.argmax(axis=1), np.array(taught)[values.argmax(axis=1)])
 
 
 @needs_aeon
-def test_a_damaged_file_is_told(rocket_run: Run, tmp_path: Path) -> None:
+def test_a_damaged_file_is_reported(rocket_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(rocket_run.path, run)
     with np.load(run / "minirocket.npz") as stored:

@@ -1,4 +1,4 @@
-"""The rule of the road: what it sees of a drive along a bend, what it says of it, and its run."""
+"""The rule of the road: what it sees of a drive along a bend, what it concludes, and its run."""
 
 import dataclasses
 import json
@@ -39,7 +39,7 @@ def on_bend(along: np.ndarray, offset: np.ndarray, rate_hz: float) -> np.ndarray
     return np.concatenate([position, velocity, np.gradient(velocity, 1 / rate_hz, axis=1, edge_order=2)])
 
 
-def seen(
+def window_on_bend(
     speed: float = 25.0, acceleration: float = 0.0, aside: float = 0.0, start: float = 0.0, gap: float = -50.0,
     uv_speed: float = 25.0, uv_offset: float = 0.0, noise: float = 0.0,
 ) -> Windows:  # fmt: skip
@@ -57,39 +57,39 @@ def seen(
 
 
 def test_a_drift_in_a_bend_is_seen_as_lateral_speed_and_no_acceleration() -> None:
-    found = drive(seen(aside=0.5, start=-0.3), RULE.smooth_s)
+    drives = drive(window_on_bend(aside=0.5, start=-0.3), RULE.smooth_s)
     t_end = WINDOW_S - 1 / TV_RATE_HZ
-    assert found.aside[0] == pytest.approx(0.5, abs=0.01)
-    assert found.left[0] == pytest.approx(WIDTH_M / 2 + 0.3 - 0.5 * t_end, abs=0.03)
-    assert found.right[0] == pytest.approx(WIDTH_M / 2 - 0.3 + 0.5 * t_end, abs=0.03)
-    assert found.swerve[0] < 0.15
-    assert abs(found.brake[0]) < 0.1
-    assert abs(found.accel[0]) < 0.1
+    assert drives.aside[0] == pytest.approx(0.5, abs=0.01)
+    assert drives.left[0] == pytest.approx(WIDTH_M / 2 + 0.3 - 0.5 * t_end, abs=0.03)
+    assert drives.right[0] == pytest.approx(WIDTH_M / 2 - 0.3 + 0.5 * t_end, abs=0.03)
+    assert drives.swerve[0] < 0.15
+    assert abs(drives.brake[0]) < 0.1
+    assert abs(drives.accel[0]) < 0.1
 
 
 @pytest.mark.parametrize("acceleration", [-5.0, 3.0])
 def test_braking_and_accelerating_are_seen_along_the_lane(acceleration: float) -> None:
-    found = drive(seen(acceleration=acceleration), RULE.smooth_s)
-    assert found.accel[0] == pytest.approx(acceleration, abs=0.05)
-    assert found.brake[0] == pytest.approx(-acceleration, abs=0.05)
+    drives = drive(window_on_bend(acceleration=acceleration), RULE.smooth_s)
+    assert drives.accel[0] == pytest.approx(acceleration, abs=0.05)
+    assert drives.brake[0] == pytest.approx(-acceleration, abs=0.05)
 
 
 def test_a_crossed_marking_is_that_of_the_lane_the_window_began_in() -> None:
-    found = drive(seen(aside=1.2), RULE.smooth_s)
-    assert found.left[0] == pytest.approx(WIDTH_M / 2 - 1.2 * WINDOW_S, abs=0.05)
-    assert strengths(found, RULE)[0, Intention.LEFT_LANE_CHANGE] == 1
+    drives = drive(window_on_bend(aside=1.2), RULE.smooth_s)
+    assert drives.left[0] == pytest.approx(WIDTH_M / 2 - 1.2 * WINDOW_S, abs=0.05)
+    assert strengths(drives, RULE)[0, Intention.LEFT_LANE_CHANGE] == 1
 
 
 def test_the_strength_of_a_change_is_the_threshold_over_the_time_to_line_crossing() -> None:
     for sign, intention in ((1, Intention.LEFT_LANE_CHANGE), (-1, Intention.RIGHT_LANE_CHANGE)):
-        found = strengths(drive(seen(aside=sign * 0.4), RULE.smooth_s), RULE)[0]
+        strength = strengths(drive(window_on_bend(aside=sign * 0.4), RULE.smooth_s), RULE)[0]
         time = (WIDTH_M / 2 - 0.4 * WINDOW_S) / 0.4
-        assert found[intention] == pytest.approx(RULE.line_crossing_s / time, rel=0.05)
-        assert found.argmax() == intention
+        assert strength[intention] == pytest.approx(RULE.line_crossing_s / time, rel=0.05)
+        assert strength.argmax() == intention
 
 
 @pytest.mark.parametrize(
-    ("given", "level"),
+    ("motion", "level"),
     [
         ({"gap": 40.0, "uv_speed": 20.0}, 8.0),
         ({"gap": 40.0, "uv_speed": 26.0}, np.inf),
@@ -97,18 +97,18 @@ def test_the_strength_of_a_change_is_the_threshold_over_the_time_to_line_crossin
         ({"gap": 40.0, "uv_speed": 20.0, "uv_offset": WIDTH_M}, np.inf),
     ],
 )
-def test_the_tv_is_level_with_a_slower_uv_ahead_in_its_lane(given: dict[str, float], level: float) -> None:
-    assert drive(seen(**given), RULE.smooth_s).level[0] == pytest.approx(level, rel=0.03)
+def test_the_tv_is_level_with_a_slower_uv_ahead_in_its_lane(motion: dict[str, float], level: float) -> None:
+    assert drive(window_on_bend(**motion), RULE.smooth_s).level[0] == pytest.approx(level, rel=0.03)
 
 
 def test_a_left_change_behind_a_slower_uv_is_an_overtake() -> None:
-    for uv_speed, said in ((20.0, Intention.OVERTAKE), (26.0, Intention.LEFT_LANE_CHANGE)):
-        window = seen(aside=0.7, gap=40.0, uv_speed=uv_speed)
-        assert logits(drive(window, RULE.smooth_s), RULE)[0].argmax() == said
+    for uv_speed, intention in ((20.0, Intention.OVERTAKE), (26.0, Intention.LEFT_LANE_CHANGE)):
+        window = window_on_bend(aside=0.7, gap=40.0, uv_speed=uv_speed)
+        assert logits(drive(window, RULE.smooth_s), RULE)[0].argmax() == intention
 
 
 def test_noise_of_single_samples_is_no_maneuver() -> None:
-    window = seen(noise=0.1)
+    window = window_on_bend(noise=0.1)
     assert np.abs(np.diff(window.on_map.tv[0, 2])).max() * TV_RATE_HZ > 50  # type: ignore[union-attr]
     assert strengths(drive(window, RULE.smooth_s), RULE).max() < 0.7
 
@@ -124,16 +124,16 @@ def test_fitting_scales_thresholds_that_are_far_off() -> None:
     level = np.where(label == 3, rng.uniform(2, 20, 180), rng.uniform(60, 90, 180))
     drives = Drive(left=np.full(180, 1.2), right=np.full(180, 1.2), aside=aside, level=level, **quiet)
     poor = RuleSettings(brake_mps2=20, swerve_mps2=0.4, level_s=5.0)
-    found = fitted(drives, label, poor)
-    before, after = ((logits(drives, s).argmax(axis=1) == label).mean() for s in (poor, found))
+    scaled = fitted(drives, label, poor)
+    before, after = ((logits(drives, s).argmax(axis=1) == label).mean() for s in (poor, scaled))
     assert before < 0.7
     assert after > 0.97
-    assert {name for name in RuleSettings.model_fields if getattr(found, name) != getattr(poor, name)} <= set(FITTED)
+    assert {name for name in RuleSettings.model_fields if getattr(scaled, name) != getattr(poor, name)} <= set(FITTED)
 
 
 def test_windows_without_roads_are_refused() -> None:
     with pytest.raises(InputError, match="without roads"):
-        drive(dataclasses.replace(seen(), on_map=None), RULE.smooth_s)
+        drive(dataclasses.replace(window_on_bend(), on_map=None), RULE.smooth_s)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_a_run_of_the_rule_is_trained_loaded_and_evaluated(on_roads: Records, ru
     again = load_run(rule_run.path)
     np.testing.assert_array_equal(again.predictor(windows).logits, rule_run.predictor(windows).logits)
     stored = RuleSettings.model_validate(json.loads((rule_run.path / "rule.json").read_text()))
-    if not rule_run.card.settings.rule.fit:
+    if not rule_run.card.settings.of(RuleSettings).fit:
         assert stored == RULE
     result = evaluate_records(rule_run, on_roads, MADE_OF, tmp_path / "report", EvaluateSettings()).result
     assert result.name == "rule of the road"
@@ -170,7 +170,7 @@ def test_a_run_of_the_rule_is_trained_loaded_and_evaluated(on_roads: Records, ru
     assert result.macro_f1 > 0.6
 
 
-def test_thresholds_that_are_damaged_are_told(rule_run: Run, tmp_path: Path) -> None:
+def test_damaged_thresholds_are_reported(rule_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(rule_run.path, run)
     (run / "rule.json").write_text('{"smooth_s": -1}')
@@ -180,9 +180,9 @@ def test_thresholds_that_are_damaged_are_told(rule_run: Run, tmp_path: Path) -> 
 
 def test_inference_takes_the_lanes_beside_the_window(rule_run: Run) -> None:
     infer = Infer.load(rule_run.path)
-    whole = seen(acceleration=-5.0)
+    whole = window_on_bend(acceleration=-5.0)
     tv, uv = whole.on_map.tv[0, :, -480:], whole.on_map.uv[0, :, -120:]  # type: ignore[union-attr]
-    said = infer(tv, uv, whole.on_map.lane_maps("bend"))  # type: ignore[union-attr]
-    assert said.intentions == ["hard_brake"]
+    inference = infer(tv, uv, whole.on_map.lane_maps("bend"))  # type: ignore[union-attr]
+    assert inference.intentions == ["hard_brake"]
     with pytest.raises(InputError, match="without roads"):
         infer(tv, uv)

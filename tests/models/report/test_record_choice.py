@@ -4,8 +4,8 @@ import numpy as np
 
 from labeling.intentions import Intention
 from models.evaluation.predictions import Predictions
+from models.predictors.protocol import Outputs
 from models.report.record_choice import choose_record
-from models.run import Outputs
 
 LEFT, RIGHT, BRAKE, FOLLOWING = (
     Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.HARD_BRAKE, Intention.FOLLOWING,

@@ -7,8 +7,8 @@ from scipy.special import softmax
 from models.scores.calibration import calibration_error, fit_temperature
 
 
-def answers(sharpening: float, n: int = 20000) -> tuple[np.ndarray, np.ndarray]:
-    """Logits that are `sharpening` times those that the labels were drawn from."""
+def sharpened_logits(sharpening: float, n: int = 20000) -> tuple[np.ndarray, np.ndarray]:
+    """Return logits that are `sharpening` times those from which the labels were drawn, and the labels."""
     rng = np.random.default_rng(5)
     logits = rng.normal(0, 1.5, (n, 4))
     p = softmax(logits, axis=1)
@@ -18,14 +18,14 @@ def answers(sharpening: float, n: int = 20000) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("sharpening", [0.5, 1.0, 4.0])
 def test_temperature_undoes_the_sharpening(sharpening: float) -> None:
-    logits, label = answers(sharpening)
-    found = fit_temperature(logits, label)
-    assert found == pytest.approx(sharpening, rel=0.05)
-    assert calibration_error(softmax(logits / found, axis=1), label) < 0.015
+    logits, label = sharpened_logits(sharpening)
+    temperature = fit_temperature(logits, label)
+    assert temperature == pytest.approx(sharpening, rel=0.05)
+    assert calibration_error(softmax(logits / temperature, axis=1), label) < 0.015
 
 
 def test_too_sure_answers_are_miscalibrated() -> None:
-    logits, label = answers(4.0)
+    logits, label = sharpened_logits(4.0)
     assert calibration_error(softmax(logits, axis=1), label) > 0.1
 
 

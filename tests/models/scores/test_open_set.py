@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.run import Outputs
+from models.predictors.protocol import Outputs
 from models.scores import open_set
 
 
@@ -20,8 +20,8 @@ def reference() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_scores_of_logits() -> None:
-    given = outputs()
-    logits = torch.from_numpy(given.logits)
+    answers = outputs()
+    logits = torch.from_numpy(answers.logits)
     spread = torch.distributions.Categorical(logits=logits)
     expected = {
         "msp": torch.softmax(logits, 1).amax(1),
@@ -31,25 +31,25 @@ def test_scores_of_logits() -> None:
     }
     scores = open_set.scores(reference())
     for name, value in expected.items():
-        np.testing.assert_allclose(scores[name](given), value.numpy(), atol=1e-12)
+        np.testing.assert_allclose(scores[name](answers), value.numpy(), atol=1e-12)
 
 
 def test_neighbours_by_brute_force() -> None:
     features, _ = reference()
-    given = outputs()
+    answers = outputs()
     mean, sd = features.mean(axis=0, dtype=float), features.std(axis=0, dtype=float)
-    apart = np.linalg.norm(((given.features - mean) / sd)[:, None] - (features - mean) / sd, axis=2)
+    apart = np.linalg.norm(((answers.features - mean) / sd)[:, None] - (features - mean) / sd, axis=2)
     expected = -np.sort(apart, axis=1)[:, open_set.NEIGHBOURS - 1]
-    np.testing.assert_allclose(open_set.scores(reference())["knn"](given), expected, rtol=1e-5)
+    np.testing.assert_allclose(open_set.scores(reference())["knn"](answers), expected, rtol=1e-5)
 
 
 def test_mahalanobis_of_round_classes_is_the_distance_to_the_nearest_mean() -> None:
     features, label = reference()
     means = np.stack([features[label == g].mean(axis=0) for g in range(3)])
-    given = Outputs(np.zeros((30, 6)), np.random.default_rng(2).normal(6, 8, (30, 5)))
-    round_distance = ((given.features[:, None] - means) ** 2).sum(axis=2).min(axis=1)
-    found = -open_set.scores((features, label))["mahalanobis"](given)
-    np.testing.assert_allclose(found, round_distance, rtol=0.25)
+    answers = Outputs(np.zeros((30, 6)), np.random.default_rng(2).normal(6, 8, (30, 5)))
+    round_distance = ((answers.features[:, None] - means) ** 2).sum(axis=2).min(axis=1)
+    squared = -open_set.scores((features, label))["mahalanobis"](answers)
+    np.testing.assert_allclose(squared, round_distance, rtol=0.25)
 
 
 def test_auroc_counts_pairs() -> None:

@@ -15,8 +15,11 @@ from pydantic import ValidationError
 from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.data.windows import Records, cut, draw_ends
+from models.networks import fitting
+from models.predictors.trees import TreesPredictor
 from models.report.evaluation_figures import read_history
-from models.run import Run, TrainSettings, load_run
+from models.run import Run, load_run
+from models.settings import TrainSettings
 from models.training import training
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -55,7 +58,7 @@ def test_the_card_says_what_made_it(network_run: Run, records: Records) -> None:
     assert sum(card["counts"].values()) == ((records.label < 6) & np.isin(records.groups, card["split"]["train"])).sum()
 
 
-class Stop(training.History):
+class Stop(fitting.History):
     """Stands for a kill in the second epoch."""
 
     def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
@@ -67,7 +70,7 @@ def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
     records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(training, "History", Stop)
+        patched.setattr(fitting, "History", Stop)
         with pytest.raises(KeyboardInterrupt):
             train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
     with pytest.raises(InputError, match="not finished"):
@@ -75,18 +78,18 @@ def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
     resumed = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
     for name in ("history.csv", "run.json"):
         assert (resumed.path / name).read_bytes() == (network_run.path / name).read_bytes()
-    here, there = (torch.load(r.path / "weights.pt", weights_only=True) for r in (network_run, resumed))
-    assert all(torch.equal(here[name], there[name]) for name in here)
+    first, second = (torch.load(run.path / "weights.pt", weights_only=True) for run in (network_run, resumed))
+    assert all(torch.equal(first[name], second[name]) for name in first)
 
 
 def test_all_of_a_training_keeps_to_its_threads(
     records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seen = []
+    threads = []
 
-    def spied(*given: object) -> dict[str, object]:
-        seen.append(torch.get_num_threads())
-        return choose(*given)  # type: ignore[arg-type]
+    def spied(*arguments: object) -> dict[str, object]:
+        threads.append(torch.get_num_threads())
+        return choose(*arguments)  # type: ignore[arg-type]
 
     choose = training._choose_on_validation
     monkeypatch.setattr(training, "_choose_on_validation", spied)
@@ -96,7 +99,7 @@ def test_all_of_a_training_keeps_to_its_threads(
     try:
         settings = SMALL_RUN.model_copy(update={"model": "ensemble", "optimiser": one})
         train_records(records, MADE_OF, tmp_path / "run", settings)
-        assert (seen, torch.get_num_threads()) == ([1], 3)
+        assert (threads, torch.get_num_threads()) == ([1], 3)
     finally:
         torch.set_num_threads(before)
 
@@ -104,7 +107,7 @@ def test_all_of_a_training_keeps_to_its_threads(
 def test_a_finished_training_is_not_repeated(
     records: Records, network_run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training, "_fit", None)
+    monkeypatch.setattr(training, "_fill", None)
     again = train_records(records, MADE_OF, network_run.path, SMALL_RUN)
     assert again.card == network_run.card
 
@@ -131,13 +134,13 @@ def test_two_trainings_in_one_folder_do_not_meet(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(training, "_train_trees", second)
+        patched.setattr(TreesPredictor, "fit", second)
         with pytest.raises(KeyboardInterrupt):
             train_records(records, MADE_OF, run, settings)
     assert train_records(records, MADE_OF, run, settings).card.complete
 
 
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a run"):
         load_run(tmp_path / "nothing")
     (tmp_path / "run.json").write_text('{"schema_version": 1}')
@@ -184,7 +187,7 @@ def write_pickle(path: Path, folder: Path) -> None:
     path.write_bytes(pickle.dumps(Evil(folder / "mark"), protocol=2))
 
 
-def test_a_file_of_something_else_is_told(trees_run: Run, tmp_path: Path) -> None:
+def test_a_file_of_something_else_is_reported(trees_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(trees_run.path, run)
     skops.io.dump([1, 2], run / "trees.skops")
@@ -192,7 +195,7 @@ def test_a_file_of_something_else_is_told(trees_run: Run, tmp_path: Path) -> Non
         load_run(run)
 
 
-def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
+def test_damaged_weights_are_reported(network_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(network_run.path, run)
     (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
@@ -201,7 +204,7 @@ def test_damaged_weights_are_told(network_run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", ["", "epoch\n1\n", "epoch,train_loss\na,b\n", "\x00"])
-def test_a_damaged_history_is_told(content: str, tmp_path: Path) -> None:
+def test_a_damaged_history_is_reported(content: str, tmp_path: Path) -> None:
     (tmp_path / "history.csv").write_text(content)
     with pytest.raises(InputError, match=r"history\.csv: is damaged"):
         read_history(tmp_path / "history.csv")

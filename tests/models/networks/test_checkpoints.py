@@ -12,9 +12,9 @@ import torch
 
 from isacsim.errors import InputError, OutputError
 from models.data.windows import Records
+from models.networks import fitting
+from models.networks.checkpoints import read_tensors, write_tensors
 from models.run import Run
-from models.training import training
-from models.training.checkpoints import read_tensors, write_tensors
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -34,7 +34,7 @@ def partial_of(path: Path) -> Path:
     return path.with_name(f".{os.getpid()}-{path.name}")
 
 
-class FullDisk(training.History):
+class FullDisk(fitting.History):
     """From the second epoch on no byte more fits into the files named."""
 
     files: tuple[Path, ...] = ()
@@ -49,28 +49,28 @@ class FullDisk(training.History):
 def test_a_training_goes_on_after_a_full_disk(
     name: str, records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = tmp_path / "run"
+    folder = tmp_path / "run"
     with monkeypatch.context() as patched:
-        patched.setattr(training, "History", FullDisk)
-        patched.setattr(FullDisk, "files", (run / name,))
+        patched.setattr(fitting, "History", FullDisk)
+        patched.setattr(FullDisk, "files", (folder / name,))
         with pytest.raises(OutputError, match=rf"{Path(name).name}: cannot be written \(No space left on device\)"):
-            train_records(records, MADE_OF, run, SMALL_RUN)
-    assert [path for path in run.rglob(".*-*") if not path.is_symlink()] == []
-    torch.load(run / "checkpoints/last.ckpt", weights_only=True)
-    for path in run.rglob(".*-*"):
+            train_records(records, MADE_OF, folder, SMALL_RUN)
+    assert [path for path in folder.rglob(".*-*") if not path.is_symlink()] == []
+    torch.load(folder / "checkpoints/last.ckpt", weights_only=True)
+    for path in folder.rglob(".*-*"):
         path.unlink()
-    resumed = train_records(records, MADE_OF, run, SMALL_RUN)
-    assert (run / "history.csv").read_bytes() == (network_run.path / "history.csv").read_bytes()
-    here, there = (read_tensors(each.path / "weights.pt") for each in (network_run, resumed))
-    assert all(torch.equal(here[key], there[key]) for key in here)
+    resumed = train_records(records, MADE_OF, folder, SMALL_RUN)
+    assert (folder / "history.csv").read_bytes() == (network_run.path / "history.csv").read_bytes()
+    first, second = (read_tensors(run.path / "weights.pt") for run in (network_run, resumed))
+    assert all(torch.equal(first[key], second[key]) for key in first)
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     content = {"a": torch.arange(5.0), "n": 3, "name": "x"}
     write_tensors(tmp_path / "a.pt", content)
-    found = read_tensors(tmp_path / "a.pt")
-    assert torch.equal(found.pop("a"), content.pop("a"))
-    assert found == content
+    stored = read_tensors(tmp_path / "a.pt")
+    assert torch.equal(stored.pop("a"), content.pop("a"))
+    assert stored == content
     assert [path.name for path in tmp_path.iterdir()] == ["a.pt"]
 
 
@@ -78,14 +78,14 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
 def test_a_damaged_or_foreign_checkpoint_is_refused_and_executes_nothing(
     how: str, records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Stop(training.History):
+    class Stop(fitting.History):
         def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
             if trainer.current_epoch == 1:
                 raise KeyboardInterrupt
 
     run, mark = tmp_path / "run", tmp_path / "mark"
     with monkeypatch.context() as patched:
-        patched.setattr(training, "History", Stop)
+        patched.setattr(fitting, "History", Stop)
         with pytest.raises(KeyboardInterrupt):
             train_records(records, MADE_OF, run, SMALL_RUN)
     last = run / "checkpoints/last.ckpt"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.predictors.losses import focal_loss, inverse_frequency
+from models.networks.losses import focal_loss, inverse_frequency
 
 
 def test_by_hand() -> None:

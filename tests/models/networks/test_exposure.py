@@ -1,4 +1,4 @@
-"""Outlier exposure: the preludes in an epoch, their loss, and what a network trained with them says of them."""
+"""Outlier exposure: the pre-onset windows in an epoch, their loss, and what a network learns from them."""
 
 from pathlib import Path
 
@@ -6,12 +6,13 @@ import numpy as np
 import torch
 
 from labeling.intentions import KNOWN
+from models.data.pre_onset import pre_onset_windows
 from models.data.windows import Records, draw_ends
 from models.evaluation.predictions import predict
-from models.predictors.losses import LossSettings, exposure_loss
-from models.predictors.reject_option import prelude_windows
+from models.fit_settings import LossSettings
+from models.networks.lightning_module import OUTLIER, WindowData
+from models.networks.losses import exposure_loss
 from models.run import Run
-from models.training.lightning_module import OUTLIER, WindowData
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -24,7 +25,7 @@ def test_the_loss_is_cross_entropy_against_equal_probabilities() -> None:
     torch.testing.assert_close(exposure_loss(logits), expected)
 
 
-def test_an_epoch_holds_as_many_preludes_and_the_same_known_windows(records: Records) -> None:
+def test_an_epoch_holds_as_many_pre_onset_windows_and_the_same_known_windows(records: Records) -> None:
     known = records.take(np.isin(records.label, KNOWN))
     plain, exposed = (WindowData(known, known, settings) for settings in (SMALL_RUN, EXPOSED))
     ends, label = exposed.epoch_windows(3)
@@ -34,18 +35,20 @@ def test_an_epoch_holds_as_many_preludes_and_the_same_known_windows(records: Rec
     assert before[outlier].min() >= 0.1 - 1e-6
     assert before[~outlier].max() < 0
     np.testing.assert_array_equal(label[~outlier], known.label[ends.row[~outlier]])
-    there, its_label = plain.epoch_windows(3)
-    here = set(zip(ends.row[~outlier], ends.step[~outlier], strict=True))
-    assert here == set(zip(there.row, there.step, strict=True))
-    np.testing.assert_array_equal(its_label, known.label[there.row])
+    plain_ends, plain_label = plain.epoch_windows(3)
+    not_outliers = set(zip(ends.row[~outlier], ends.step[~outlier], strict=True))
+    assert not_outliers == set(zip(plain_ends.row, plain_ends.step, strict=True))
+    np.testing.assert_array_equal(plain_label, known.label[plain_ends.row])
 
 
-def test_a_network_is_less_sure_of_preludes_with_it(records: Records, network_run: Run, tmp_path: Path) -> None:
+def test_exposure_lowers_the_confidence_on_pre_onset_windows(
+    records: Records, network_run: Run, tmp_path: Path
+) -> None:
     run = train_records(records, MADE_OF, tmp_path / "run", EXPOSED)
     left = records.take(np.isin(records.groups, run.card.split["test"]) & np.isin(records.label, KNOWN))
-    seen = prelude_windows(SMALL_RUN.windows, SMALL_RUN.preludes)
-    sure = []
-    for each in (network_run, run):
-        ends = draw_ends(left, seen, "test")
-        sure.append(predict(each, left, ends).outputs.probabilities.max(axis=1).mean())
-    assert sure[1] < sure[0] - 0.05
+    shown = pre_onset_windows(SMALL_RUN.windows, SMALL_RUN.preludes)
+    confidence = []
+    for trained in (network_run, run):
+        ends = draw_ends(left, shown, "test")
+        confidence.append(predict(trained, left, ends).outputs.probabilities.max(axis=1).mean())
+    assert confidence[1] < confidence[0] - 0.05

@@ -1,0 +1,46 @@
+"""Pre-onset windows: windows that end before the onset of their record's maneuver, and so show mere driving."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from isacsim.settings import Settings
+from models.data.windows import Records, WindowSettings, end_bounds
+
+
+class PreOnsetSettings(Settings):
+    """Where pre-onset windows end, and the trees of the reject option that learn to recognise them."""
+
+    use: bool = Field(True, description="train the reject option; it then is one of the unknown scores to choose from")
+    end_after_onset_s: tuple[float, float] = Field(
+        (-0.6, -0.1),
+        description="range of the ends of pre-onset windows relative to onset, s; negative is before onset",
+    )
+    ends_per_record: int = Field(
+        2, ge=1, description="pre-onset windows per record, and as many windows of the maneuver"
+    )
+    rounds: int = Field(150, ge=1, description="boosting rounds")
+    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
+    leaves: int = Field(15, ge=2, description="leaves per tree")
+    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
+
+    @model_validator(mode="after")
+    def _before_onset(self) -> Self:
+        early, late = self.end_after_onset_s
+        if not early <= late <= 0:
+            raise ValueError(f"end_after_onset_s {self.end_after_onset_s}: give the earlier end first, both at most 0")
+        return self
+
+
+def pre_onset_windows(windows: WindowSettings, settings: PreOnsetSettings) -> WindowSettings:
+    """Return the window settings of a training, moved to before onset."""
+    moved = {"relative_to": "onset", "end_after_s": settings.end_after_onset_s}
+    return WindowSettings.model_validate({**windows.model_dump(), **moved})
+
+
+def has_pre_onset_windows(records: Records, windows: WindowSettings, settings: PreOnsetSettings) -> bool:
+    """Return whether any record reaches far enough back to hold a pre-onset window."""
+    first, last = end_bounds(records, pre_onset_windows(windows, settings))
+    return bool((last >= first).any())

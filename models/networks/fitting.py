@@ -1,0 +1,119 @@
+"""The training loop of every network, run by Lightning: resumable after any epoch, the best epoch is kept."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lightning
+import torch
+from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+
+from isacsim.feedback import Feedback
+from models.data.windows import Records
+from models.fit_settings import FitSettings
+from models.networks.checkpoints import Checkpoints, read_tensors
+from models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData, torch_seed
+from models.networks.losses import inverse_frequency
+from models.networks.network import WindowNetwork
+
+HISTORY_FILE = "history.csv"
+CHECKPOINTS = "checkpoints"
+NETWORK_PREFIX = "network."
+"""What Lightning puts before the names of the network's tensors in a checkpoint."""
+
+
+@dataclass(frozen=True)
+class BestEpoch:
+    """The epoch whose weights are kept: its number, from 0, and its macro-F1 on the validation windows."""
+
+    best_epoch: int
+    macro_f1: float
+
+
+def seed_weights(seed: int) -> None:
+    """Seed torch for the initial weights of a network; call it before the network is built."""
+    torch.manual_seed(torch_seed("weights", seed))
+
+
+def fit_network(
+    network: WindowNetwork,
+    training: Records,
+    validation: Records,
+    settings: FitSettings,
+    folder: Path,
+    feedback: Feedback,
+) -> BestEpoch:
+    """Train a network, or resume where its training stopped, and give it the weights of the best epoch.
+
+    training, validation: records of the intentions to learn. folder: the run's, where the history and the checkpoints
+    are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
+    can be written.
+    """
+    data = WindowData(training, validation, settings)
+    network.fit_scale(*data.first_windows())
+    alpha = inverse_frequency(training.label, network.n_classes) if settings.loss.class_weights else None
+    best = _run_epochs(NetworkModule(network, settings, alpha), data, folder, feedback)
+    weights = {
+        name.removeprefix(NETWORK_PREFIX): value
+        for name, value in best["state_dict"].items()
+        if name.startswith(NETWORK_PREFIX)
+    }
+    network.load_state_dict(weights)
+    monitored = next(state for name, state in best["callbacks"].items() if name.startswith("ModelCheckpoint"))
+    return BestEpoch(int(best["epoch"]), float(monitored["current_score"]))
+
+
+def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback: Feedback) -> dict[str, Any]:
+    """Train to the last epoch, and return the checkpoint of the best one."""
+    optimiser, checkpoints = module.settings.optimiser, folder / CHECKPOINTS
+    keeper = ModelCheckpoint(
+        checkpoints,
+        "best",
+        monitor=MONITOR,
+        mode="max",
+        save_last=True,
+        enable_version_counter=False,
+        save_on_train_epoch_end=True,
+    )
+    callbacks: list[Callback] = [
+        History(folder / HISTORY_FILE),
+        EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
+        keeper,
+        EpochProgress(feedback, module.settings.model, MONITOR),
+    ]
+    last = checkpoints / "last.ckpt"
+    with _quiet():
+        trainer = lightning.Trainer(
+            accelerator="cpu", max_epochs=optimiser.epochs, callbacks=callbacks,
+            gradient_clip_val=optimiser.clip_norm or None, logger=False,
+            num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
+            plugins=[Checkpoints()],
+        )  # fmt: skip
+        try:
+            trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
+        except SystemExit:
+            # Lightning turns Ctrl-C into an exit of its own.
+            raise KeyboardInterrupt from None
+    return read_tensors(Path(keeper.best_model_path))
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence Lightning's hints on devices, workers and data loaders, which do not apply here."""
+    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric", "lightning")]
+    levels = [logger.level for logger in loggers]
+    try:
+        for logger in loggers:
+            logger.setLevel(logging.ERROR)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module=r"lightning.*|torch\..*")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,285 @@
+"""What Lightning runs: the windows of every epoch, the loss and its optimiser, the history, the progress bar."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import lightning
+import numpy as np
+import pandas as pd
+import torch
+from lightning.pytorch.callbacks import Callback
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset
+from torchmetrics.classification import MulticlassF1Score
+
+from isacsim.arrays import IntArray
+from isacsim.feedback import Feedback, Move
+from isacsim.files import replace_file
+from isacsim.seeding import stream
+from models.data.augment import augmented
+from models.data.pre_onset import pre_onset_windows
+from models.data.windows import Ends, Records, Windows, batches, cut, draw_ends
+from models.fit_settings import FitSettings
+from models.networks.losses import exposure_loss
+from models.networks.network import WindowNetwork
+
+MONITOR = "validation_macro_f1"
+"""The score that chooses the best epoch."""
+SCALE_WINDOWS = 2000
+"""At most so many windows are standardised by."""
+OUTLIER = -1
+"""The label of a window that shows no intention."""
+Batch = tuple[Tensor, Tensor, Tensor]
+"""Windows of the TV (B, 6, T) and of the UV (B, 6, U), and labels (B,)."""
+Variation = Callable[[int, Windows, IntArray], tuple[Windows, IntArray]]
+"""Takes the number of a batch within its epoch, its windows and labels, and returns those to train on instead."""
+LabelledEnds = tuple[Ends, IntArray]
+
+
+def torch_seed(*keys: str | int) -> int:
+    """Return a seed for torch's own generator; keys name its purpose, as for `isacsim.seeding.stream`."""
+    return int(stream("torch", *keys).integers(2**62))
+
+
+class WindowData(lightning.LightningDataModule):
+    """Training windows, drawn anew in each epoch, and fixed validation windows."""
+
+    def __init__(self, training: Records, validation: Records, settings: FitSettings) -> None:
+        super().__init__()
+        self.training, self.validation, self.settings = training, validation, settings
+        self.next_epoch = 0
+        self.fixed = draw_ends(
+            validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
+        )
+
+    def first_windows(self) -> tuple[Tensor, Tensor]:
+        """Return windows of the first epoch to standardise by, at most SCALE_WINDOWS: (n, 6, T) and (n, 6, U)."""
+        windows = cut(self.training, self.epoch_ends(0)[:SCALE_WINDOWS], self.settings.windows)
+        return torch.from_numpy(windows.tv), torch.from_numpy(windows.uv)
+
+    def epoch_ends(self, epoch: int) -> Ends:
+        """Return the ends of an epoch's training windows of known intentions, shuffled."""
+        settings = self.settings
+        ends = draw_ends(
+            self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
+        )
+        return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
+
+    def epoch_windows(self, epoch: int) -> LabelledEnds:
+        """Return the ends and labels of an epoch's training windows, shuffled.
+
+        With outlier exposure there are as many pre-onset windows among them, whose label is OUTLIER.
+        """
+        settings, ends = self.settings, self.epoch_ends(epoch)
+        label = self.training.label[ends.row]
+        if not settings.loss.exposure_weight:
+            return ends, label
+        before = pre_onset_windows(settings.windows, settings.preludes)
+        outliers = draw_ends(
+            self.training, before, "exposure", settings.seed, epoch, per_record=settings.ends_per_record
+        )
+        both = Ends(*(np.concatenate(parts) for parts in ((ends.row, outliers.row), (ends.step, outliers.step))))
+        label = np.concatenate([label, np.full(len(outliers), OUTLIER)])
+        order = stream("shuffle exposed", settings.seed, epoch).permutation(len(both))
+        return both[order], label[order]
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """Return the training windows; each iteration draws those of the current epoch."""
+        count = len(self.epoch_windows(0)[0])
+        return self._loader(self.training, lambda: self.epoch_windows(self._epoch()), count, self._varied)
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        """Return the validation windows, the same in every epoch."""
+        fixed = self.fixed, self.validation.label[self.fixed.row]
+        return self._loader(self.validation, lambda: fixed, len(self.fixed))
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps of the data: the epoch to go on with."""
+        return {"next_epoch": self._epoch() + 1}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on with the epoch that a checkpoint names."""
+        self.next_epoch = state["next_epoch"]
+
+    def _epoch(self) -> int:
+        # A resumed trainer counts itself forward only after it has asked for the first batch.
+        assert self.trainer is not None
+        return max(int(self.trainer.current_epoch), self.next_epoch)
+
+    def _loader(
+        self, records: Records, windows: Callable[[], LabelledEnds], n: int, variation: Variation | None = None
+    ) -> DataLoader[Batch]:
+        return DataLoader(WindowBatches(records, windows, n, self.settings, variation), batch_size=None)
+
+    def _varied(self, k: int, windows: Windows, label: IntArray) -> tuple[Windows, IntArray]:
+        """Return the k-th batch of the current epoch, augmented."""
+        rng = stream("augment", self.settings.seed, self._epoch(), k)
+        return augmented(windows, label, self.settings.augment, rng)
+
+
+class WindowBatches(IterableDataset[Batch]):
+    """Batches of windows with their labels, cut one after the other.
+
+    windows: returns ends and labels; it is called whenever an iteration starts. n: how many they are.
+    variation: is applied to every batch, if given.
+    """
+
+    def __init__(
+        self,
+        records: Records,
+        windows: Callable[[], LabelledEnds],
+        n: int,
+        settings: FitSettings,
+        variation: Variation | None,
+    ) -> None:
+        self.records, self.windows, self.n, self.settings = records, windows, n, settings
+        self.variation = variation
+
+    def __len__(self) -> int:
+        return math.ceil(self.n / self.settings.optimiser.batch)
+
+    def __iter__(self) -> Iterator[Batch]:
+        (ends, label), size = self.windows(), self.settings.optimiser.batch
+        parts = batches(self.records, ends, self.settings.windows, size)
+        for k, (windows, part) in enumerate(zip(parts, np.split(label, range(size, len(label), size)), strict=True)):
+            if self.variation is not None:
+                windows, part = self.variation(k, windows, part)
+            yield torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), torch.from_numpy(part)
+
+
+class NetworkModule(lightning.LightningModule):
+    """A network with its loss, its optimiser and its validation macro-F1.
+
+    alpha: class weights (n_classes,), all 1 if None.
+    """
+
+    def __init__(self, network: WindowNetwork, settings: FitSettings, alpha: Tensor | None) -> None:
+        super().__init__()
+        self.network, self.settings = network, settings
+        self.register_buffer("alpha", alpha)
+        self.f1 = MulticlassF1Score(network.n_classes, average="macro")
+
+    def training_step(self, batch: Batch, k: int) -> Tensor:
+        """Return the loss of the k-th batch of an epoch; outliers in it add the exposure loss."""
+        # Every step seeds its own dropout, so that a resumed training draws what an uninterrupted one would.
+        torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
+        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
+        outlier = label == OUTLIER
+        if outlier.any():
+            loss = self.settings.loss.exposure_weight * exposure_loss(logits["joint"][outlier])
+            if not outlier.all():
+                loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
+        else:
+            loss = self._loss(logits, label)
+        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label))
+        return loss
+
+    def validation_step(self, batch: Batch, _: int) -> None:
+        """Log loss, accuracy and macro-F1 of a batch of validation windows."""
+        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
+        joint = logits["joint"]
+        self.f1(joint, label)
+        self.log("validation_loss", self._loss(logits, label), batch_size=len(label))
+        self.log("validation_accuracy", (joint.argmax(1) == label).float().mean(), batch_size=len(label))
+        self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
+
+    def configure_optimizers(self) -> Any:
+        """Return AdamW and its schedule, in the form that Lightning expects."""
+        settings = self.settings.optimiser
+        adam = torch.optim.AdamW(
+            self.parameters(), settings.learning_rate, settings.betas, weight_decay=settings.weight_decay
+        )
+        if settings.schedule == "constant":
+            return adam
+        total = int(self.trainer.estimated_stepping_batches)
+        rise = max(1, round(settings.warmup_share * total))
+
+        def factor(step: int) -> float:
+            if step < rise:
+                return (step + 1) / rise
+            return 0.5 * (1 + math.cos(math.pi * (step - rise) / max(1, total - rise)))
+
+        schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
+        return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
+
+    def _loss(self, logits: dict[str, Tensor], label: Tensor) -> Tensor:
+        return self.network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)
+
+
+class History(Callback):
+    """The history of a training: one row per epoch, in a CSV file and in the checkpoints."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.rows: list[dict[str, float]] = []
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        """Add the row of the epoch, and write the file."""
+        row = {name: float(value) for name, value in trainer.callback_metrics.items()}
+        row["learning_rate"] = float(trainer.optimizers[0].param_groups[0]["lr"])
+        self.rows.append({"epoch": float(trainer.current_epoch), **row})
+        table = pd.DataFrame(self.rows).astype({"epoch": int})
+        replace_file(self.path, lambda path: table.to_csv(path, index=False))
+
+    @property
+    def state_key(self) -> str:
+        """The name under which checkpoints keep the rows."""
+        return "History"
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the rows, for a checkpoint."""
+        return {"rows": self.rows}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take the rows from a checkpoint."""
+        self.rows = list(state["rows"])
+
+
+class EpochProgress(Callback):
+    """The progress bar of a training: the batches that are done, with epoch and score beside it.
+
+    name: of the predictor. monitor: the score that is shown.
+    """
+
+    def __init__(self, feedback: Feedback, name: str, monitor: str) -> None:
+        self.feedback, self.name, self.monitor = feedback, name, monitor
+        self.bar = ExitStack()
+        self.move: Move | None = None
+        self.done, self.total, self.note = 0, 1, ""
+
+    def on_train_start(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        """Open the bar."""
+        assert trainer.max_epochs is not None
+        batches = int(trainer.num_training_batches)
+        self.done, self.total = trainer.current_epoch * batches, trainer.max_epochs * batches
+        self.move = self.bar.enter_context(self.feedback.bar(f"training {self.name}"))
+        self.move(self.done, self.total)
+
+    def on_train_batch_end(self, *_: Any, **__: Any) -> None:
+        """Move the bar by a batch."""
+        self.done += 1
+        self._show()
+
+    def on_validation_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        """Show the score of the epoch."""
+        score = trainer.callback_metrics.get(self.monitor)
+        if score is not None:
+            self.note = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}"
+            self._show()
+
+    def on_train_end(self, *_: Any) -> None:
+        """Close the bar."""
+        self.bar.close()
+
+    def on_exception(self, *_: Any) -> None:
+        """Close the bar."""
+        self.bar.close()
+
+    def _show(self) -> None:
+        if self.move is not None:
+            self.move(self.done, self.total, self.note)

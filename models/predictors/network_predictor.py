@@ -1,0 +1,74 @@
+"""The base class of predictors that are a single neural network."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import ClassVar, Self
+
+import torch
+from torch import nn
+
+from isacsim.feedback import Feedback
+from models.data.windows import Windows
+from models.fit_settings import FitSettings
+from models.networks.checkpoints import write_tensors
+from models.networks.fitting import fit_network, seed_weights
+from models.networks.network import WindowNetwork
+from models.predictors.protocol import STATISTICS_S, FitSummary, FitTask, Outputs, Predictor, WindowShape, Workload
+
+WEIGHTS_FILE = "weights.pt"
+ANSWER_SHARE = 0.25
+"""Processor time of an answer, relative to a training step on the same window."""
+
+
+class NetworkPredictor(Predictor):
+    """A network on the CPU, in float32, trained by the loop of `models.networks.fitting`.
+
+    Beside what `Predictor` asks for, a subclass declares window_s, the processor time of a training step per window, s,
+    and implements `build`.
+    """
+
+    is_network = True
+    window_s: ClassVar[float]
+
+    def __init__(self, network: WindowNetwork, fit_summary: FitSummary | None = None) -> None:
+        self.network = network
+        self.fit_summary = fit_summary or FitSummary()
+
+    @classmethod
+    @abstractmethod
+    def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
+        """Return the untrained network for windows of a shape; `settings.of(...)` gives the predictor's own section."""
+
+    @classmethod
+    def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        seed_weights(task.settings.seed)
+        network = cls.build(task.settings, task.shape)
+        fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback)
+        return cls(network.eval(), FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1))
+
+    def save(self, folder: Path) -> None:
+        tensors = {name: value.clone() for name, value in self.network.state_dict().items()}
+        write_tensors(folder / WEIGHTS_FILE, tensors)
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        network = cls.build(settings, shape)
+        state: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS_FILE, map_location="cpu", weights_only=True)
+        nn.Module.load_state_dict(network, state)
+        return cls(network.eval())
+
+    def __call__(self, windows: Windows) -> Outputs:
+        with torch.inference_mode():
+            features = self.network.features(torch.from_numpy(windows.tv), torch.from_numpy(windows.uv))
+            logits = self.network.classify(features)
+        return Outputs(logits.double().numpy(), features.double().numpy())
+
+    @classmethod
+    def cost_s(cls, workload: Workload, settings: FitSettings) -> float:
+        epochs = settings.optimiser.epochs
+        trained = workload.training * settings.ends_per_record * epochs
+        answered = workload.validation * settings.validation_ends * epochs + workload.tested
+        steps_s = cls.window_s * workload.scale * (trained + ANSWER_SHARE * answered)
+        return steps_s + STATISTICS_S * workload.scale * workload.tested

@@ -1,0 +1,112 @@
+"""Boosted trees: gradient-boosted trees on simple statistics of both streams, the floor that a network has to beat."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+from pydantic import Field
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from isacsim.arrays import Array, Float32Array, IntArray
+from isacsim.feedback import Feedback
+from isacsim.settings import Settings
+from models.data.windows import Windows
+from models.fit_settings import FitSettings
+from models.predictors.protocol import STATISTICS_S, FitTask, Outputs, Predictor, WindowShape, Workload, among_known
+from models.predictors.stored_trees import read_trees, write_trees
+
+TREES_FILE = "trees.skops"
+STATISTICS = (
+    "mean",
+    "sd",
+    "min",
+    "max",
+    "first",
+    "last",
+    "slope",
+    "mean_first_third",
+    "mean_middle_third",
+    "mean_last_third",
+)
+"""Statistics of each of a window's twelve state components; the slope is the least-squares one, per sample."""
+BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
+"""Processor time of sorting features into bins before the trees grow, and what each window adds to it, s."""
+ROUND_S = 0.025
+"""Processor time of a boosting round, s."""
+
+
+class TreesSettings(Settings):
+    """Settings of the trees, which are scikit-learn's histogram-based ones."""
+
+    rounds: int = Field(200, ge=1, description="boosting rounds")
+    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
+    leaves: int = Field(15, ge=2, description="leaves per tree")
+    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
+    ends_per_record: int = Field(4, ge=1, description="training windows per record")
+
+
+class TreesPredictor(Predictor):
+    """Boosted trees, whose features are the statistics of the window."""
+
+    display_name = "boosted trees"
+    summary = "gradient-boosted trees on simple statistics of the window"
+    settings_class: ClassVar[type[Settings] | None] = TreesSettings
+
+    def __init__(self, trees: HistGradientBoostingClassifier) -> None:
+        self.trees = trees
+
+    @classmethod
+    def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        settings = task.settings.of(TreesSettings)
+        ends, label = task.training_ends(settings.ends_per_record)
+        features = np.concatenate([statistics(windows) for windows in task.batches(ends)])
+        return cls(fit_trees(features, label, settings, task.settings.seed))
+
+    def save(self, folder: Path) -> None:
+        write_trees(folder / TREES_FILE, self.trees)
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        return cls(read_trees(folder / TREES_FILE))
+
+    def __call__(self, windows: Windows) -> Outputs:
+        features = statistics(windows)
+        logits = np.asarray(self.trees.decision_function(features))
+        if logits.ndim == 1:  # Of two classes, scikit-learn gives the log-odds of the second.
+            logits = np.stack([np.zeros_like(logits), logits], axis=1)
+        return Outputs(among_known(logits, self.trees.classes_), features.astype(np.float64))
+
+    @classmethod
+    def cost_s(cls, workload: Workload, settings: FitSettings) -> float:
+        trees = settings.of(TreesSettings)
+        windows = workload.training * trees.ends_per_record
+        statistics_s = STATISTICS_S * workload.scale * (windows + workload.tested)
+        return statistics_s + windows * BINNED_WINDOW_S + BINNED_S + trees.rounds * ROUND_S
+
+
+def statistics(windows: Windows) -> Float32Array:
+    """Return STATISTICS of every component of the TV's, then of the UV's stream, (n, 120)."""
+    return np.concatenate([_of_stream(windows.tv), _of_stream(windows.uv)], axis=1).astype(np.float32)
+
+
+def _of_stream(states: Float32Array) -> Array:
+    """Return the statistics of a stream (n, 6, T), component by component, (n, 60)."""
+    x = states.astype(np.float64)
+    t = np.arange(x.shape[2]) - (x.shape[2] - 1) / 2
+    thirds = [part.mean(axis=2) for part in np.array_split(x, 3, axis=2)]
+    slope = x @ t / (t @ t)
+    parts = [x.mean(axis=2), x.std(axis=2), x.min(axis=2), x.max(axis=2), x[..., 0], x[..., -1], slope, *thirds]
+    return np.stack(parts, axis=2).reshape(len(x), -1)
+
+
+def fit_trees(
+    features: Float32Array, label: IntArray, settings: TreesSettings, seed: int
+) -> HistGradientBoostingClassifier:
+    """Fit trees to statistics (n, 120) with labels (n,), classes weighted by inverse frequency."""
+    trees = HistGradientBoostingClassifier(
+        max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
+        l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
+    )  # fmt: skip
+    return trees.fit(features, label)
