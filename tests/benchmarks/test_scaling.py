@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from benchmarks import cluster, scaling
@@ -51,7 +53,8 @@ def test_the_list_of_shards_grows_straight() -> None:
 def test_a_simulated_cluster_makes_every_episode() -> None:
     found = cluster.simulated(40, 3)
     assert (found["workers"], found["episodes"]) == (3, 40)
-    assert 0 < found["episodes_per_s"] < 3 / cluster.PAUSE_S
+    # From the sixth episode's end on: two more may have ended by then, the other 32 take turns at three workers.
+    assert 0 < found["episodes_per_s"] <= 34 / (math.ceil(32 / 3) * cluster.PAUSE_S) + 0.1
     for side in ("scheduler", "parent"):
         assert found[side]["cpu_ms"] > 0
         assert len(found[side]["mib"]) == 3

@@ -37,7 +37,8 @@ class ScriptedSource:
 
     empty: seeds without traffic. broken: seeds whose simulation raises. wrong: seeds whose scenario is at fault.
     deadly: seeds that end the worker process. frail: a folder; each seed ends its worker once, which is noted there.
-    pause_s: time that each episode takes besides. warnings: that each simulation has.
+    held: seeds whose simulation waits until the test opens the gate. gate: the folder for that, see `begun` and `open`.
+    pause_s: time that each episode takes besides, s. warnings: SUMO's, of each simulation.
     """
 
     folder: Path
@@ -46,6 +47,8 @@ class ScriptedSource:
     wrong: tuple[int, ...] = ()
     deadly: tuple[int, ...] = ()
     frail: Path | None = None
+    held: tuple[int, ...] = ()
+    gate: Path = Path()
     pause_s: float = 0.0
     warnings: int = 0
 
@@ -56,6 +59,8 @@ class ScriptedSource:
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         time.sleep(self.pause_s)
+        if seed in self.held:
+            self._pass_gate(seed)
         if seed in self.wrong:
             raise InputError(f"{scenario.network}: no road for seed {seed}; draw one")
         if seed in self.broken:
@@ -72,6 +77,19 @@ class ScriptedSource:
             incidents=Incidents(("c",), ()),
             warnings=self.warnings,
         )
+
+    def begun(self) -> set[int]:
+        """Return the held seeds whose simulation has begun."""
+        return {int(path.name) for path in self.gate.iterdir() if path.name.isdigit()}
+
+    def open(self) -> None:
+        """Let the held simulations go on."""
+        (self.gate / "open").touch()
+
+    def _pass_gate(self, seed: int) -> None:
+        (self.gate / str(seed)).touch()
+        while not (self.gate / "open").exists():
+            time.sleep(0.02)
 
     def _first_time(self, seed: int) -> bool:
         if self.frail is None or (self.frail / str(seed)).exists():

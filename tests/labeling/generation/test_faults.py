@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -264,10 +265,12 @@ def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "command.py").write_text(COMMAND)
     root = Path(cosim.__file__).parent
     path = os.pathsep.join(map(str, (tmp_path, root, Path(__file__).parent)))
+    began = time.monotonic()
     subprocess.run([sys.executable, "command.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, check=True)
+    took_s = time.monotonic() - began
     study = small_study(seeds={"first": 1, "last": 6})
     undisturbed = generate(study, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path))
     assert Dataset.open(tmp_path / "data").digest == undisturbed.digest
     log = [json.loads(line) for line in (tmp_path / "data/log.jsonl").read_text().splitlines()]
     assert len(log) == 6
-    assert all(1.0 <= each["seconds"] < 60.0 for each in log)
+    assert all(1.0 <= each["seconds"] < took_s for each in log)

@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -25,9 +24,11 @@ from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+from tests.support.waiting import wait_until
 
 INLINE = InlineEngine()
 SEEDS = {"first": 1, "last": 4}
+needs_posix = pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX")
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -129,7 +130,8 @@ def test_a_finished_dataset_is_left_as_it_is(undisturbed: Dataset, source: Scrip
     assert seen == []
 
 
-def _generate(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None:
+def run_in_a_group(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None:
+    """Generate at the head of a process group, as a command that a terminal started."""
     os.setsid()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     with contextlib.suppress(KeyboardInterrupt):
@@ -137,23 +139,23 @@ def _generate(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None
     sys.exit(130)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@needs_posix
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"])
 def test_an_interrupted_command_is_resumed(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, how: signal.Signals
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, name: str
 ) -> None:
-    folder = tmp_path / "data"
-    slow = ScriptedSource(source.folder, pause_s=2.0)
-    process = multiprocessing.get_context("spawn").Process(target=_generate, args=(study, folder, slow))
+    """With two episodes finished and two under way, which never end by themselves."""
+    folder, number = tmp_path / "data", signal.Signals[name]
+    (tmp_path / "gate").mkdir()
+    held = ScriptedSource(source.folder, held=(3, 4), gate=tmp_path / "gate")
+    process = multiprocessing.get_context("spawn").Process(target=run_in_a_group, args=(study, folder, held))
     process.start()
-    shards = folder / "shards"
-    deadline = time.monotonic() + 60
-    while not list(shards.glob("road-*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: held.begun() == {3, 4}, process.is_alive)
     assert process.pid is not None
-    os.killpg(process.pid, how)
-    process.join(30)
-    assert process.exitcode == (130 if how == signal.SIGINT else -signal.SIGKILL)
-    assert 1 <= len(list(shards.glob("road-*"))) < 4
+    os.killpg(process.pid, number)
+    process.join()
+    assert process.exitcode == (130 if number == signal.SIGINT else -number)
+    assert sorted(path.name for path in folder.glob("shards/road-*")) == ["road-1.parquet", "road-2.parquet"]
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(folder)
     generate(study, folder, INLINE, source=source)
@@ -305,9 +307,7 @@ def test_a_worker_that_dies_while_it_starts_is_replaced() -> None:
     """And nothing of the first attempt is left running."""
 
     def kill_the_first() -> None:
-        while not (started := workers()):
-            time.sleep(0.01)
-        started[0].kill()
+        wait_until(workers)[0].kill()
 
     killer = threading.Thread(target=kill_the_first)
     killer.start()
