@@ -208,8 +208,8 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """A trained predictor; resumes where it stopped."""
+    from isacsim.settings import checked
     from labeling.dataset.dataset import Dataset
-    from labeling.generation.settings import checked
     from models.predictors.castformer import PAPER_OPTIMISER
     from models.run import TrainSettings
     from models.training.training import train as train_predictor

@@ -57,7 +57,7 @@ def placed(
     """Where poles stand and how much traffic is made, by the arguments."""
     from isacsim.scenarios.demand import DemandSettings
     from isacsim.scenarios.site_placement import PlacementSettings
-    from labeling.generation.settings import checked
+    from isacsim.settings import checked
 
     places = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
     given = {name: value for name, value in places.items() if value is not None}

@@ -17,12 +17,13 @@ from typing import Literal, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from isacsim.arrays import Float32Array
 from isacsim.errors import InputError
 from isacsim.files import replace_file
 from isacsim.settings import Settings
+from isacsim.validation import first_fault
 from labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[1] = 1
@@ -179,7 +180,7 @@ def read_samples(path: Path) -> list[Sample]:
         states = {name: states_of(table[name]) for name in ARRAYS}
         rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     except (KeyError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
@@ -194,7 +195,7 @@ def read_episode(path: Path) -> Episode:
     try:
         return Episode.model_validate_json(pq.read_metadata(path).metadata[_EPISODE_KEY])
     except (KeyError, TypeError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
 
 
 def read_shard(path: Path) -> Shard:
@@ -210,8 +211,14 @@ def read_shard(path: Path) -> Shard:
         episode = Episode.model_validate(stored)
         return _describe(path, table, episode)
     except (AttributeError, KeyError, TypeError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not a whole shard of a dataset ({reason}); delete it and generate again") from None
+        raise InputError(
+            f"{path}: not a whole shard of a dataset ({_reason(error)}); delete it and generate again"
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    """Return why a file is not a shard, in one line."""
+    return first_fault(error, Episode) if isinstance(error, ValidationError) else " ".join(str(error).split())
 
 
 def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:

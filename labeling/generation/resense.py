@@ -21,7 +21,7 @@ from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.onboard_radar import Carrier, RadarSettings, sense_onboard
 from isacsim.scenarios.scenario import Site
 from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings, sense
-from isacsim.settings import Settings
+from isacsim.settings import Settings, checked
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
 from labeling.dataset.shard import read_samples
@@ -30,7 +30,6 @@ from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import UNSEEN, median_error_m, record_key
 from labeling.generation.folder import claimed, fingerprint, finish, standing
 from labeling.generation.log import Note
-from labeling.generation.settings import checked
 
 UNDETECTED = "not_detected"
 """Why a record is left out that the radar never saw before it began."""

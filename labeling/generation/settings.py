@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import reprlib
-import tomllib
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, Literal, Self, TypeVar
+from typing import Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from isacsim.errors import InputError
 from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
@@ -19,10 +15,6 @@ from isacsim.traffic.simulation import TrafficSettings
 from labeling.events import LabelSettings
 from labeling.samples.candidates import RecordSettings
 from labeling.samples.uv_choice import PairSettings
-
-MOST_BYTES = 100_000
-"""Of a study file."""
-Section = TypeVar("Section", bound=Settings)
 
 
 class SeedRange(Settings):
@@ -89,40 +81,3 @@ class DatasetStudy(Settings):
     def unit(self) -> str:
         """What the progress of its generation counts."""
         return "samples" if self.selection.windows else "episodes"
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML file's content. Raises InputError where there is none or it cannot be read."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise InputError(f"{path}: has more than {MOST_BYTES} bytes, which no study needs; give a study file")
-        return tomllib.loads(content.decode())
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such study file; give the path of a .toml file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not a readable TOML file ({_one_line(error)})") from None
-
-
-def checked(kind: type[Section], content: dict[str, Any], where: str | Path) -> Section:
-    """Settings from plain values. Raises InputError naming the first wrong key by its path, and `where` it stands."""
-    try:
-        return kind.model_validate(content)
-    except ValidationError as error:
-        raise InputError(f"{where}: {_first_fault(error)}") from None
-
-
-def _first_fault(error: ValidationError) -> str:
-    """The first fault of a validation, as one line: the key's path, what is wrong, and the value found."""
-    fault = error.errors(include_url=False)[0]
-    key = ".".join(map(str, fault["loc"])) or "study"
-    if fault["type"] == "extra_forbidden":
-        return f"{key}: unknown key; remove it or mend its spelling"
-    message = fault["msg"].removeprefix("Value error, ")
-    found = fault["input"]
-    return f"{key}: {message}" if isinstance(found, dict) else f"{key}: {message}, not {reprlib.repr(found)}"
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 
 from command_line.arguments import channel
 from isacsim.sensing import SensingSettings
-from isacsim.settings import Settings
-from labeling.generation.settings import DatasetStudy, checked, read_toml
+from isacsim.settings import Settings, checked, read_toml
+from labeling.generation.settings import DatasetStudy
 from models.evaluation.evaluation import EvaluateSettings
 from models.run import Model, TrainSettings
 from models.studies.sweep_axes import Cell, Sensing, SweepAxes, network_name, sensings

@@ -19,6 +19,7 @@ from isacsim.errors import InputError
 from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
 from isacsim.settings import Settings
+from isacsim.validation import first_fault
 from models.run import Model
 
 Sensor = Literal["isac", "radar", "truth"]
@@ -31,7 +32,7 @@ def _channel_of(text: str) -> str:
     except InputError as error:
         raise ValueError(str(error)) from None
     except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+        raise ValueError(first_fault(error, ChannelSettings)) from None
     return text
 
 

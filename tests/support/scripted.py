@@ -17,9 +17,10 @@ from isacsim.errors import InputError
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Scenario, Site
 from isacsim.seeding import stream
+from isacsim.settings import checked
 from isacsim.traffic.recording import Incidents, Recording, Track
 from labeling.generation.engine import Item, Outcome, Result, describe
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
 LANES = tuple(

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import cosim
+from isacsim.settings import checked
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 from tests.support.scripted import small_study
 
 QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}

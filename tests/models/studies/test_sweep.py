@@ -16,9 +16,10 @@ from rich.console import Console
 import cosim
 from command_line.output import show_sweep
 from isacsim.errors import InputError, OutputError, RunError
+from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, resense
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 from models.evaluation.evaluation import EvaluateSettings
 from models.studies import sweep, sweep_table
 from models.studies.study import Study
