@@ -19,13 +19,12 @@ import importlib
 import json
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,20 +123,32 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[
             _start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
         )
         deadline = time.monotonic() + START_S
-        while not file.exists():
+        while (address := _address(file)) is None:
             if time.monotonic() > deadline:
                 raise RuntimeError(f"the scheduler did not come up within {START_S:.0f} s")
             time.sleep(0.1)
-        address = str(json.loads(file.read_text())["address"])
         local = ("--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder))
         running.append(_start("worker", address, "--nworkers", str(workers), *local))
         with Client(address) as client:
             client.wait_for_workers(workers, START_S)
         yield address, running[0]
     finally:
-        for each in running:
-            os.killpg(each.pid, signal.SIGKILL)
-            each.wait()
+        for process in running:
+            children = psutil.Process(process.pid).children(recursive=True)
+            # The parent first: it replaces a worker that dies.
+            process.kill()
+            for child in children:
+                with suppress(psutil.NoSuchProcess):
+                    child.kill()
+            process.wait()
+
+
+def _address(file: Path) -> str | None:
+    """Return the address in a scheduler's file, None while the file or its content is missing."""
+    try:
+        return str(json.loads(file.read_text())["address"])
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
 
 
 def metadata(episodes: int) -> dict[str, Any]:

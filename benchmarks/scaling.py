@@ -14,7 +14,7 @@ from __future__ import annotations
 import importlib
 import json
 import multiprocessing
-import resource
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import psutil
 
 from isacsim.feedback import Feedback
 from isacsim.scenarios.scenario import Scenario
@@ -169,13 +170,18 @@ def make(episodes: int, jobs: int) -> Made:
 
 
 def peak_memory() -> int:
-    """The most memory that this process had resident, bytes."""
+    """Return the most memory that this process has had resident, bytes."""
+    if sys.platform == "win32":
+        return int(psutil.Process().memory_info().peak_wset)
     status = Path("/proc/self/status")
     if status.exists():
-        # The system's other answer, in getrusage, counts what the process was before it became this one.
+        # getrusage also counts the process that this one was forked from.
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    import resource  # Windows has none
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _spread(rates: Sequence[float]) -> float:

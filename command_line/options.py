@@ -5,7 +5,6 @@ The packages are imported inside the functions, so that help and usage errors an
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,5 +65,7 @@ def placed(
 
 
 def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """Return how many processor cores this process may use, its affinity and the container's limit considered."""
+    from dask.system import cpu_count
+
+    return int(cpu_count())

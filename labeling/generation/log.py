@@ -5,6 +5,7 @@ The log is of the runs that made a dataset, not of the dataset: no digest covers
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -76,7 +77,7 @@ def append(folder: Path, entry: Entry) -> None:
     """Add a line to a dataset's log. What a killed command left of a line stays a line of its own."""
     path = folder / LOG_FILE
     # A link, which would lead to a file that is no log, is not followed.
-    with writing(path), open(path, "a+b", opener=_unlinked) as file:
+    with writing(path), open(path, "a+b", opener=_open_no_link) as file:
         if file.tell():
             file.seek(-1, 2)
             if file.read(1) != b"\n":
@@ -95,5 +96,9 @@ def overridden(scenario: str, options: Sequence[str]) -> str:
     return f"{scenario}: the time base and outputs are fixed; these options are ignored: {', '.join(options)}"
 
 
-def _unlinked(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+def _open_no_link(path: str, flags: int) -> int:
+    """Open a file unless it is a link. Raises OSError."""
+    if os.path.islink(path):
+        # Not every platform has the flag below, which leaves no moment between looking and opening.
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)

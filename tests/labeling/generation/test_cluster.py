@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 
 from isacsim.errors import InputError, RunError
@@ -32,10 +32,20 @@ def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
     try:
         yield running
     finally:
-        for each in running:
-            if each.poll() is None:
-                os.killpg(each.pid, signal.SIGKILL)
-            each.wait()
+        for process in running:
+            if process.poll() is None:
+                kill(process)
+            process.wait()
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and what it started."""
+    children = psutil.Process(process.pid).children(recursive=True)
+    # The parent first: it replaces a worker that dies.
+    process.kill()
+    for child in children:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            child.kill()
 
 
 def start(running: list[subprocess.Popen[bytes]], *words: str) -> None:
@@ -101,7 +111,7 @@ def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monk
         def progress(done: float, total: float) -> None:
             # Two of the four episodes are handed over only after this.
             if done == 1:
-                os.killpg(running[0].pid, signal.SIGKILL)
+                kill(running[0])
 
         with pytest.raises(RunError, match="scheduler went away"):
             generate(study, tmp_path / "cut", ClusterEngine(address), RecordedFeedback(on_move=progress), source)

@@ -45,6 +45,10 @@ class FullDisk(ScriptedSource):
         return super().record(scenario, seed)
 
 
+needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="/dev/full is of Linux")
+
+
+@needs_full_device
 @pytest.mark.parametrize("file", ["shards/road-2.parquet", "dataset.json"])
 def test_a_full_disk_ends_the_command_and_leaves_nothing_half_written(tmp_path: Path, file: str) -> None:
     """The operating system's own ENOSPC, on a shard and on the last write."""
@@ -62,6 +66,7 @@ def test_a_full_disk_ends_the_command_and_leaves_nothing_half_written(tmp_path: 
     assert made.digest == generate(STUDY, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path)).digest
 
 
+@needs_full_device
 @pytest.mark.parametrize("wrapped", [True, False])
 def test_a_full_disk_is_one_line_and_exit_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], wrapped: bool
@@ -130,6 +135,7 @@ def unprivileged() -> Iterator[None]:
         os.seteuid(own)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="permissions and users are of POSIX")
 def test_a_read_only_folder_is_bad_input(made: Dataset, tmp_path: Path) -> None:
     """A new dataset in it, one to go on with, and one whose shards alone are read-only."""
     with tempfile.TemporaryDirectory() as name:

@@ -22,6 +22,7 @@ from labeling.dataset.dataset import Dataset
 from labeling.generation.engine import ClusterEngine, LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
+from tests.labeling.generation.test_cluster import kill as kill_tree
 from tests.labeling.generation.test_cluster import processes, start, start_scheduler
 from tests.labeling.generation.test_generate import workers
 from tests.support.recorded_feedback import RecordedFeedback
@@ -162,7 +163,7 @@ def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int) -> None:
         def progress(done: float, total: float) -> None:
             if done == after:
                 time.sleep(pause_s)
-                os.killpg(running[0].pid, signal.SIGKILL)
+                kill_tree(running[0])
 
         with pytest.raises(RunError, match="scheduler went away"):
             generate(
