@@ -1,4 +1,4 @@
-"""The dataset part of a study: every setting between a scenario and its samples, and how study files are read."""
+"""The dataset section of a study: every setting between a scenario and its samples."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from labeling.samples.uv_choice import PairSettings
 
 
 class SeedRange(Settings):
-    """Traffic seeds, both ends included."""
+    """A range of traffic seeds, both ends included."""
 
     first: int = Field(1, ge=0, le=2**31 - 1)
     last: int = Field(20, ge=0, le=2**31 - 1)
@@ -37,17 +37,17 @@ class SeedRange(Settings):
 
 
 class SelectionSettings(Settings):
-    """Which candidates become samples, and when there are enough of them.
+    """Which candidates become samples, and how many samples are enough.
 
-    Episodes are taken in the order of their seeds. The dataset is the shortest run of them that holds `windows` samples
-    and `min_per_class` of each of the six known intentions, or all of them.
+    Episodes are used in the order of their seeds. The dataset ends with the first episode that completes `windows`
+    samples, `min_per_class` of each of the six known intentions among them, or with the last seed.
     """
 
-    per_class: int = Field(16, ge=1, description="most samples of one known intention from one episode")
+    per_class: int = Field(16, ge=1, description="most samples of each known intention from one episode")
     following: int = Field(8, ge=0, description="most `following` samples from one episode")
-    windows: int | None = Field(None, ge=1, description="samples to reach; absent: every seed of the range is used")
-    min_per_class: int = Field(0, ge=0, description="samples of each known intention to reach, when windows is given")
-    patience: int = Field(20, ge=1, description="give up after this many episodes in a row without a sample")
+    windows: int | None = Field(None, ge=1, description="samples to generate; every seed is used when absent")
+    min_per_class: int = Field(0, ge=0, description="samples to generate of each known intention, if windows is given")
+    patience: int = Field(20, ge=1, description="stop after this many episodes in a row without a sample")
 
 
 class ReportSettings(Settings):
@@ -59,7 +59,7 @@ class ReportSettings(Settings):
 
 
 class DatasetStudy(Settings):
-    """Everything that makes a dataset: equal studies give equal samples.
+    """All settings of a dataset. Equal studies give equal samples.
 
     scenarios: bundled names, folders, or SUMO configurations. source: where motion comes from.
     """
@@ -79,5 +79,5 @@ class DatasetStudy(Settings):
 
     @property
     def unit(self) -> str:
-        """What the progress of its generation counts."""
+        """What the progress bar of its generation counts."""
         return "samples" if self.selection.windows else "episodes"
