@@ -28,7 +28,7 @@ from labeling.dataset.shard import read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import UNSEEN, median_error_m, record_key
-from labeling.generation.folder import claimed, fingerprint, finish, standing
+from labeling.generation.folder import claimed, existing_shards, fingerprint, finish
 from labeling.generation.log import Note
 
 UNDETECTED = "not_detected"
@@ -92,7 +92,7 @@ def resense(
     with claimed(out, started):
         for name, lanes in roads.items():
             write_roads(out, name, lanes)
-        made |= standing(out, started)
+        made |= existing_shards(out, started)
         missing = [job for job in jobs if job.shard.file not in made]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
@@ -134,7 +134,7 @@ def _make(
             if outcome.result is None:
                 raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
             made[outcome.item.shard.file] = outcome.result
-            note(log.made(outcome.result, outcome))
+            note(log.entry_of(outcome.result, outcome))
             done += outcome.item.records
             move(done, total)
 
