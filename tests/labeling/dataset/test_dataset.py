@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import cosim
 from isacsim.errors import InputError
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
@@ -26,7 +27,7 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.shard import ARRAYS, SCALARS, read_shard
+from labeling.dataset.shard import ARRAYS, SCALARS, read_shard, schema
 from labeling.intentions import Intention
 
 LENGTHS = (200, 50)
@@ -103,6 +104,24 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
     }  # fmt: skip
     assert {field.name: str(field.type) for field in found} == expected
     assert not any(isinstance(field.type, pa.BaseExtensionType) for field in found)
+
+
+def test_every_column_is_documented() -> None:
+    """With its type; states and numbers of a unit with that, too."""
+    lines = (Path(cosim.__file__).parent / "docs/dataset.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
+    documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
+    columns = schema(2000, 500)
+    assert list(documented) == columns.names
+    units = {"t_": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
+    for field in columns:
+        kind, unit, meaning = documented[field.name]
+        numbers = {"double": "float64", "float": "float32"}
+        expected = "float32 [6]" if field.name in ARRAYS else numbers.get(str(field.type), str(field.type))
+        assert kind.startswith(expected)
+        if pa.types.is_floating(field.type) or field.name in ARRAYS:
+            assert unit == next(value for name, value in units.items() if field.name.startswith(name))
+        assert meaning
 
 
 def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
