@@ -7,20 +7,40 @@ from __future__ import annotations
 
 import logging
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Delay Ctrl-C until the block ends, and hide it from the threads and processes that are started inside.
+    """Delay Ctrl-C until the block ends, and hide it from the threads and processes that are started inside."""
+    if threading.current_thread() is not threading.main_thread():  # which alone receives it
+        yield
+        return
+    arrived: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: arrived.append(number))
+    try:
+        with _blocked():
+            yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if arrived:
+        signal.raise_signal(signal.SIGINT)
 
-    They inherit the blocked signal for life, and so do the processes that those threads start later.
-    On Windows, which has no signal masks, nothing is delayed and `dask_setup` alone protects the workers.
+
+@contextmanager
+def _blocked() -> Iterator[None]:
+    """Block the signal in this thread and in the threads and processes that are started inside, for all their life.
+
+    On Windows, which has no signal masks, `dask_setup` alone protects the worker processes.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    # A thread that has to start multiprocessing's resource tracker would unblock the signal for itself.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

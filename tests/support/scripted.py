@@ -1,6 +1,6 @@
 """Traffic from formulas instead of SUMO: a straight road on which followers brake hard or change lane.
 
-Importable by worker processes, which have to unpickle `ScriptedSource`.
+Worker processes import this module to unpickle `ScriptedSource`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ SITES = tuple(
 
 @dataclass(frozen=True)
 class ScriptedSource:
-    """Two followers an episode, one that brakes hard and one that changes lane to the left.
+    """A source with two followers in every episode, one that brakes hard and one that changes lane to the left.
 
-    empty: seeds without traffic. broken: seeds whose simulation raises. wrong: seeds whose scenario is at fault.
-    deadly: seeds that end the worker process. frail: a folder; each seed ends its worker once, which is noted there.
+    empty: seeds without traffic. broken: seeds whose simulation raises an error. wrong: seeds whose scenario is at
+    fault. deadly: seeds that end the worker process. frail: folder in which each seed notes that it ended its worker,
+    which it does once.
     held: seeds whose simulation waits until the test opens the gate. gate: the folder for that, see `begun` and `open`.
-    pause_s: time that each episode takes besides, s. warnings: SUMO's, of each simulation.
+    pause_s: additional duration of each episode, s. warnings: number of SUMO's warnings in each episode.
     """
 
     folder: Path
@@ -100,17 +101,17 @@ class ScriptedSource:
 
 
 def _pair(seed: int, number: int) -> list[Track]:
-    """A leader at constant speed and the follower behind it."""
+    """Return a leader at constant speed and the follower behind it."""
     t = np.arange(0, DURATION_S, STEP_S)
     rng = stream("scripted", seed, number)
     speed, onset = rng.uniform(18, 22), rng.uniform(12, 15)
     since = t - onset
     braking = 6.0 * ((since > 0) & (since < 1.2)) if number == 0 else np.zeros_like(t)
-    own = speed - np.cumsum(braking) * STEP_S
+    own_speed = speed - np.cumsum(braking) * STEP_S
     aside = LANE_M * np.clip(since / 4, 0, 1) if number == 1 else np.zeros_like(t)
     start = 250.0 + 200 * number
     leader = _track(f"lead{number}", start + 40 + speed * t, np.full_like(t, speed), np.zeros_like(t))
-    return [leader, _track(f"follow{number}", start + np.cumsum(own) * STEP_S, own, aside)]
+    return [leader, _track(f"follow{number}", start + np.cumsum(own_speed) * STEP_S, own_speed, aside)]
 
 
 def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) -> Track:
@@ -119,7 +120,7 @@ def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) ->
 
 
 class InlineEngine:
-    """Runs tasks in this process, without a second try."""
+    """Runs tasks in this process and does not retry."""
 
     workers = 1
 
@@ -132,6 +133,6 @@ class InlineEngine:
 
 
 def small_study(**content: object) -> DatasetStudy:
-    """A study whose records are cheap to sense and store."""
+    """Return a study whose records are cheap to sense and store."""
     record = {"tv_rate_hz": 40.0, "uv_rate_hz": 20.0}
     return checked(DatasetStudy, {"scenarios": ["road"], "record": record, **content}, "test")

@@ -94,7 +94,7 @@ def test_counts_of_the_meta_are_those_of_the_rows(dataset: Dataset) -> None:
 
 def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
     """Names and types as DESIGN.md gives them, stated here a second time on purpose."""
-    found = pq.read_schema(dataset.path / "shards" / "road-0.parquet")
+    columns = pq.read_schema(dataset.path / "shards" / "road-0.parquet")
     states = "fixed_size_list<element: fixed_size_list<element: float>[{}]>[6]"
     expected = {
         "sample_id": "string", "scenario": "string", "seed": "int64", "source": "string", "tv_id": "string",
@@ -102,8 +102,8 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
     }  # fmt: skip
-    assert {field.name: str(field.type) for field in found} == expected
-    assert not any(isinstance(field.type, pa.BaseExtensionType) for field in found)
+    assert {field.name: str(field.type) for field in columns} == expected
+    assert not any(isinstance(field.type, pa.BaseExtensionType) for field in columns)
 
 
 def test_every_column_is_documented() -> None:

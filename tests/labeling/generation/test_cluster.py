@@ -102,11 +102,11 @@ def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monk
         monkeypatch.setattr(engine, "FIRST_WORKER_S", HANGING_S)
         for _ in range(2):
             start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
-        made = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
-        assert {each.name for each in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
-        assert made.digest == alone.digest
-        for shard in made.meta.shards:
-            assert made.shard_path(shard).read_bytes() == alone.shard_path(shard).read_bytes()
+        distributed = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
+        assert {path.name for path in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
+        assert distributed.digest == alone.digest
+        for shard in distributed.meta.shards:
+            assert distributed.shard_path(shard).read_bytes() == alone.shard_path(shard).read_bytes()
 
         def progress(done: float, total: float) -> None:
             # Two of the four episodes are handed over only after this.

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import psutil
@@ -139,6 +140,10 @@ def test_workers_ignore_the_interrupt_where_it_cannot_be_hidden_from_them() -> N
 
 
 def test_an_interrupt_is_delayed_and_not_lost() -> None:
+    """Also where another thread, which was started before, receives the signal."""
+    ended = threading.Event()
+    thread = threading.Thread(target=ended.wait)
+    thread.start()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     reached: list[str] = []
 
@@ -152,5 +157,7 @@ def test_an_interrupt_is_delayed_and_not_lost() -> None:
             interrupt_in_the_block()
     finally:
         signal.signal(signal.SIGINT, before)
+        ended.set()
+        thread.join()
     assert reached == ["the end of the block"]
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

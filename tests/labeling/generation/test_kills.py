@@ -46,8 +46,8 @@ stood: list[str] = []
 
 
 @pytest.fixture(scope="module", autouse=True)
-def told() -> Iterator[None]:
-    """Tells, with `pytest -s`, when the whole commands were killed."""
+def report_kills() -> Iterator[None]:
+    """Print, with `pytest -s`, when the whole commands were killed."""
     yield
     print(f"shards that stood when the command was killed: {', '.join(stood)}")
 
@@ -115,9 +115,9 @@ def test_the_whole_command(tmp_path: Path, turn: int, request: pytest.FixtureReq
             process.kill()
     process.join()
     stood.append(f"{len(list(tmp_path.glob('data/shards/[!.]*')))} of {len(work.undisturbed.meta.shards)}")
-    made = generate(work.study, tmp_path / "data", InlineEngine(), source=work.source)
-    made.verify()
-    assert made.digest == work.undisturbed.digest
+    dataset = generate(work.study, tmp_path / "data", InlineEngine(), source=work.source)
+    dataset.verify()
+    assert dataset.digest == work.undisturbed.digest
 
 
 @pytest.mark.parametrize("turn", range(10))
@@ -141,12 +141,12 @@ def test_workers(scripted: Work, tmp_path: Path, turn: int) -> None:
 
     killer = threading.Thread(target=kill)
     killer.start()
-    made = generate(STUDY, tmp_path / "data", LocalEngine(2), source=source)
+    dataset = generate(STUDY, tmp_path / "data", LocalEngine(2), source=source)
     killer.join()
     assert len(killed) == 2
-    assert made.meta.lost == ()
-    assert made.digest == scripted.undisturbed.digest
-    retries = sum(json.loads(line)["retries"] for line in (made.path / "log.jsonl").read_text().splitlines())
+    assert dataset.meta.lost == ()
+    assert dataset.digest == scripted.undisturbed.digest
+    retries = sum(json.loads(line)["retries"] for line in (dataset.path / "log.jsonl").read_text().splitlines())
     assert retries <= len(killed)
 
 
@@ -169,6 +169,6 @@ def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int) -> None:
             generate(
                 STUDY, tmp_path / "data", ClusterEngine(address), RecordedFeedback(on_move=progress), scripted.source
             )
-    made = generate(STUDY, tmp_path / "data", InlineEngine(), source=scripted.source)
-    made.verify()
-    assert made.digest == scripted.undisturbed.digest
+    dataset = generate(STUDY, tmp_path / "data", InlineEngine(), source=scripted.source)
+    dataset.verify()
+    assert dataset.digest == scripted.undisturbed.digest

@@ -17,7 +17,7 @@ def test_a_study_reads_back_from_what_it_writes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "expected"),
     [
         ({"sed": 1}, "sed: unknown key; did you mean seeds?"),
         ({"sensing": {"chanel": {}}}, "sensing.chanel: unknown key; did you mean channel?"),
@@ -29,10 +29,10 @@ def test_a_study_reads_back_from_what_it_writes() -> None:
         ({"selection": {"windows": 0}}, "selection.windows: "),
     ],
 )
-def test_a_fault_is_one_line_with_the_path_of_the_key(content: dict[str, object], said: str) -> None:
+def test_a_fault_is_one_line_with_the_path_of_the_key(content: dict[str, object], expected: str) -> None:
     with pytest.raises(InputError) as error:
         checked(DatasetStudy, content, "my.toml")
     message = str(error.value)
-    assert message.startswith(f"my.toml: {said}")
+    assert message.startswith(f"my.toml: {expected}")
     assert "\n" not in message
     assert "pydantic" not in message
