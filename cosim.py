@@ -200,8 +200,8 @@ def train(
 
     Repeat the command to continue an interrupted training.
     """
+    from isacsim.settings import checked
     from labeling.dataset.dataset import Dataset
-    from labeling.generation.settings import checked
     from models.settings import TrainSettings
     from models.training.training import train as train_predictor
 

@@ -1,4 +1,8 @@
-"""What the speed claims rest on: each benchmark measures both sides of a ratio in one run."""
+"""Benchmarks: the measurements behind the claims about speed and size.
+
+A speed is a ratio, and both of its sides are measured in the same run. Nothing else imports this package, apart from
+`cosim bench`.
+"""
 
 import importlib
 from typing import Any
@@ -9,8 +13,8 @@ NAMES = ("echo", "traffic", "generate", "train", "infer")
 
 
 def run(name: str) -> dict[str, Any]:
-    """The result of a benchmark. Raises InputError where there is none of that name."""
+    """Run a benchmark and return its result. Raises InputError if there is none of that name."""
     if name not in NAMES:
         raise InputError(f"bench {name}: there is none of that name; choose one of {', '.join(NAMES)}")
-    found: dict[str, Any] = importlib.import_module(f"benchmarks.{name}").run()
-    return found
+    result: dict[str, Any] = importlib.import_module(f"benchmarks.{name}").run()
+    return result

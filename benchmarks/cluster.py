@@ -1,12 +1,12 @@
-"""What gives first on a large cluster: the scheduler, the parent, or the list of shards.
+"""Measures what limits generation on a large cluster: the scheduler, the parent, or the list of shards.
 
-- cluster: a dask scheduler and WORKERS workers, processes of one thread each on this machine, joined over TCP. The
-  dataset is made by `labeling.generation.generate` as with `--cluster`, but an episode waits PAUSE_S in place of a
-  simulation, and its shard is empty. What scheduler and parent spend of processor time on an episode bounds the rate at
-  which they could serve any number of workers. Their memory is reported at the beginning, in the middle and at the
-  end: the scheduler keeps a log of a bounded length, which fills in the first thousands of episodes.
-- metadata: a dataset's list of made-up shards, of the size that episodes of the bundled motorway have: planned, written
-  and read back, in a process of its own.
+- cluster: a dask scheduler and WORKERS workers, single-threaded processes on this machine that communicate over TCP.
+  `labeling.generation.generate` generates the dataset as with `--cluster`, but an episode only waits for PAUSE_S, and
+  its shard is empty. The processor time that scheduler and parent spend on an episode limits the rate at which they
+  could serve any number of workers. Their memory is reported at the beginning, in the middle and at the end, because
+  the scheduler's log grows during the first thousands of episodes until it reaches its fixed length.
+- metadata: a dataset's list of synthetic shards, as large as the bundled motorway's, is planned, written and read back
+  in a process of its own.
 
 Run: python -m benchmarks.cluster
 """
@@ -19,13 +19,12 @@ import importlib
 import json
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,14 +49,14 @@ WORKERS = 16
 PAUSE_S = 0.05
 EPISODES = 6000
 LISTED = (1_000, 10_000, 100_000)
-"""Numbers of made-up shards."""
+"""Numbers of synthetic shards."""
 START_S = 120.0
-"""How long scheduler and workers may take to come up."""
+"""How long scheduler and workers may take to start, s."""
 
 
 @dataclass(frozen=True)
 class Paused:
-    """A source without traffic, whose episodes take `pause_s`."""
+    """A source without traffic, whose episodes take `pause_s` seconds."""
 
     pause_s: float
 
@@ -73,19 +72,19 @@ class Paused:
 
 
 def run() -> dict[str, Any]:
-    """Measure; keys `cluster`, `metadata`."""
+    """Run the benchmark. Returns the keys `cluster` and `metadata`."""
     return {"cluster": simulated(EPISODES, WORKERS), "metadata": [apart(metadata, number) for number in LISTED]}
 
 
 def simulated(episodes: int, workers: int) -> dict[str, Any]:
-    """Make a dataset of short episodes on a cluster, from the second on which every worker has had one.
+    """Generate a dataset of short episodes on a cluster, and measure after the first two episodes per worker.
 
-    Keys: `episodes_per_s`; `scheduler` and `parent`: `cpu_ms` an episode, `episodes_per_s` that so much would allow,
-    `mib` of memory at the beginning, in the middle and at the end.
+    Returns the keys `episodes_per_s`, and for `scheduler` and `parent` each `cpu_ms` per episode, the `episodes_per_s`
+    that this would allow, and `mib` of memory at the beginning, in the middle and at the end.
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     first = 2 * workers
-    marked = (first, (first + episodes) // 2, episodes)
+    marks_at = (first, (first + episodes) // 2, episodes)
     with tempfile.TemporaryDirectory(prefix="cosim-") as folder, cluster(Path(folder), workers) as (address, process):
         watched = {"scheduler": psutil.Process(process.pid), "parent": psutil.Process()}
         marks: list[tuple[float, dict[str, tuple[float, int]]]] = []
@@ -95,8 +94,8 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
             def detail(self, line: str) -> None:
                 nonlocal ended
                 ended += 1
-                if ended in marked:
-                    marks.append((time.perf_counter(), {name: _spent(each) for name, each in watched.items()}))
+                if ended in marks_at:
+                    marks.append((time.perf_counter(), {name: _spent(process) for name, process in watched.items()}))
 
         generate(study, Path(folder) / "data", ClusterEngine(address), Marks(), source=Paused(PAUSE_S))
     (begin, before), (_, half), (end, after) = marks
@@ -110,7 +109,7 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
             name: {
                 "cpu_ms": round(1000 * (after[name][0] - before[name][0]) / counted, 3),
                 "episodes_per_s": round(counted / (after[name][0] - before[name][0])),
-                "mib": [round(each[name][1] / MIB, 1) for each in (before, half, after)],
+                "mib": [round(spent[name][1] / MIB, 1) for spent in (before, half, after)],
             }
             for name in watched
         },
@@ -119,7 +118,7 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
 
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A scheduler and workers on this machine: the scheduler's address and process."""
+    """Run a scheduler and workers on this machine for the block; yield the scheduler's address and process."""
     file = folder / "scheduler.json"
     running: list[subprocess.Popen[bytes]] = []
     try:
@@ -127,39 +126,52 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[
             _start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
         )
         deadline = time.monotonic() + START_S
-        while not file.exists():
+        while (address := _address(file)) is None:
             if time.monotonic() > deadline:
-                raise RuntimeError(f"the scheduler did not come up within {START_S:.0f} s")
+                raise RuntimeError(f"the scheduler did not start within {START_S:.0f} s")
             time.sleep(0.1)
-        address = str(json.loads(file.read_text())["address"])
         local = ("--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder))
         running.append(_start("worker", address, "--nworkers", str(workers), *local))
         with Client(address) as client:
             client.wait_for_workers(workers, START_S)
         yield address, running[0]
     finally:
-        for each in running:
-            os.killpg(each.pid, signal.SIGKILL)
-            each.wait()
+        for process in running:
+            children = psutil.Process(process.pid).children(recursive=True)
+            # The parent first: it replaces a worker that dies.
+            process.kill()
+            for child in children:
+                with suppress(psutil.NoSuchProcess):
+                    child.kill()
+            process.wait()
+
+
+def _address(file: Path) -> str | None:
+    """Return the address in a scheduler's file, None while the file or its content is missing."""
+    try:
+        return str(json.loads(file.read_text())["address"])
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
 
 
 def metadata(episodes: int) -> dict[str, Any]:
-    """Take in, write and read back the list of so many made-up shards.
+    """Plan, write and read back a list of synthetic shards.
 
-    Keys: `plan_s`, `write_s`, `read_s`; `bytes`, of the list on disk; `peak_mib`, of the process in all.
+    Returns the keys `episodes`, `plan_s`, `write_s`, `read_s`, `bytes` (size of the list on disk) and `peak_mib` (most
+    memory of the process).
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
     plan = Plan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
     begin = time.perf_counter()
     for job in plan.missing():
-        # As it comes from a worker: nothing shared with the others.
-        plan.add(job, pickle.loads(pickle.dumps(made_up(job.seed))))
+        # Pickled, as from a worker, so that it shares nothing with the others.
+        plan.add(job, pickle.loads(pickle.dumps(synthetic_shard(job.seed))))
     planned = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cosim-") as name:
         folder = Path(name)
         (folder / SHARDS).mkdir()
-        finish(folder, started, [each for each in plan.run() if isinstance(each, Shard)])
+        finish(folder, started, [shard for shard in plan.run() if isinstance(shard, Shard)])
         written = time.perf_counter()
         read_meta(folder)
         read = time.perf_counter()
@@ -174,9 +186,9 @@ def metadata(episodes: int) -> dict[str, Any]:
     }
 
 
-def made_up(seed: int) -> Shard:
-    """What a shard of the bundled motorway's size, 130 samples, is listed with."""
-    counted = dict.fromkeys(CLASS_NAMES, 18)
+def synthetic_shard(seed: int) -> Shard:
+    """Return the entry of a shard as large as the bundled motorway's, with 130 samples."""
+    counts = dict.fromkeys(CLASS_NAMES, 18)
     episode = Episode(
         scenario=SCENARIO,
         seed=seed,
@@ -193,14 +205,14 @@ def made_up(seed: int) -> Shard:
         sha256=f"{seed:064x}",
         bytes=7_500_000,
         samples=130,
-        by_intention=counted,
+        by_intention=counts,
         by_origin={"natural": 50, "stimulated": 80},
         episode=episode,
     )
 
 
 def _start(*words: str) -> subprocess.Popen[bytes]:
-    """A dask process in a process group of its own."""
+    """Start a dask process in a session of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "dask", *words],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
@@ -211,11 +223,11 @@ def _start(*words: str) -> subprocess.Popen[bytes]:
 
 
 def _spent(process: psutil.Process) -> tuple[float, int]:
-    """Processor time, s, and resident memory, bytes, of a process."""
+    """Return the processor time, s, and resident memory, bytes, of a process."""
     times = process.cpu_times()
     return times.user + times.system, process.memory_info().rss
 
 
 if __name__ == "__main__":
-    # By its name, so that workers find what is sent to them.
+    # Imported by name, so that workers find the functions that are sent to them.
     print(json.dumps(importlib.import_module("benchmarks.cluster").run(), indent=2))

@@ -1,12 +1,12 @@
-"""Where the time of one episode goes, what sensing one record takes, and how the making of a dataset scales.
+"""Measures where the time of an episode goes, the cost of sensing a record, and how generation scales.
 
 - stages: CPU seconds of one episode of the bundled motorway, 240 s of about 100 vehicles: traffic, labels, candidates,
   motion and sensing of the chosen records, writing.
 - record: CPU seconds for 5 s with four sites, 2,000 x 4 snapshots, fusion and filter (`benchmarks.echo`).
-- scaling: samples a second of two worker processes over one, and of both over 1, 2, 4 and 8 times the work; the
-  parent's memory (`benchmarks.scaling`). Several minutes; it wants two cores to itself.
+- scaling: samples per second of two worker processes over one; of two workers with 1, 2, 4 and 8 times the work; and
+  the parent's memory (`benchmarks.scaling`). This takes several minutes and needs two idle cores.
 
-The first two are on one thread. Run: python -m benchmarks.generate
+The first two run on one thread. Run: python -m benchmarks.generate
 """
 
 from __future__ import annotations
@@ -38,17 +38,19 @@ SEED = 1
 
 
 def run() -> dict[str, Any]:
-    """Measure.
+    """Run the benchmark.
 
-    Keys `ratio` (samples a second of two workers over one), `scaling` (the rest of it), `traffic_over_episode`,
-    `labels_over_traffic`, `stages_s`, `samples_per_s` (of one episode on one thread), `record_s`.
+    Returns the keys `ratio` (samples per second of two workers over one), `ratio_of`, `scaling` (all other results of
+    `benchmarks.scaling`), `traffic_over_episode`, `labels_over_traffic`, `stages_s`, `episode_s`, `samples`,
+    `samples_per_s` (of one episode on one thread), `record_s` and `settings`.
     """
-    found = scaling.run()
+    scaled = scaling.run()
     with threadpool_limits(1):
-        return {"ratio": found.pop("ratio"), "ratio_of": found.pop("ratio_of"), "scaling": found, **_one_episode()}
+        return {"ratio": scaled.pop("ratio"), "ratio_of": scaled.pop("ratio_of"), "scaling": scaled, **_one_episode()}
 
 
 def _one_episode() -> dict[str, Any]:
+    """Return the results of one episode on one thread."""
     study, scenario = DatasetStudy(scenarios=(SCENARIO,)), load(SCENARIO)
     stages: dict[str, float] = {}
     with _timed(stages, "traffic"):
@@ -57,21 +59,21 @@ def _one_episode() -> dict[str, Any]:
         around = Surroundings(recording)
         labels = label(recording, study.labels, around)
     with _timed(stages, "candidates"):
-        found = candidates(recording, labels, study.pairs, study.record, around)
+        available = candidates(recording, labels, study.pairs, study.record, around)
     with _timed(stages, "motion_and_sensing"):
-        chosen, _ = select(found.samples, study.selection, (scenario.name, SEED))
+        chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
         samples, _ = make_samples(study, scenario, recording, chosen)
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         lengths = (round(study.record.duration_s * rate) for rate in (study.record.tv_rate_hz, study.record.uv_rate_hz))
         write_shard(Path(folder), samples, Episode(scenario=scenario.name, seed=SEED), *lengths)
-    whole = sum(stages.values())
+    episode_s = sum(stages.values())
     return {
-        "traffic_over_episode": round(stages["traffic"] / whole, 4),
+        "traffic_over_episode": round(stages["traffic"] / episode_s, 4),
         "labels_over_traffic": round((stages["labels"] + stages["candidates"]) / stages["traffic"], 4),
-        "stages_s": {name: round(spent, 3) for name, spent in stages.items()},
-        "episode_s": round(whole, 3),
+        "stages_s": {name: round(seconds, 3) for name, seconds in stages.items()},
+        "episode_s": round(episode_s, 3),
         "samples": len(samples),
-        "samples_per_s": round(len(samples) / whole, 2),
+        "samples_per_s": round(len(samples) / episode_s, 2),
         "record_s": {"alone": round(record_s(1), 4), "of_32": round(record_s(32), 4)},
         "settings": {"scenario": SCENARIO, "seed": SEED, "duration_s": study.traffic.duration_s},
     }
@@ -79,11 +81,12 @@ def _one_episode() -> dict[str, Any]:
 
 @contextmanager
 def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
+    """Add the processor time of the block to the stages, s."""
     begin = time.process_time()
     yield
     stages[name] = time.process_time() - begin
 
 
 if __name__ == "__main__":
-    # By its name, so that other processes find what is sent to them.
+    # Imported by name, so that other processes find the functions that are sent to them.
     print(json.dumps(importlib.import_module("benchmarks.generate").run(), indent=2))

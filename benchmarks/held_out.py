@@ -12,8 +12,8 @@ from rich.console import Console
 
 from command_line.progress import ConsoleFeedback
 from isacsim.feedback import SILENT, Feedback
+from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
-from labeling.generation.settings import checked
 from models.data.windows import Records
 from models.roles import FLOOR
 from models.settings import TrainSettings

@@ -1,10 +1,10 @@
-"""How the making of a dataset scales: with the work, with a second worker process, and what its parent holds meanwhile.
+"""Measures how generation scales with the work and with a second worker process, and the memory of the parent process.
 
-The work is short episodes of the bundled motorway, the same few traffic seeds over and over: k times the work is k
-times the same, down to the samples. Each dataset is made and summed up as by `cosim generate`, with workers of its own,
-out of a fresh process, whose peak memory is the parent's: scheduler and metadata, no simulation.
+The work consists of short episodes of the bundled motorway. The same few traffic seeds repeat: k times the work
+gives exactly k times the samples. Each dataset is generated and summarised as by `cosim generate`, with its own
+workers, in a fresh process. The peak memory of that process is the parent's: scheduler and metadata, no simulation.
 
-Start-up is told apart from work: `start_s` ends when the first episode begins, `end_s` begins when the last one ended.
+Start-up is not work: `start_s` ends when the first episode begins, and `end_s` begins when the last one ends.
 
 Run: python -m benchmarks.scaling
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 import importlib
 import json
 import multiprocessing
-import resource
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import psutil
 
 from isacsim.feedback import Feedback
 from isacsim.scenarios.scenario import Scenario
@@ -40,20 +41,20 @@ Result = TypeVar("Result")
 
 SCENARIO = "motorway"
 TRAFFIC = TrafficSettings(run_in_s=45.0, duration_s=40.0)
-"""About 2.3 s of one core, for about ten samples."""
+"""Takes about 2.3 s of one core and gives about ten samples."""
 UNIT = 12
-"""Episodes of the smallest work."""
+"""Number of episodes of the smallest work."""
 SIZES = (1, 2, 4, 8)
-"""Times the smallest work."""
+"""Sizes of the work, in units."""
 JOBS = 2
 COMPARED = 4
-"""The size at which `JOBS` workers are compared with one."""
+"""Size at which `JOBS` workers are compared with one."""
 MIB = 2**20
 
 
 @dataclass(frozen=True)
 class Repeated:
-    """A source whose seeds drive as seeds 1 to `period` do, over and over."""
+    """A source that repeats the traffic of seeds 1 to `period` over and over."""
 
     source: SumoSource
     period: int
@@ -69,11 +70,11 @@ class Repeated:
 
 
 @dataclass(frozen=True)
-class Made:
-    """One dataset as it was made.
+class Measurement:
+    """The generation of one dataset.
 
-    seconds: in all; start_s: until the first episode began; end_s: after the last one ended. episode_s: mean time of an
-    episode in its worker. parent_peak_bytes: most memory that the parent had resident.
+    seconds: total duration. start_s: time until the first episode began. end_s: time after the last one ended.
+    episode_s: mean duration of an episode in its worker. parent_peak_bytes: most resident memory of the parent.
     """
 
     jobs: int
@@ -87,11 +88,11 @@ class Made:
 
     @property
     def rate(self) -> float:
-        """Samples a second, from the first episode's begin to the last one's end."""
+        """Samples per second, from the beginning of the first episode to the end of the last."""
         return self.samples / (self.seconds - self.start_s - self.end_s)
 
-    def told(self) -> dict[str, Any]:
-        """For the bench's result."""
+    def result(self) -> dict[str, Any]:
+        """Return the measurement as plain, rounded values."""
         return {
             "jobs": self.jobs,
             "episodes": self.episodes,
@@ -107,41 +108,41 @@ class Made:
 
 
 def run() -> dict[str, Any]:
-    """Measure.
+    """Run the benchmark.
 
-    Keys `ratio` (samples a second of two workers over one), `ratio_with_start` (the same, start-up included), `spread`
-    and `spread_with_start` (of samples a second over the sizes: greatest over least, less 1), `parent_growth_mib` (of
-    its peak memory, from the smallest to the greatest work), `runs`.
+    Returns the keys `ratio` (samples per second of two workers over one), `ratio_of`, `ratio_with_start` (the same with
+    start-up), `spread` and `spread_with_start` (of samples per second over the sizes: greatest over least, minus 1),
+    `parent_growth_mib` (growth of the peak memory from the smallest to the largest work), `runs` and `settings`.
     """
-    one = apart(make, COMPARED * UNIT, 1)
-    several = {size: apart(make, size * UNIT, JOBS) for size in SIZES}
-    return summed_up(one, several)
+    single = apart(measure, COMPARED * UNIT, 1)
+    by_size = {size: apart(measure, size * UNIT, JOBS) for size in SIZES}
+    return summarise(single, by_size)
 
 
-def summed_up(one: Made, several: dict[int, Made]) -> dict[str, Any]:
-    """The bench's result. one: made by one worker; several: by `JOBS`, by size."""
-    runs = list(several.values())
-    two = several[COMPARED]
+def summarise(single: Measurement, by_size: dict[int, Measurement]) -> dict[str, Any]:
+    """Return the result of the benchmark. single: with one worker. by_size: with `JOBS` workers."""
+    runs = list(by_size.values())
+    two = by_size[COMPARED]
     return {
-        "ratio": round(two.rate / one.rate, 3),
-        "ratio_of": f"samples a second of {JOBS} workers over 1 worker, {one.episodes} episodes, start-up left out",
-        "ratio_with_start": round(two.samples / two.seconds / (one.samples / one.seconds), 3),
-        "spread": _spread([each.rate for each in runs]),
-        "spread_with_start": _spread([each.samples / each.seconds for each in runs]),
+        "ratio": round(two.rate / single.rate, 3),
+        "ratio_of": f"samples per second of {JOBS} workers over 1 worker, {single.episodes} episodes, without start-up",
+        "ratio_with_start": round(two.samples / two.seconds / (single.samples / single.seconds), 3),
+        "spread": _spread([run.rate for run in runs]),
+        "spread_with_start": _spread([run.samples / run.seconds for run in runs]),
         "parent_growth_mib": round((runs[-1].parent_peak_bytes - runs[0].parent_peak_bytes) / MIB, 1),
-        "runs": [each.told() for each in (one, *runs)],
+        "runs": [run.result() for run in (single, *runs)],
         "settings": {"scenario": SCENARIO, "seeds": UNIT, **TRAFFIC.model_dump()},
     }
 
 
 def apart(function: Callable[..., Result], *arguments: Any) -> Result:
-    """What a function returns, called in a process of its own."""
+    """Call a function in a process of its own and return its result."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
         return process.submit(function, *arguments).result()
 
 
-def make(episodes: int, jobs: int) -> Made:
-    """Make a dataset of so many episodes, in a folder that is deleted afterwards."""
+def measure(episodes: int, jobs: int) -> Measurement:
+    """Generate a dataset in a temporary folder and measure that."""
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes), traffic=TRAFFIC)
     source = Repeated(SumoSource(study.traffic, study.maneuvers), UNIT)
     ended_at: list[float] = []
@@ -159,7 +160,7 @@ def make(episodes: int, jobs: int) -> Made:
         end = time.perf_counter()
     if dataset.meta.lost:
         raise RuntimeError(f"{len(dataset.meta.lost)} episodes were lost: {dataset.meta.lost[0].reason}")
-    return Made(
+    return Measurement(
         jobs=jobs,
         episodes=episodes,
         samples=len(dataset),
@@ -172,19 +173,25 @@ def make(episodes: int, jobs: int) -> Made:
 
 
 def peak_memory() -> int:
-    """The most memory that this process had resident, bytes."""
+    """Return the most memory that this process has had resident, bytes."""
+    if sys.platform == "win32":
+        return int(psutil.Process().memory_info().peak_wset)
     status = Path("/proc/self/status")
     if status.exists():
-        # The system's other answer, in getrusage, counts what the process was before it became this one.
+        # getrusage also counts the process that this one was forked from.
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    import resource  # Windows has none
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def _spread(rates: Sequence[float]) -> float:
+    """Return how much the greatest rate exceeds the least, as a share of the least."""
     return round(max(rates) / min(rates) - 1, 3)
 
 
 if __name__ == "__main__":
-    # By its name, so that workers find what is sent to them.
+    # Imported by name, so that workers find the functions that are sent to them.
     print(json.dumps(importlib.import_module("benchmarks.scaling").run(), indent=2))

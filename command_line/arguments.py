@@ -7,9 +7,10 @@ from typing import Any
 
 from isacsim.errors import InputError
 from isacsim.parsing import channel, number_range
+from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, own_sensing
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 
 WHERE = "arguments"
 SEEDS_WITH_WINDOWS = (1, 1000)

@@ -5,7 +5,6 @@ The packages are imported inside the functions, so that help and usage errors an
 
 from __future__ import annotations
 
-import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -85,7 +84,7 @@ def placement_of(
     """Return where masts stand and how much traffic is made, from the arguments."""
     from isacsim.scenarios.demand import DemandSettings
     from isacsim.scenarios.site_placement import PlacementSettings
-    from labeling.generation.settings import checked
+    from isacsim.settings import checked
 
     arguments = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
     given = {name: value for name, value in arguments.items() if value is not None}
@@ -94,5 +93,7 @@ def placement_of(
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    """Return how many processor cores this process may use, its affinity and the container's limit considered."""
+    from dask.system import cpu_count
+
+    return int(cpu_count())

@@ -1,4 +1,4 @@
-"""The errors that reach the command line as one line, and the ways they come about."""
+"""The errors that the command line shows as one line, and how errors of the operating system become one of them."""
 
 from __future__ import annotations
 
@@ -7,34 +7,40 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-"""What the operating system says of a disk that takes no more."""
-WRONG_PATH = (errno.EACCES, errno.EISDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.ENOTDIR, errno.EPERM)
-"""What it says of a path that is none, or that may not be used."""
+
+def _numbers(*names: str) -> tuple[int, ...]:
+    """Return the numbers of those error names that this platform has."""
+    return tuple(getattr(errno, name) for name in names if hasattr(errno, name))
+
+
+NO_ROOM = _numbers("ENOSPC", "EDQUOT", "EROFS")
+"""Numbers of the operating system's errors that say that a disk takes no more data."""
+WRONG_PATH = _numbers("EACCES", "EISDIR", "ELOOP", "ENAMETOOLONG", "ENOTDIR", "EPERM")
+"""Numbers of the operating system's errors that say that a path is invalid or may not be used."""
 
 
 class InputError(Exception):
     """The input or the arguments are wrong.
 
-    The message is one line: what is wrong, where, and the mend. The command line prints it and exits with 2.
+    The message is one line: what is wrong, where, and how to fix it. The command line prints it and exits with 2.
     """
 
 
 class RunError(RuntimeError):
-    """The input is right, but what was asked could not be done.
+    """The input is right, but the work could not be done.
 
-    The message is one line: what failed, where, and the mend if there is one. The command line prints it and exits
-    with 1.
+    The message is one line: what failed, where, and how to fix it if that is known. The command line prints it and
+    exits with 1.
     """
 
 
 class OutputError(RunError):
-    """A file could not be written: the disk is full, or the folder is read-only or gone. Trying again mends nothing."""
+    """A file could not be written: the disk is full, or the folder is read-only or gone. A retry does not help."""
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turns an error of the operating system, on writing a file, into an OutputError that names the file."""
+    """Turn an error of the operating system inside the block into an OutputError that names the file."""
     try:
         yield
     except OSError as error:
@@ -42,6 +48,6 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def output_error(path: object, error: OSError) -> OutputError:
-    """What is said of a file that cannot be written."""
-    why = error.strerror or str(error)
-    return OutputError(f"{path}: cannot be written ({why}); mend that, and the same command goes on from there")
+    """Return the error to raise for a file that cannot be written."""
+    reason = error.strerror or str(error)
+    return OutputError(f"{path}: cannot be written ({reason}); fix that, and the same command goes on from there")

@@ -1,4 +1,4 @@
-"""What long work tells the person who waits for it: messages, details and progress bars."""
+"""How long work reports to the person who waits for it: messages, details and progress bars."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ class Move(Protocol):
     """Moves a progress bar."""
 
     def __call__(self, done: float, total: float, note: str = "") -> None:
-        """Show that `done` of `total` is done, and a short note beside the bar."""
+        """Show that `done` of `total` units are finished, and a short note beside the bar."""
 
 
 class Feedback:
-    """Where long work reports to. This one reports nowhere; the command line's draws on a console."""
+    """Receives the reports of long work. This base class discards them; the command line shows them on a console."""
 
     def message(self, line: str) -> None:
         """Report something that everyone should see."""
 
     def detail(self, line: str) -> None:
-        """Report something that only those want to see who ask for more."""
+        """Report something for those who ask for details."""
 
     @contextmanager
     def bar(self, title: str, unit: str = "") -> Iterator[Move]:
-        """Yield what moves a progress bar that shows the time left.
+        """Show a progress bar with the time left for the duration of the block; yield the function that moves it.
 
-        title: what is being done, "sensing". unit: what is counted, "records"; without one the bar shows a percentage.
+        title: what is being done, "sensing". unit: what is counted, "records"; without it the bar shows a percentage.
         """
-        yield _stand_still
+        yield _ignore_move
 
 
-def _stand_still(done: float, total: float, note: str = "") -> None:
+def _ignore_move(done: float, total: float, note: str = "") -> None:
     """Move nothing."""
 
 

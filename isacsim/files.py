@@ -1,4 +1,4 @@
-"""Files and folders that this project writes: whole or not at all, and never over anything else's."""
+"""Writes files completely or not at all, and only into folders that belong to this project."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from filelock import FileLock, Timeout
 from isacsim.errors import InputError, writing
 
 LOCK_FILE = ".lock"
-"""Held open while a command writes a folder; it stays behind, empty."""
+"""Name of the file that is locked while a command writes a folder. It stays there, empty."""
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file completely or not at all, also when the machine goes down.
+    """Write a file completely or not at all, even if the machine goes down meanwhile.
 
-    write: is given a temporary path in the same folder, with the same suffix, and writes the file there.
-    Raises OutputError where the file cannot be written.
+    write: called with a temporary path in the same folder and with the same suffix; writes the content there.
+    Raises OutputError if the file cannot be written.
     """
     partial = path.with_name(f".{os.getpid()}-{path.name}")
     try:
         with writing(path):
             write(partial)
-            # Renaming alone does not make sure that the content reaches the disk before the name does.
+            # Renaming alone does not guarantee that the content reaches the disk before the name does.
             with partial.open("r+b") as file:
                 os.fsync(file.fileno())
             partial.replace(path)
@@ -41,18 +41,22 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def remove_partial(folder: Path, pattern: str) -> None:
-    """Delete what commands that were killed while writing files of that pattern left behind in a folder."""
+    """Delete the temporary files of a folder that belong to killed commands.
+
+    pattern: of the names of the files that those commands were writing, "*.parquet".
+    """
     for partial in folder.glob(f".*-{pattern}"):
         partial.unlink()
 
 
 @contextmanager
 def claim(folder: Path, mark: str, kind: str) -> Iterator[None]:
-    """Hold a folder of results against every other command, and make it where it does not exist.
+    """Lock a folder of results for this command, and create the folder if it does not exist.
 
-    mark: name of the file that shows that the folder is of this kind; the caller writes it first of all.
-    kind: what the folder is for, "dataset". The hold ends with the process, however it ends.
-    Raises InputError where the folder is a file, holds something else, cannot be used, or is held by another command.
+    mark: name of the file that identifies the folder as one of this kind; the caller writes it before anything else.
+    kind: what the folder holds, as messages call it, "dataset". The lock ends with the process at the latest.
+    Raises InputError if the path is a file, the folder holds something else or cannot be used, or another command has
+    locked it.
     """
     lock = FileLock(folder / LOCK_FILE, timeout=0)
     try:
@@ -75,7 +79,7 @@ def claim(folder: Path, mark: str, kind: str) -> Iterator[None]:
 
 
 def _is_ours(folder: Path, mark: str) -> bool:
-    """Return whether a folder is empty, has its mark, or was left by a command killed before the mark was written."""
+    """Return whether a folder has its mark, or is empty apart from the remains of a command that had yet to mark it."""
     return (folder / mark).is_file() or all(
         path.name == LOCK_FILE or (path.name.startswith(".") and path.name.endswith(f"-{mark}"))
         for path in folder.iterdir()

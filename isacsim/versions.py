@@ -1,4 +1,4 @@
-"""Versions of the installed packages that results depend on."""
+"""Versions of the packages that results depend on."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
 OF_DATASETS = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
-"""Packages whose version may change the bytes of a shard."""
+"""Packages whose version can change the bytes of a shard."""
 OF_RUNS = ("aeon", "isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
-"""Packages whose version may change a trained predictor or its scores."""
+"""Packages whose version can change a trained predictor or its scores."""
 
 
 def versions(packages: Sequence[str]) -> dict[str, str]:
-    """Return the version of every package that is installed, by name.
+    """Return the versions of the named packages, by name, leaving out those that are not installed.
 
-    The project itself may run from its source tree without being installed.
+    This project itself is missing when it runs from its source tree.
     """
     installed = {}
     for name in packages:

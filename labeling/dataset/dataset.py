@@ -1,7 +1,7 @@
-"""A dataset on disk: a folder with `dataset.json`, one Parquet shard an episode, and the roads the samples drove on.
+"""A dataset on disk: a folder with `dataset.json`, one Parquet shard per episode, and the lanes of its road networks.
 
-The layout is a contract, described in docs/dataset.md. `labeling.generation.generate` writes it; everything else
-opens it here.
+The layout is a contract, described in docs/dataset.md. `labeling.generation.generate` writes datasets; all other code
+opens them here.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ ROADS = "roads"
 
 
 class SiteMeta(Settings):
-    """A site as the dataset remembers it; the fields are those of `isacsim.scenarios.scenario.Site`."""
+    """A site, with the fields of `isacsim.scenarios.scenario.Site`."""
 
     id: str
     x: float
@@ -81,9 +81,10 @@ class SiteMeta(Settings):
 
 
 class ScenarioMeta(Settings):
-    """Where a scenario came from, and what is needed to draw or re-sense its records.
+    """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
 
-    source: as the user named it. sha256: of its input files. origin: SUMO's coordinates of the plane's origin, m.
+    source: the scenario as the user named it. sha256: digest of its input files. origin: the origin of its plane in
+    SUMO's coordinates, m.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
@@ -94,7 +95,7 @@ class ScenarioMeta(Settings):
 
 
 class Lost(Settings):
-    """An episode that was tried and given up."""
+    """An episode that failed and was left out."""
 
     scenario: str
     seed: int
@@ -102,12 +103,12 @@ class Lost(Settings):
 
 
 class Meta(Settings):
-    """`dataset.json`.
+    """The content of `dataset.json`.
 
-    study: everything that made the dataset, defaults filled in. complete: False while episodes are still to be made.
-    tv_rate_hz, uv_rate_hz, duration_s: of the records. short: known classes that stayed below the study's least number.
-    resensed: where the records were sensed anew from another dataset: its digest, and how
-    (labeling.generation.resense).
+    complete: False while episodes are missing. study: all settings, with their defaults. tv_rate_hz, uv_rate_hz,
+    duration_s: sampling rates and length of the records. lost: episodes that failed. short: known intentions with fewer
+    samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
+    that they were sensed anew with (labeling.generation.resense), None if they were generated.
     """
 
     schema_version: Literal[1, 2] = SCHEMA_VERSION
@@ -129,45 +130,47 @@ class Meta(Settings):
     @model_validator(mode="after")
     def _of_its_scenarios(self) -> Self:
         known = {scenario.name for scenario in self.scenarios}
-        if strange := {shard.episode.scenario for shard in self.shards} - known:
-            raise ValueError(f"shards are of scenarios that it does not list: {', '.join(sorted(strange))}")
+        if unknown := {shard.episode.scenario for shard in self.shards} - known:
+            raise ValueError(f"has shards of scenarios that it does not list: {', '.join(sorted(unknown))}")
         return self
 
     @property
     def maker(self) -> str:
-        """The command that made the dataset, and finishes or mends it."""
+        """The command that wrote the dataset and can complete or repair it."""
         return "cosim generate" if self.resensed is None else "cosim sense"
 
     @property
     def tv_length(self) -> int:
-        """TV samples a record."""
+        """States of the TV in a record."""
         return round(self.duration_s * self.tv_rate_hz)
 
     @property
     def uv_length(self) -> int:
-        """UV samples a record."""
+        """States of the UV in a record."""
         return round(self.duration_s * self.uv_rate_hz)
 
     @property
     def samples(self) -> int:
+        """Samples of all shards."""
         return sum(shard.samples for shard in self.shards)
 
     def by_intention(self) -> dict[str, int]:
-        """Samples of every class, in the order of the labels."""
+        """Return the number of samples of every intention, in the order of the labels."""
         counted = _sum(shard.by_intention for shard in self.shards)
         return {name: counted[name] for name in self.class_names}
 
     def by_origin(self) -> dict[str, int]:
+        """Return the number of samples of every origin, in alphabetical order."""
         return dict(sorted(_sum(shard.by_origin for shard in self.shards).items()))
 
     def left_out(self) -> dict[str, int]:
-        """Candidates that became no sample, by reason."""
+        """Return how many candidates did not become samples, by reason."""
         return dict(sorted(_sum(shard.episode.left_out for shard in self.shards).items()))
 
 
 @dataclass(frozen=True)
 class RoadLane:
-    """One lane's centre line, (n, 2), m, in the scenario's plane, and its width: enough to draw the road."""
+    """One lane, to draw the road: its centre line `shape`, (n, 2), m, in the scenario's plane, and its width."""
 
     id: str
     width_m: float
@@ -176,24 +179,26 @@ class RoadLane:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset opened for reading. Rows come in the order of `meta.shards`, then as each shard was written."""
+    """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written."""
 
     path: Path
     meta: Meta
 
     @classmethod
     def open(cls, path: str | Path) -> Dataset:
-        """Open a dataset's folder. Raises InputError where it is none, is unfinished, or misses a shard."""
+        """Open a folder. Raises InputError if it is not a finished dataset, or if a shard is missing."""
         folder = Path(path)
         meta = read_meta(folder)
         if meta is None:
-            raise InputError(f"{folder}: not a dataset (no {META_FILE} in it); make one with `cosim generate`")
+            raise InputError(f"{folder}: not a dataset (it has no {META_FILE}); make one with `cosim generate`")
         if not meta.complete:
             raise InputError(f"{folder}: dataset is not finished; run the same `{meta.maker}` again to finish it")
         dataset = cls(folder, meta)
         for shard in meta.shards:
             if not dataset.shard_path(shard).is_file():
-                raise InputError(f"{dataset.shard_path(shard)}: shard is missing; run the same `{meta.maker}` again")
+                raise InputError(
+                    f"{dataset.shard_path(shard)}: the shard is missing; run the same `{meta.maker}` again"
+                )
         return dataset
 
     def __len__(self) -> int:
@@ -201,45 +206,46 @@ class Dataset:
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the shards' names and digests: equal for equal samples, wherever and however they were made."""
+        """SHA-256 digest of the shards' names and digests. Equal samples give equal digests."""
         lines = "".join(f"{shard.file} {shard.sha256}\n" for shard in self.meta.shards)
         return hashlib.sha256(f"schema {self.meta.schema_version}\n{lines}".encode()).hexdigest()
 
     def shard_path(self, shard: Shard) -> Path:
+        """Return the path of a shard's file."""
         return self.path / SHARDS / shard.file
 
     def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """The scalar columns, all or those named, one row a sample."""
-        wanted = list(SCALARS if columns is None else columns)
-        if unknown := set(wanted) - set(SCALARS):
+        """Return scalar columns, one row per sample. columns: their names, all of them when absent."""
+        names = list(SCALARS if columns is None else columns)
+        if unknown := set(names) - set(SCALARS):
             raise ValueError(f"no scalar columns: {sorted(unknown)}")
-        tables = [table.select(wanted) for table in self._tables(wanted)]
-        empty = schema(self.meta.tv_length, self.meta.uv_length).empty_table().select(wanted)
+        tables = [table.select(names) for table in self._tables(names)]
+        empty = schema(self.meta.tv_length, self.meta.uv_length).empty_table().select(names)
         frame: pd.DataFrame = pa.concat_tables([empty, *tables]).to_pandas()
         return frame
 
     def arrays(self, *names: str) -> dict[str, Float32Array]:
-        """State arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C)."""
+        """Return state arrays by column name, float32: tv and tv_truth are (N, 6, S), uv is (N, 6, C)."""
         lengths = {name: self.meta.uv_length if name == "uv" else self.meta.tv_length for name in names}
-        found = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
+        arrays = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
         start = 0
         for shard, part in zip(self.meta.shards, self.arrays_by_shard(*names), strict=True):
             for name in names:
-                found[name][start : start + shard.samples] = part[name]
+                arrays[name][start : start + shard.samples] = part[name]
             start += shard.samples
-        return found
+        return arrays
 
     def arrays_by_shard(self, *names: str) -> Iterator[dict[str, Float32Array]]:
-        """The same, a shard at a time: what a dataset larger than memory is read by."""
+        """Yield the same arrays shard by shard, for datasets that are larger than the memory."""
         if unknown := set(names) - set(ARRAYS):
             raise ValueError(f"no array columns: {sorted(unknown)}")
         for table in self._tables(list(names)):
             yield {name: states_of(table[name]) for name in names}
 
     def roads(self, scenario: str) -> list[RoadLane]:
-        """The lanes of a scenario's road network; the ids of those inside junctions begin with a colon.
+        """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
 
-        Raises InputError where their file is damaged or missing.
+        Raises InputError if their file is damaged or missing.
         """
         path = self.path / ROADS / f"{scenario}.parquet"
         try:
@@ -248,24 +254,27 @@ class Dataset:
         except (KeyError, OSError, TypeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
-                f"{path}: holds no roads ({reason}); delete it and run the same `{self.meta.maker}` again"
+                f"{path}: is not a file of roads ({reason}); delete it and run the same `{self.meta.maker}` again"
             ) from None
 
     def sites(self, scenario: str) -> list[Site]:
-        """The sites of a scenario."""
-        found = next(each for each in self.meta.scenarios if each.name == scenario)
-        return [Site(**site.model_dump()) for site in found.sites]
+        """Return the sites of a scenario."""
+        meta = next(meta for meta in self.meta.scenarios if meta.name == scenario)
+        return [Site(**site.model_dump()) for site in meta.sites]
 
     def verify(self) -> None:
-        """Reread every shard against its digest and the contract. Raises InputError naming the first fault."""
+        """Check every shard against its digest and the contract. Raises InputError with the first fault."""
         with ThreadPoolExecutor() as threads:
-            found = threads.map(lambda shard: list(self._faults(shard)), self.meta.shards)
-            faults = [fault for of_shard in found for fault in of_shard]
+            by_shard = threads.map(lambda shard: list(self._faults(shard)), self.meta.shards)
+            faults = [fault for shard_faults in by_shard for fault in shard_faults]
         if faults:
             others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
-            raise InputError(f"{faults[0]}{others}; delete what is damaged and run the same `{self.meta.maker}` again")
+            raise InputError(
+                f"{faults[0]}{others}; delete the damaged files and run the same `{self.meta.maker}` again"
+            )
 
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
+        """Yield the named columns of one shard after the other. Raises InputError if a shard is damaged."""
         for shard in self.meta.shards:
             path = self.shard_path(shard)
             try:
@@ -278,37 +287,39 @@ class Dataset:
                 ) from None
 
     def _faults(self, shard: Shard) -> Iterator[str]:
+        """Yield what is wrong with a shard."""
         path = self.shard_path(shard)
         if file_digest(path) != shard.sha256:
-            yield f"{path}: bytes differ from the digest in {META_FILE}"
+            yield f"{path}: its bytes differ from the digest in {META_FILE}"
             return
         try:
-            found = read_shard(path)
+            stored = read_shard(path)
         except InputError as error:
             yield str(error)
             return
-        if found != shard:
-            yield f"{path}: counts differ from those in {META_FILE}"
+        if stored != shard:
+            yield f"{path}: its counts differ from those in {META_FILE}"
         table = pq.ParquetFile(path).read()
         expected = schema(self.meta.tv_length, self.meta.uv_length)
         if not table.schema.equals(expected):
-            yield f"{path}: columns differ from the contract of schema version {self.meta.schema_version}"
+            yield f"{path}: its columns differ from the contract of schema version {self.meta.schema_version}"
             return
         yield from (f"{path}: {fault}" for fault in _row_faults(table, shard, self.meta.resensed is None))
 
 
 def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
-    """What is wrong with the values of a shard whose columns are right.
+    """Yield what is wrong with the values of a shard whose columns are right.
 
-    numbered: whether sample ids count through; records sensed anew keep theirs, with a repeat's number behind it.
+    numbered: whether the sample ids must be consecutive. Records that were sensed anew keep their ids, and a repeated
+    record has a suffix.
     """
     scalars = table.select(list(SCALARS)).to_pandas()
     prefix = shard.file.removesuffix(".parquet")
     ids = scalars["sample_id"]
     if numbered and list(ids) != [f"{prefix}-{k}" for k in range(len(ids))]:
-        yield "sample ids are not numbered through"
+        yield "sample ids are not consecutive"
     if not ids.is_unique or not ids.str.fullmatch(rf"{re.escape(prefix)}-\d+(-r\d+)?").all():
-        yield "sample ids are not those of the shard's episode"
+        yield "sample ids do not belong to the shard's episode"
     if list(scalars["intention"]) != [Intention(label).text for label in scalars["label"]]:
         yield "label and intention disagree"
     times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
@@ -320,27 +331,27 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
 
 
 def read_meta(folder: Path) -> Meta | None:
-    """A folder's `dataset.json`, or None where it has none. Raises InputError where it cannot be understood."""
+    """Return a folder's `dataset.json`, None if there is none. Raises InputError if it is damaged."""
     return read_json(Meta, folder / META_FILE)
 
 
 def write_meta(folder: Path, meta: Meta) -> None:
-    """Write `dataset.json` by temporary file and rename."""
+    """Write `dataset.json` completely or not at all. Raises OutputError."""
     replace_file(
         folder / META_FILE, lambda partial: partial.write_bytes(f"{meta.model_dump_json(indent=1)}\n".encode())
     )
 
 
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
-    """Write a scenario's lanes as `roads/<scenario>.parquet`."""
-    kept = list(lanes)
+    """Write a scenario's lanes to `roads/<scenario>.parquet`. Raises OutputError."""
+    rows = list(lanes)
     line = pa.list_(pa.float32())
     table = pa.table(
         {
-            "id": pa.array([lane.id for lane in kept], pa.string()),
-            "width_m": pa.array([lane.width_m for lane in kept], pa.float32()),
-            "x": pa.array([lane.shape[:, 0] for lane in kept], line),
-            "y": pa.array([lane.shape[:, 1] for lane in kept], line),
+            "id": pa.array([lane.id for lane in rows], pa.string()),
+            "width_m": pa.array([lane.width_m for lane in rows], pa.float32()),
+            "x": pa.array([lane.shape[:, 0] for lane in rows], line),
+            "y": pa.array([lane.shape[:, 1] for lane in rows], line),
         }
     )
     sink = pa.BufferOutputStream()
@@ -350,7 +361,8 @@ def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -
 
 
 def _sum(counts: Iterable[dict[str, int]]) -> Counter[str]:
+    """Return the sum of counts, key by key."""
     total: Counter[str] = Counter()
-    for each in counts:
-        total.update(each)
+    for part in counts:
+        total.update(part)
     return total

@@ -1,7 +1,7 @@
-"""One shard: the samples of one episode (a scenario and a seed) as a Parquet file.
+"""One shard: the samples of one episode (a scenario and a seed) in a Parquet file.
 
-The columns, their types and encodings are the dataset's contract, described in docs/dataset.md. Equal samples give
-equal bytes, so that a shard's SHA-256 digest says whether two runs made the same data.
+The columns, their types and their encodings are a contract, described in docs/dataset.md. Equal samples give equal
+bytes, so that the SHA-256 digests of two shards show whether they hold the same data.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from typing import Literal, Self
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from isacsim.arrays import Float32Array
 from isacsim.errors import InputError
 from isacsim.files import replace_file
 from isacsim.settings import Settings
+from isacsim.validation import first_fault
 from labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[2] = 2
@@ -31,7 +32,7 @@ follows 3GPP TR 38.901. The layout is that of 1."""
 READABLE = (1, 2)
 """Schema versions that can be read."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
-"""The rows of every state array: m, m/s, m/s2, in the scenario's plane, of the front bumper centre."""
+"""The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
 ARRAYS = ("tv", "tv_truth", "uv")
 CLASS_NAMES = tuple(intention.text for intention in Intention)
 ROW_GROUP = 256
@@ -40,11 +41,12 @@ _EPISODE_KEY = b"cosim.episode"
 
 @dataclass(frozen=True)
 class Sample:
-    """One row of a dataset: a TV-UV record, its label and its provenance.
+    """One row of a dataset: the record of a TV-UV pair, its label and its provenance.
 
-    Times are s of simulation time; snr_db is the mean per-element SNR over the record; n_sites the sites used.
-    tv, tv_truth: sensed and true state of the TV, float32, (6, S) at the TV rate. uv: reported state of the UV,
-    float32, (6, C) at the UV rate. Rows are those of `STATE`.
+    t_start, t_onset, t_commit, t_end: start of the record; onset, commit and end of the event; s of simulation time.
+    snr_db: mean per-element SNR over the record, dB. n_sites: number of sites used, the least over the record.
+    tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
+    float32, (6, C), at the UV rate. The rows are those of `STATE`.
     """
 
     sample_id: str
@@ -68,13 +70,13 @@ class Sample:
 
 
 class Episode(Settings):
-    """What a shard says of its episode besides the samples.
+    """What a shard stores about its episode besides the samples.
 
-    fingerprint: of the study, inputs and versions that made it, so that a shard from elsewhere is recognised.
-    events: events found, by intention. counts: of what is no event (labeling.events.Labels).
-    left_out: candidates that became no sample, by reason.
-    fix_error_m, state_error_m: of each sample the median distance to the true position, m: of the fused fixes before
-    the filter, and of the sensed state. The shard's file holds them (`read_episode`), the dataset's list does not.
+    fingerprint: digest of the study, inputs and versions, which reveals a shard from elsewhere. events: number of
+    events by intention. counts: number of things that are not events (labeling.events.Labels). left_out: number of
+    candidates that did not become samples, by reason. collided, teleported: number of vehicles.
+    fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
+    filter and of the sensed states. Only the shard's file holds these two (`read_episode`), `dataset.json` does not.
     """
 
     scenario: str
@@ -91,7 +93,7 @@ class Episode(Settings):
 
 
 class Shard(Settings):
-    """A shard as the dataset lists it: which file, its digest, what is in it."""
+    """A shard's entry in `dataset.json`: its file, digest and size, and what is in it."""
 
     file: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -104,7 +106,7 @@ class Shard(Settings):
     @field_validator("episode")
     @classmethod
     def _brief(cls, episode: Episode) -> Episode:
-        """Without what grows with the samples: a long list has to fit into memory."""
+        """Drop what grows with the number of samples, so that long lists of shards fit into memory."""
         return episode.model_copy(update={"fix_error_m": (), "state_error_m": ()})
 
     @model_validator(mode="after")
@@ -115,11 +117,12 @@ class Shard(Settings):
 
 
 def shard_name(scenario: str, seed: int) -> str:
+    """Return the file name of an episode's shard."""
     return f"{scenario}-{seed}.parquet"
 
 
 def schema(tv_length: int, uv_length: int) -> pa.Schema:
-    """The columns of a shard whose records have tv_length TV samples and uv_length UV samples."""
+    """Return the columns of a shard whose records have tv_length states of the TV and uv_length of the UV."""
 
     def states(length: int) -> pa.DataType:
         return pa.list_(pa.list_(pa.float32(), length), len(STATE))
@@ -152,9 +155,10 @@ SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 
 
 def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
-    """Write an episode's samples, perhaps none, as one shard into a folder: whole, or not at all.
+    """Write an episode's samples as one shard into a folder, completely or not at all, and return its entry.
 
-    tv_length, uv_length: samples a record, which every sample must have. Raises OutputError.
+    samples: may be empty. tv_length, uv_length: number of states of the TV and the UV in every record.
+    Raises OutputError if the file cannot be written.
     """
     columns = schema(tv_length, uv_length)
     table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
@@ -177,13 +181,13 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
 
 
 def read_samples(path: Path) -> list[Sample]:
-    """The samples of a shard, in its order. Raises InputError where it is damaged or no shard."""
+    """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
         states = {name: states_of(table[name]) for name in ARRAYS}
         rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     except (KeyError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
@@ -194,31 +198,38 @@ def read_samples(path: Path) -> list[Sample]:
 
 
 def read_episode(path: Path) -> Episode:
-    """What a shard says of its episode, from the end of its file alone. Raises InputError where it is damaged."""
+    """Return a shard's episode, by reading only the end of its file. Raises InputError if that is damaged."""
     try:
         return Episode.model_validate_json(pq.read_metadata(path).metadata[_EPISODE_KEY])
     except (KeyError, TypeError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a whole shard of a dataset ({' '.join(str(error).split())})") from None
+        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
 
 
 def read_shard(path: Path) -> Shard:
-    """What a shard holds, from its own bytes, all of them read. Raises InputError where it is damaged or no shard."""
+    """Return a shard's entry by reading the whole file. Raises InputError if the file is damaged or not a shard."""
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
         stored = json.loads(table.schema.metadata[_EPISODE_KEY])
         if (version := stored.get("schema_version")) not in READABLE:
             raise InputError(
                 f"{path}: a shard of schema version {version}, not {SCHEMA_VERSION}; read it with the tool's version "
-                "that made it, or delete it and generate again"
+                "that wrote it, or delete it and generate again"
             )
         episode = Episode.model_validate(stored)
         return _describe(path, table, episode)
     except (AttributeError, KeyError, TypeError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: not a whole shard of a dataset ({reason}); delete it and generate again") from None
+        raise InputError(
+            f"{path}: not a whole shard of a dataset ({_reason(error)}); delete it and generate again"
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    """Return why a file is not a shard, in one line."""
+    return first_fault(error, Episode) if isinstance(error, ValidationError) else " ".join(str(error).split())
 
 
 def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:
+    """Return the entry of a shard that has been written or read."""
     return Shard(
         file=path.name,
         sha256=file_digest(path),
@@ -231,20 +242,20 @@ def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
+    """Return the SHA-256 digest of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
-    """How often each value occurs, in the given order first and alphabetically after it."""
+    """Return how often each value occurs: first the values in `order`, then the others alphabetically."""
     counted = Counter(values)
     ranked = [value for value in order if value in counted]
     return {value: counted[value] for value in [*ranked, *sorted(set(counted) - set(ranked))]}
 
 
 def states_of(column: pa.ChunkedArray) -> Float32Array:
-    """A nested fixed-size list column as an array, (n, 6, length), float32."""
+    """Return a column of states, nested fixed-size lists, as an array, (n, 6, length), float32."""
     length = column.type.value_type.list_size
     chunks = [chunk.flatten().flatten().to_numpy(zero_copy_only=False) for chunk in column.chunks]
     flat = np.concatenate(chunks) if chunks else np.empty(0, np.float32)

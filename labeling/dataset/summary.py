@@ -1,4 +1,4 @@
-"""What is in a dataset, in numbers and for people."""
+"""Summarises a dataset, as plain values and on a console."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from labeling.dataset.shard import read_episode
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
 )  # fmt: skip
-"""What follows the tables, in this order."""
+"""Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
-"""Of more episodes, people see the sums by scenario alone; all stand in the plain values."""
+"""With more episodes than this, the console shows only the sums by scenario. The plain values hold all of them."""
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
-    """A dataset's counts, rates and qualities, as plain values.
+    """Return a dataset's counts, rates and qualities as plain values.
 
-    sensors: samples by sensor. snr_db, n_sites: least, median and greatest over the samples. position_error_m: median
-    over the samples of each one's median distance to the true position, before and after the filter. left_out:
-    candidates that became no sample, by reason.
+    Some of the keys: `sensors`, samples by sensor; `snr_db` and `n_sites`, least, median and greatest value over the
+    samples; `position_error_m`, median over the samples of their median distances to the true position, before and
+    after the filter; `left_out`, candidates that did not become samples, by reason.
     """
     meta = dataset.meta
     seeds = {
@@ -70,78 +70,84 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     }
 
 
-def show(found: dict[str, Any], console: Console) -> None:
-    """A summary, on a console."""
-    table = Table("intention", *found["by_origin"], "samples")
-    for name, number in found["by_intention"].items():
-        table.add_row(name, *map(str, found["by_intention_and_origin"][name].values()), str(number))
+def show(values: dict[str, Any], console: Console) -> None:
+    """Print a summary on a console."""
+    table = Table("intention", *values["by_origin"], "samples")
+    for name, number in values["by_intention"].items():
+        table.add_row(name, *map(str, values["by_intention_and_origin"][name].values()), str(number))
     table.add_section()
-    table.add_row("all", *map(str, found["by_origin"].values()), str(found["samples"]))
-    console.print(f"{found['path']}, digest {found['digest'][:12]}", highlight=False, soft_wrap=True)
+    table.add_row("all", *map(str, values["by_origin"].values()), str(values["samples"]))
+    console.print(f"{values['path']}, digest {values['digest'][:12]}", highlight=False, soft_wrap=True)
     console.print(table)
-    console.print(_episodes_table(found["distributions"]))
-    console.print(_events_table(found["distributions"]))
+    console.print(_episodes_table(values["distributions"]))
+    console.print(_events_table(values["distributions"]))
     for key in SHOWN:
-        console.print(f"{key}: {_brief(found[key])}", highlight=False, soft_wrap=True)
+        console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
 
 
-def _episodes_table(found: dict[str, dict[str, Any]]) -> Table:
-    """Samples of each intention by scenario, and by seed where the episodes are few."""
-    headings = [Column(name.replace("_", " "), overflow="fold") for name in (*found, "all")]
+def _episodes_table(by_intention: dict[str, dict[str, Any]]) -> Table:
+    """Return a table of the samples of each intention by scenario, and by seed if the episodes are few.
+
+    by_intention: as `labeling.dataset.distributions.distributions` returns it.
+    """
+    headings = [Column(name.replace("_", " "), overflow="fold") for name in (*by_intention, "all")]
     table = Table(Column("samples", no_wrap=True), *headings, padding=0)
-    by_scenario = {intention: each["by_scenario"] for intention, each in found.items()}
-    by_seed = {intention: each["by_seed"] for intention, each in found.items()}
-    seeds = {name for each in by_seed.values() for name in each}
-    for scenario in sorted({name for each in by_scenario.values() for name in each}):
+    by_scenario = {intention: values["by_scenario"] for intention, values in by_intention.items()}
+    by_seed = {intention: values["by_seed"] for intention, values in by_intention.items()}
+    episodes = {name for counts in by_seed.values() for name in counts}
+    for scenario in sorted({name for counts in by_scenario.values() for name in counts}):
         rows = {scenario: by_scenario}
-        if len(seeds) <= EPISODES_SHOWN:
-            own = (name for name in seeds if name.rpartition("-")[0] == scenario)
-            rows |= dict.fromkeys(sorted(own, key=lambda name: int(name.rpartition("-")[2])), by_seed)
-        for name, counted in rows.items():
-            numbers = [each.get(name, 0) for each in counted.values()]
+        if len(episodes) <= EPISODES_SHOWN:
+            of_scenario = (name for name in episodes if name.rpartition("-")[0] == scenario)
+            rows |= dict.fromkeys(sorted(of_scenario, key=lambda name: int(name.rpartition("-")[2])), by_seed)
+        for name, counts_by_intention in rows.items():
+            numbers = [counts.get(name, 0) for counts in counts_by_intention.values()]
             table.add_row(name, *map(str, numbers), str(sum(numbers)))
         table.add_section()
     return table
 
 
-def _events_table(found: dict[str, dict[str, Any]]) -> Table:
-    """Medians, with the 5 and 95 % quantiles, of what the events are like."""
+def _events_table(by_intention: dict[str, dict[str, Any]]) -> Table:
+    """Return a table of what the events of each intention are like: medians, with the 5 and 95 % quantiles."""
     names = {
         "duration_s": "duration s", "lead_s": "to commit s",
         "peak_along_mps2": "along m/s2", "peak_across_mps2": "across m/s2",
     }  # fmt: skip
     table = Table("intention", "seeds", *names.values(), title="median (5 %, 95 %)")
-    for intention, each in found.items():
-        values = [each[name] for name in names]
+    for intention, values in by_intention.items():
+        quantiles = [values[name] for name in names]
         table.add_row(
-            intention, str(each["seeds"]), *(f"{q[2]:.1f} ({q[0]:.1f},{q[4]:.1f})" if q else "" for q in values)
+            intention, str(values["seeds"]), *(f"{q[2]:.1f} ({q[0]:.1f},{q[4]:.1f})" if q else "" for q in quantiles)
         )
     return table
 
 
-def faults(found: dict[str, Any]) -> list[str]:
-    """What is amiss with a dataset by its summary, a line each."""
-    lines = [f"episode {each['scenario']}-{each['seed']} was left out: {each['reason']}" for each in found["lost"]]
-    if not found["samples"]:
-        lines.append("no sample was found; what candidates there were, and why they were left out, stands above")
-    if found["short"]:
-        lines.append(f"the seeds ended before the study's least number was reached of: {', '.join(found['short'])}")
-    if few := too_few_seeds(found["distributions"]):
+def faults(values: dict[str, Any]) -> list[str]:
+    """Return warnings about a dataset, one line each. values: its summary."""
+    lines = [
+        f"episode {episode['scenario']}-{episode['seed']} was left out: {episode['reason']}"
+        for episode in values["lost"]
+    ]
+    if not values["samples"]:
+        lines.append("no sample was found; `left_out` shows the candidates and why they were left out")
+    if values["short"]:
+        lines.append(f"the seeds hold fewer samples than the study requires of: {', '.join(values['short'])}")
+    if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines
 
 
 def _brief(value: Any) -> str:
-    """Plain values for a person's eye: runs of seeds as ranges."""
+    """Return plain values as short text, with lists of seeds as ranges."""
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_brief(each)}" for key, each in value.items())
+        return ", ".join(f"{key} {_brief(entry)}" for key, entry in value.items())
     if isinstance(value, list):
         return f"{value[0]} to {value[-1]} ({len(value)})" if value else "none"
     return str(value)
 
 
 def _quantiles(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float] | None:
-    """Least, median and greatest of the finite values; None of nothing: what no echo gave has no SNR."""
+    """Return least, median and greatest of the finite values, None if there are none, as with the SNR of the truth."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None

@@ -1,9 +1,9 @@
-"""What a dataset will take, before any of it is made: from constants, not from the scenarios.
+"""Estimates the cost of generating a dataset: processor time, samples and disk space.
 
-The constants were measured on the bundled motorway with the default settings, one episode on one thread (`cosim
-generate motorway`, seed 1): 20 s of processor time for 330 simulated seconds, 5.4 s for 118 records of 2000 sensing
-instants, 130 samples of 140 that the selection allowed, 58 kB a sample of 2000 and 500 instants. Another network, and
-another machine, may differ severalfold.
+The estimate uses measured constants and does not look at the scenarios. The constants come from the bundled motorway
+with default settings, one episode on one thread (`cosim generate motorway`, seed 1): 20 s of processor time for 330
+simulated seconds, 5.4 s for 118 records of 2000 sensing instants, 130 of the 140 samples that the selection allows, and
+58 kB for a sample of 2000 and 500 instants. Other networks and other machines may differ severalfold.
 """
 
 from __future__ import annotations
@@ -17,17 +17,21 @@ from labeling.generation.settings import DatasetStudy
 from labeling.intentions import KNOWN
 
 SENSED_S = 23e-6
-"""Processor time a sensing instant, s."""
-FOUND = 0.9
-"""Share of the samples that the selection allows which an episode of FULL_S holds; a shorter one holds less."""
+"""Processor time per sensing instant, s."""
+YIELD = 0.9
+"""Samples that an episode of FULL_S gives, as a share of those that the selection allows; a shorter one gives fewer."""
 FULL_S = 240.0
+"""Duration from which on an episode gives that share, s."""
 INSTANT_BYTES = 12.9
-"""On disk, an instant of a TV or UV; a TV's are stored twice, sensed and true."""
+"""Bytes on disk per state of a TV or UV; a TV has two at each instant, the sensed and the true one."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Episodes and samples of a dataset, processor time of making it, s, and its size, bytes."""
+    """The size and cost of a dataset.
+
+    cpu_s: processor time to generate it, s. bytes: its size on disk.
+    """
 
     episodes: int
     samples: int
@@ -36,20 +40,23 @@ class Estimate:
 
 
 def estimate(study: DatasetStudy) -> Estimate:
-    """What a study's dataset will take, about."""
+    """Estimate the cost of generating a study's dataset."""
     traffic, record, selection = study.traffic, study.record, study.selection
     allowed = len(KNOWN) * selection.per_class + selection.following
-    found = FOUND * allowed * min(1.0, traffic.duration_s / FULL_S)
+    per_episode = YIELD * allowed * min(1.0, traffic.duration_s / FULL_S)
     episodes = len(study.seeds) * len(study.scenarios)
     if selection.windows is not None:
-        episodes = min(episodes, math.ceil(selection.windows / found))
-    samples = round(episodes * found)
+        episodes = min(episodes, math.ceil(selection.windows / per_episode))
+    samples = round(episodes * per_episode)
     tv, uv = record.duration_s * record.tv_rate_hz, record.duration_s * record.uv_rate_hz
     cpu_s = episodes * motion_source(study).expected_cpu_s() + samples * tv * SENSED_S
     return Estimate(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
 
 
-def sensed_anew(study: DatasetStudy, made: Estimate, sensor: str) -> Estimate:
-    """What sensing all records of a study's dataset anew will take, about."""
-    instants = made.samples * study.record.duration_s * study.record.tv_rate_hz
-    return Estimate(0, made.samples, round(instants * SENSORS[sensor].cost_s, 1), made.bytes)
+def sensed_anew(study: DatasetStudy, generated: Estimate, sensor: str) -> Estimate:
+    """Estimate the cost of sensing all records of a study's dataset anew.
+
+    generated: the estimate of generating that dataset. sensor: a registered one.
+    """
+    instants = generated.samples * study.record.duration_s * study.record.tv_rate_hz
+    return Estimate(0, generated.samples, round(instants * SENSORS[sensor].cost_s, 1), generated.bytes)

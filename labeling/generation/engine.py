@@ -1,6 +1,6 @@
-"""The execution engine: independent tasks on dask.distributed workers, one process each.
+"""The execution engine: runs independent tasks on dask.distributed workers, one process each.
 
-The workers are this command's own, or those of a scheduler that runs already; what a task makes is the same.
+The workers belong to this command, or to a scheduler that is already running. The results are the same.
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -11,7 +11,7 @@ import logging
 import math
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -20,30 +20,35 @@ from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from isacsim.errors import InputError, RunError
 from isacsim.versions import OF_DATASETS, versions
+from labeling.generation import interrupts
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 RETRIES = 2
-"""How often a task that failed, or whose worker died, is tried again."""
+"""How often a task is retried after it failed or its worker died."""
 
 ANSWER_S = 15.0
-"""How long a running scheduler, and the first of its workers, may take to answer."""
+"""How long a running scheduler may take to answer, s."""
 
-COUNTED_S = 1.0
-"""How old the number of a cluster's workers may be."""
+FIRST_WORKER_S = 15.0
+"""How long a running scheduler may take to get its first worker, s."""
+
+COUNT_AGE_S = 1.0
+"""How old the known number of a cluster's workers may be, s."""
 
 GONE = "the dask scheduler went away; start it, and the same command goes on from there"
 
 ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""What tells numerical libraries how many threads to take."""
+"""Environment variables that set the number of threads of numerical libraries."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[Item, Result]):
-    """What became of one item: its result, or in one line the error of its last try.
+    """What became of one item.
 
-    seconds: that the last try took, None where its worker died. retries: tries before it.
+    result: what the task returned, None if it failed. error: the error of the last try in one line, None if it
+    succeeded. seconds: duration of the last try, None if its worker died. retries: tries before the last one.
     """
 
     item: Item
@@ -54,24 +59,24 @@ class Outcome(Generic[Item, Result]):
 
 
 class Engine(Protocol):
-    """What runs tasks."""
+    """Runs tasks."""
 
     @property
     def workers(self) -> int:
-        """Worker processes at the moment, at least 1."""
+        """The number of worker processes at the moment, at least 1."""
 
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
-        """Outcomes of task(item), as they come.
+        """Yield the outcome of task(item) for every item, in the order in which they finish.
 
-        Items are taken from the iterable only as workers come free. Closing the iterator ends what is under way.
+        Takes an item from the iterable only when a worker is free for it. Closing the generator ends the running tasks.
         """
 
 
 @dataclass(frozen=True)
 class LocalEngine:
-    """`jobs` worker processes on this machine, one thread each; a worker that dies is replaced.
+    """Runs tasks on `jobs` worker processes of this machine, and replaces a worker that dies.
 
-    Numerical libraries get one thread a worker: results do not depend on `jobs`.
+    A worker has one thread, numerical libraries included, so that results do not depend on `jobs`.
     """
 
     jobs: int
@@ -82,17 +87,21 @@ class LocalEngine:
 
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
         settings = {
-            # Every death of a worker is told; run_on counts them and tries again.
+            # Have every death of a worker reported; run_on counts them and retries.
             "distributed.scheduler.allowed-failures": 0,
             "distributed.scheduler.worker-saturation": 1.0,
             "distributed.worker.daemon": False,
             "distributed.nanny.pre-spawn-environ": dict.fromkeys(ONE_THREAD, "1"),
         }
-        with dask.config.set(settings), self._started() as cluster, Client(cluster) as client:
+        interrupts.silence_asyncio()
+        with dask.config.set(settings), ExitStack() as stack:
+            with interrupts.deferred():
+                cluster = stack.enter_context(self._start())
+            client = stack.enter_context(Client(cluster))
             yield from run_on(client, task, items, lambda: self.jobs)
 
-    def _started(self) -> LocalCluster:
-        """The worker processes. Where one dies before it is ready, which ends all of them, they are started again."""
+    def _start(self) -> LocalCluster:
+        """Start the worker processes; start all of them again if one dies before it is ready."""
         failures = 0
         while True:
             try:
@@ -102,9 +111,10 @@ class LocalEngine:
                     processes=True,
                     host="127.0.0.1",
                     dashboard_address=None,
-                    # Any free port, so that commands side by side do not warn of each other's.
+                    # Any free port, so that commands side by side do not warn about each other's.
                     scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                     silence_logs=logging.CRITICAL,
+                    preload=[interrupts.__name__],
                 )
             except RuntimeError as error:
                 failures += 1
@@ -114,11 +124,11 @@ class LocalEngine:
 
 @dataclass(frozen=True)
 class ClusterEngine:
-    """The workers of a dask scheduler that runs already, at an address like `tcp://10.0.0.1:8786`.
+    """Runs tasks on the workers of a running dask scheduler.
 
-    Each worker must be a process of one thread, with the same versions as here, on a file system shared with this
-    command. Workers that come or go meanwhile are taken into account.
-    Raises InputError where no scheduler or no fit worker answers, RunError where the scheduler goes away.
+    address: of the scheduler, like `tcp://10.0.0.1:8786`. Each worker must be a process of one thread, have the same
+    package versions as this process, and share a file system with it. Workers may join and leave at any time.
+    All methods raise InputError if no scheduler or no suitable worker answers, RunError if the scheduler goes away.
     """
 
     address: str
@@ -129,7 +139,7 @@ class ClusterEngine:
             return _worker_count(client)()
 
     def check(self) -> None:
-        """Raises InputError where no scheduler or no fit worker answers."""
+        """Raise InputError if no scheduler or no suitable worker answers."""
         with self._connected():
             pass
 
@@ -139,13 +149,13 @@ class ClusterEngine:
 
     @contextmanager
     def _connected(self) -> Iterator[Client]:
-        """A client of the scheduler, whose workers are fit."""
+        """Yield a client of the scheduler, whose workers have been checked."""
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             client = Client(self.address, timeout=ANSWER_S)
-        except Exception as error:  # an address raises whatever its parts make the library raise
+        except Exception as error:  # a bad address raises whatever its parts make the library raise
             raise InputError(
-                f"--cluster {self.address}: no dask scheduler answers ({describe(error)}); start one, or mend the "
+                f"--cluster {self.address}: no dask scheduler answers ({describe(error)}); start one, or correct the "
                 "address (tcp://HOST:PORT)"
             ) from None
         try:
@@ -156,15 +166,15 @@ class ClusterEngine:
             raise RunError(GONE) from None
 
     def _check(self, client: Client) -> None:
-        """Raises InputError where the workers are not fit for simulations."""
+        """Raise InputError if the workers cannot run simulations as this process would."""
         try:
-            client.wait_for_workers(1, timeout=ANSWER_S)
+            client.wait_for_workers(1, timeout=FIRST_WORKER_S)
         except TimeoutError:
             raise InputError(f"--cluster {self.address}: the scheduler has no workers; start some") from None
         for worker, threads in client.nthreads().items():
             if threads != 1:
                 raise InputError(
-                    f"--cluster {self.address}: worker {worker} has {threads} threads, and a process runs one "
+                    f"--cluster {self.address}: worker {worker} has {threads} threads, but a process can run only one "
                     "simulation at a time; start it with --nthreads 1"
                 )
         here = versions(OF_DATASETS)
@@ -183,23 +193,29 @@ class ClusterEngine:
 
 
 def _worker_count(client: Client) -> Callable[[], int]:
-    """How many workers there are, at least one; asked once in COUNTED_S, for the answer names every one of them."""
-    count, until = 1, -math.inf
+    """Return a function that gives the number of workers, at least one.
 
-    def counted() -> int:
-        nonlocal count, until
-        if time.monotonic() > until:
-            count, until = max(1, len(client.nthreads())), time.monotonic() + COUNTED_S
+    It asks the scheduler at most once in COUNT_AGE_S, because the answer lists every single worker.
+    """
+    count, valid_until = 1, -math.inf
+
+    def current_count() -> int:
+        nonlocal count, valid_until
+        if time.monotonic() > valid_until:
+            count, valid_until = max(1, len(client.nthreads())), time.monotonic() + COUNT_AGE_S
         return count
 
-    return counted
+    return current_count
 
 
 def run_on(
-    client: Client, task: Callable[[Item], Result], items: Iterable[Item], at_once: Callable[[], int]
+    client: Client, task: Callable[[Item], Result], items: Iterable[Item], capacity: Callable[[], int]
 ) -> Generator[Outcome[Item, Result]]:
-    """Run tasks on a cluster, `at_once()` of them at a time. Raises RunError where the scheduler goes away."""
-    waiting = enumerate(items)
+    """Yield the outcomes of tasks on a cluster, in the order in which they finish.
+
+    capacity: called to get the number of tasks to run at the same time. Raises RunError if the scheduler goes away.
+    """
+    remaining = enumerate(items)
     pending: dict[Future[Any], tuple[int, Item]] = {}
     failures: dict[int, int] = {}
     finished = as_completed()
@@ -210,11 +226,11 @@ def run_on(
         finished.add(future)
 
     def fill() -> None:
-        while len(pending) < at_once():
-            following = next(waiting, None)
-            if following is None:
+        while len(pending) < capacity():
+            numbered = next(remaining, None)
+            if numbered is None:
                 return
-            submit(*following)
+            submit(*numbered)
 
     try:
         fill()
@@ -223,50 +239,51 @@ def run_on(
             number, item = pending.pop(future)
             if future.status not in ("finished", "error"):
                 raise RunError(GONE)
-            failed, tried = _read(future)
-            before = failures.pop(number, 0)
-            if failed and before + failed <= RETRIES:
-                failures[number] = before + failed
+            new_failures, attempt = _read(future)
+            earlier_failures = failures.pop(number, 0)
+            if new_failures and earlier_failures + new_failures <= RETRIES:
+                failures[number] = earlier_failures + new_failures
                 submit(number, item)
                 continue
-            yield Outcome(item, tried.result, tried.error, tried.seconds, before + max(failed - 1, 0))
+            retries = earlier_failures + max(new_failures - 1, 0)
+            yield Outcome(item, attempt.result, attempt.error, attempt.seconds, retries)
             fill()
     finally:
         client.cancel(list(pending))
 
 
 @dataclass(frozen=True)
-class _Tried:
-    """What one try gave, as it is sent back from a worker."""
+class _Attempt:
+    """The outcome of one try, as a worker sends it back."""
 
     result: Any = None
     error: str | None = None
     seconds: float | None = None
 
 
-def _try(task: Callable[[Item], Result], item: Item) -> _Tried:
-    """Run a task in a worker. Its error is sent back as text: not every exception survives the way."""
-    began = time.monotonic()
+def _try(task: Callable[[Item], Result], item: Item) -> _Attempt:
+    """Run a task in a worker. Return its error as text, because not every exception can be pickled."""
+    begin = time.monotonic()
     try:
         result, error = task(item), None
     except Exception as raised:
         result, error = None, describe(raised)
-    return _Tried(result, error, round(time.monotonic() - began, 3))
+    return _Attempt(result, error, round(time.monotonic() - begin, 3))
 
 
-def _read(future: Future[Any]) -> tuple[int, _Tried]:
-    """How many tries failed since the task was handed over, and what the last one gave."""
+def _read(future: Future[Any]) -> tuple[int, _Attempt]:
+    """Return how many tries failed since the task was submitted, and the outcome of the last one."""
     if future.status == "finished":
-        tried: _Tried = future.result()
-        return int(tried.error is not None), tried
+        attempt: _Attempt = future.result()
+        return int(attempt.error is not None), attempt
     error = future.exception()
     if isinstance(error, KilledWorker):
-        # A scheduler of others may have tried again by itself before it told.
-        return error.allowed_failures + 1, _Tried(error="the worker process died")
-    return 1, _Tried(error=describe(error))
+        # A scheduler that others configured may have retried by itself before it reported the death.
+        return error.allowed_failures + 1, _Attempt(error="the worker process died")
+    return 1, _Attempt(error=describe(error))
 
 
 def describe(error: BaseException | None) -> str:
-    """An error in one line: the plain message of the tool's own, the kind and message of others."""
+    """Return an error in one line: the plain message of our own errors, the type and message of all others."""
     text = str(error) if isinstance(error, (RunError, InputError)) else f"{type(error).__name__}: {error}"
     return " ".join(text.split())[:500]

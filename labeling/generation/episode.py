@@ -1,4 +1,4 @@
-"""One episode: the traffic of one scenario and seed, from its recording to the samples of its shard."""
+"""One episode, the traffic of one scenario and seed: from its recording to the samples of its shard."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ UNSEEN = "too_few_sites"
 
 
 def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, folder: Path, fingerprint: str) -> Shard:
-    """Label and sense an episode's recording, and write its shard into a folder.
+    """Label and sense an episode's recording, write its shard into a folder, and return the shard's entry.
 
-    fingerprint: of the study, stored in the shard. Raises OutputError where it cannot be written.
+    fingerprint: of the study; it is stored in the shard. Raises OutputError if the shard cannot be written.
     """
     around = Surroundings(recording)
     labels = label(recording, study.labels, around)
-    found = candidates(recording, labels, study.pairs, study.record, around)
-    chosen, surplus = select(found.samples, study.selection, (scenario.name, recording.seed))
+    available = candidates(recording, labels, study.pairs, study.record, around)
+    chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
     samples, fixes = make_samples(study, scenario, recording, chosen)
     dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
     record = study.record
@@ -46,10 +46,10 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         fingerprint=fingerprint,
         events=_by_intention(event.intention for event in labels.events),
         counts=labels.counts,
-        left_out={**found.left_out, **{reason: number for reason, number in dropped.items() if number}},
+        left_out={**available.left_out, **{reason: number for reason, number in dropped.items() if number}},
         collided=len(recording.incidents.collided),
         teleported=len(recording.incidents.teleported),
-        fix_error_m=[median_error_m(each, sample.tv_truth) for each, sample in zip(fixes, samples, strict=True)],
+        fix_error_m=[median_error_m(fix, sample.tv_truth) for fix, sample in zip(fixes, samples, strict=True)],
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in samples],
     )
     lengths = (round(record.duration_s * record.tv_rate_hz), round(record.duration_s * record.uv_rate_hz))
@@ -57,84 +57,98 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
 
 
 def select(
-    found: Sequence[Candidate], settings: SelectionSettings, key: tuple[str, int]
+    available: Sequence[Candidate], settings: SelectionSettings, key: tuple[str, int]
 ) -> tuple[list[Candidate], int]:
-    """A class's share of an episode's candidates, drawn evenly where there are more, and how many were left.
+    """Choose candidates up to the limit of each intention, by an even draw if there are more.
 
-    Returns them in the order of onset. key: scenario and seed, which name the draw.
+    key: scenario and seed, which name the draw. Returns the chosen candidates in the order of onset, and the number of
+    the others.
     """
     chosen: list[Candidate] = []
     for intention in Intention:
-        of_class = [each for each in found if each.intention is intention]
-        cap = settings.following if intention is Intention.FOLLOWING else settings.per_class
-        drawn = stream("selection", *key, intention.text).permutation(len(of_class))[:cap]
+        of_class = [candidate for candidate in available if candidate.intention is intention]
+        limit = settings.following if intention is Intention.FOLLOWING else settings.per_class
+        drawn = stream("selection", *key, intention.text).permutation(len(of_class))[:limit]
         chosen += [of_class[k] for k in drawn]
-    return sorted(chosen, key=lambda each: (each.t_onset, each.tv, each.intention)), len(found) - len(chosen)
+    order = sorted(chosen, key=lambda candidate: (candidate.t_onset, candidate.tv, candidate.intention))
+    return order, len(available) - len(chosen)
 
 
 def make_samples(
     study: DatasetStudy, scenario: Scenario, recording: Recording, chosen: Sequence[Candidate]
 ) -> tuple[list[Sample], list[Array]]:
-    """Samples of those chosen candidates that enough sites see, and each one's fused fixes before the filter, (4, S).
+    """Sense the chosen candidates; return samples of those that enough sites see, and their fixes before the filter.
 
-    The truth is rounded to float32, as it is stored, before it is sensed, and every draw is named by what the row
-    holds: sensing a stored record anew gives the same bytes.
+    The fixes of a sample are its fused position and velocity, (4, S), m and m/s. The truth is rounded to float32 before
+    it is sensed, because it is stored so, and every random draw is named by values that the row holds. Therefore
+    sensing a stored record anew gives the same bytes.
     """
     if not chosen:
         return [], []
-    truth = [_states(study, recording, each.tv, each, study.record.tv_rate_hz).astype(np.float32) for each in chosen]
-    keys = [record_key(scenario.name, recording.seed, each.tv, each.intention, each.t_start) for each in chosen]
+    rate_hz = study.record.tv_rate_hz
+    truth = [_states(study, recording, candidate.tv, candidate, rate_hz).astype(np.float32) for candidate in chosen]
+    keys = [
+        record_key(scenario.name, recording.seed, candidate.tv, candidate.intention, candidate.t_start)
+        for candidate in chosen
+    ]
     blockers = None
     if study.sensing.channel.blockage:
         duration_s = study.record.duration_s
-        blockers = [blockers_of(recording, each.t_start, each.t_start + duration_s, {each.tv}) for each in chosen]
-    sensed = sensing.sense(
-        np.stack(truth).astype(np.float64), study.record.tv_rate_hz, scenario.sites, study.sensing, keys, blockers
-    )
+        blockers = [
+            blockers_of(recording, candidate.t_start, candidate.t_start + duration_s, {candidate.tv})
+            for candidate in chosen
+        ]
+    sensed = sensing.sense(np.stack(truth).astype(np.float64), rate_hz, scenario.sites, study.sensing, keys, blockers)
     samples: list[Sample] = []
-    for each, key, true, got in zip(chosen, keys, truth, sensed, strict=True):
-        if not got.usable:
+    for candidate, key, tv_truth, record in zip(chosen, keys, truth, sensed, strict=True):
+        if not record.usable:
             continue
-        own = _states(study, recording, each.uv, each, study.record.uv_rate_hz)
+        uv_truth = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz)
         samples.append(
             Sample(
                 sample_id=f"{scenario.name}-{recording.seed}-{len(samples)}",
                 scenario=scenario.name,
                 seed=recording.seed,
                 source=study.source,
-                tv_id=each.tv,
-                uv_id=each.uv,
-                intention=each.intention,
-                origin=each.origin,
-                t_start=each.t_start,
-                t_onset=each.t_onset,
-                t_commit=each.t_commit,
-                t_end=each.t_end,
+                tv_id=candidate.tv,
+                uv_id=candidate.uv,
+                intention=candidate.intention,
+                origin=candidate.origin,
+                t_start=candidate.t_start,
+                t_onset=candidate.t_onset,
+                t_commit=candidate.t_commit,
+                t_end=candidate.t_end,
                 sensor="isac",
-                snr_db=got.snr_db,
-                n_sites=got.n_sites,
-                tv=got.state.astype(np.float32),
-                tv_truth=true,
-                uv=report(own, study.report, key),
+                snr_db=record.snr_db,
+                n_sites=record.n_sites,
+                tv=record.state.astype(np.float32),
+                tv_truth=tv_truth,
+                uv=report(uv_truth, study.report, key),
             )
         )
-    return samples, [got.fixes for got in sensed if got.usable]
+    return samples, [record.fixes for record in sensed if record.usable]
 
 
 def record_key(scenario: str, seed: int, tv: str, intention: Intention, t_start: float) -> tuple[str | int, ...]:
-    """Names the draws of one record, the same when it is sensed anew. t_start: s."""
+    """Return the key that names the random draws of one record; it stays the same when the record is sensed anew.
+
+    t_start: start of the record, s.
+    """
     return scenario, seed, tv, intention.text, f"{t_start:.6f}"
 
 
 def median_error_m(state: npt.NDArray[np.floating[Any]], truth: npt.NDArray[np.float32]) -> float:
-    """Median over a record of the distance between positions, the first two rows of each, m, to the micrometre."""
+    """Return the median distance of a record's positions from the true ones, m, rounded to the micrometre.
+
+    state: (4, S) or (6, S), positions in the first two rows. truth: (6, S). Both in m.
+    """
     return round(float(np.median(np.hypot(*(state[:2].astype(np.float64) - truth[:2])))), 6)
 
 
 def report(state: Array, settings: ReportSettings, key: tuple[str | int, ...]) -> npt.NDArray[np.float32]:
-    """What the UV reports of its own state, float32, (6, n): the truth with the settings' white noise.
+    """Return what the UV reports of its own state: the truth with white Gaussian noise, float32, (6, n).
 
-    state: true state, (6, n). key: names the draw.
+    state: true state, (6, n), m, m/s and m/s2. settings: standard deviations of the noise. key: names the draw.
     """
     return np.asarray(state + report_noise(state.shape[1], settings, key), np.float32)
 
@@ -145,12 +159,13 @@ def report_noise(count: int, settings: ReportSettings, key: tuple[str | int, ...
     return np.asarray(stream("report", *key).standard_normal((6, count)) * sd[:, None])
 
 
-def _states(study: DatasetStudy, recording: Recording, vehicle: str, each: Candidate, rate_hz: float) -> Array:
-    """True states of a vehicle over a candidate's record, (6, duration x rate)."""
-    times = each.t_start + np.arange(round(study.record.duration_s * rate_hz)) / rate_hz
+def _states(study: DatasetStudy, recording: Recording, vehicle: str, candidate: Candidate, rate_hz: float) -> Array:
+    """Return a vehicle's true states over a candidate's record, (6, duration x rate), m, m/s and m/s2."""
+    times = candidate.t_start + np.arange(round(study.record.duration_s * rate_hz)) / rate_hz
     return motion.states(recording, recording.tracks[vehicle], times, study.motion)
 
 
-def _by_intention(found: Iterable[Intention]) -> dict[str, int]:
-    counted = Counter(found)
+def _by_intention(intentions: Iterable[Intention]) -> dict[str, int]:
+    """Return how often each intention occurs, in the order of the labels."""
+    counted = Counter(intentions)
     return {intention.text: counted[intention] for intention in Intention if counted[intention]}

@@ -1,4 +1,4 @@
-"""The folder that a dataset is made in: whose it is, what of it stands already, and how it is finished."""
+"""The folder that a dataset is generated in: whose it is, what it holds already, and how it is finished."""
 
 from __future__ import annotations
 
@@ -28,13 +28,17 @@ from labeling.dataset.dataset import (
 
 
 def fingerprint(*identity: Any) -> str:
-    """A digest of everything that a dataset's samples depend on, plain values."""
+    """Return a digest of plain values: everything that a dataset's samples depend on."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @contextmanager
 def claimed(out: Path, started: Meta) -> Iterator[None]:
-    """Hold a folder for one study, begun now or before, against every other study, command and content."""
+    """Lock a folder for one study, which begins there now or has begun there before.
+
+    started: the unfinished `dataset.json` of the study. Raises InputError if the folder holds anything else, another
+    study included, or another command uses it.
+    """
     with claim(out, META_FILE, "dataset"):
         before = read_meta(out)
         if before is not None and before.fingerprint != started.fingerprint:
@@ -48,47 +52,50 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
 
 
 def _prepare(out: Path) -> None:
-    """Make the folder's parts, and clear what a killed command left half-written. Raises InputError."""
+    """Create the folders inside, and delete the temporary files of killed commands. Raises InputError."""
     try:
         for folder in (out / SHARDS, out / ROADS):
             if folder.is_symlink():
-                raise InputError(f"{folder}: is a link out of the dataset's folder; put the folder itself there")
+                raise InputError(
+                    f"{folder}: is a link that leads out of the dataset's folder; replace it with a folder"
+                )
             folder.mkdir(exist_ok=True)
         remove_partial(out, "*.json")
         remove_partial(out / SHARDS, "*.parquet")
     except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}); mend that, or choose another folder") from None
+        raise InputError(f"{out}: cannot be written ({error.strerror}); fix that, or choose another folder") from None
     effective = os.access in os.supports_effective_ids
     if not all(os.access(folder, os.W_OK, effective_ids=effective) for folder in (out, out / SHARDS, out / ROADS)):
-        raise InputError(f"{out}: is read-only; let the command write there, or choose another folder")
+        raise InputError(f"{out}: is read-only; make it writable, or choose another folder")
 
 
 def _difference(before: Meta, now: Meta) -> str:
-    """The first setting, scenario or version in which two datasets differ, with both values."""
+    """Return the first setting, scenario or version in which two datasets differ, with both values."""
 
     def tree(meta: Meta) -> dict[str, Any]:
-        inputs = {each.name: each.model_dump(mode="json") for each in meta.scenarios}
+        inputs = {scenario.name: scenario.model_dump(mode="json") for scenario in meta.scenarios}
         return {**meta.study, "inputs": inputs, "versions": meta.versions, "resensed": meta.resensed or {}}
 
     return _first_difference("", tree(before), tree(now)) or "its fingerprint differs"
 
 
 def _first_difference(path: str, before: Any, now: Any) -> str | None:
+    """Return the first difference between two trees of plain values, None if they are equal."""
     if isinstance(before, dict) and isinstance(now, dict):
         for key in [*before, *(key for key in now if key not in before)]:
-            found = _first_difference(f"{path}.{key}".lstrip("."), before.get(key), now.get(key))
-            if found:
-                return found
+            difference = _first_difference(f"{path}.{key}".lstrip("."), before.get(key), now.get(key))
+            if difference:
+                return difference
         return None
     return None if before == now else f"{path} is {json.dumps(before)} there and {json.dumps(now)} here"
 
 
-def standing(out: Path, started: Meta) -> dict[str, Shard]:
-    """The shards of this study that stand already, whole, by file."""
+def existing_shards(out: Path, started: Meta) -> dict[str, Shard]:
+    """Return the complete shards of this study that the folder holds already, by file name."""
     before = read_meta(out)
     known = {shard.file: shard for shard in before.shards} if before else {}
 
-    def whole(path: Path) -> Shard | None:
+    def read(path: Path) -> Shard | None:
         shard = known.get(path.name)
         if shard is not None and shard.bytes == path.stat().st_size:
             return shard
@@ -97,12 +104,12 @@ def standing(out: Path, started: Meta) -> dict[str, Shard]:
         except InputError:
             return None
 
-    # Reading them takes most of a core each, and lets go of Python's lock.
+    # Reading a shard keeps a core busy but releases Python's global lock.
     with ThreadPoolExecutor() as threads:
-        found = [shard for shard in threads.map(whole, sorted((out / SHARDS).iterdir())) if shard is not None]
+        shards = [shard for shard in threads.map(read, sorted((out / SHARDS).iterdir())) if shard is not None]
     return {
         shard.file: shard
-        for shard in found
+        for shard in shards
         if shard.episode.fingerprint == started.fingerprint
         and shard.file == shard_name(shard.episode.scenario, shard.episode.seed)
     }
@@ -111,7 +118,10 @@ def standing(out: Path, started: Meta) -> dict[str, Shard]:
 def finish(
     out: Path, started: Meta, shards: Sequence[Shard], lost: Sequence[Lost] = (), short: Sequence[str] = ()
 ) -> None:
-    """Write the finished `dataset.json` and delete the shards of episodes that turned out not to be needed."""
+    """Write the finished `dataset.json`, and delete the shards of episodes that turned out not to be needed.
+
+    lost: episodes that failed. short: known intentions with too few samples. Raises RunError if all episodes failed.
+    """
     if lost and not shards:
         raise RunError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
     kept = {shard.file for shard in shards}

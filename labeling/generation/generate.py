@@ -1,4 +1,4 @@
-"""Scenarios and seeds to a dataset: which episodes are needed, made on the engine, kept where they already stand."""
+"""Generates a dataset from scenarios and seeds: runs the episodes that it needs and does not have yet."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
-from labeling.generation.folder import claimed, fingerprint, finish, standing
+from labeling.generation.folder import claimed, existing_shards, fingerprint, finish
 from labeling.generation.log import Entry, Note, overridden
 from labeling.generation.settings import DatasetStudy
 
@@ -43,13 +43,13 @@ def generate(
     feedback: Feedback = SILENT,
     source: MotionSource | None = None,
 ) -> Dataset:
-    """Make a study's dataset in a folder, or finish it where it was begun, and open it.
+    """Generate a study's dataset in a folder, or finish it if it has been begun there, and open it.
 
-    engine: what runs the episodes, one worker process when absent; the samples do not depend on it.
-    feedback: where progress is reported, in samples where the study asks for a number of them, otherwise in episodes.
-    source: where motion comes from; the one that the study names by default.
-    Raises InputError where the study, a scenario or the folder is at fault, RunError where every episode failed or
-    nothing can be written.
+    engine: runs the episodes, one worker process when absent; the samples do not depend on it.
+    feedback: receives the progress, counted in samples if the study sets a number of them, otherwise in episodes.
+    source: where motion comes from; by default, the one that the study names.
+    Raises InputError if the study, a scenario or the folder is at fault, RunError if every episode fails or the output
+    cannot be written.
     """
     source = source or motion_source(study)
     scenarios = read_scenarios(study, source)
@@ -62,32 +62,33 @@ def generate(
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
-        for shard in standing(out, started).values():
+        for shard in existing_shards(out, started).values():
             if job := jobs.find(shard.episode.scenario, shard.episode.seed):
                 plan.add(job, shard)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
-            noted = partial(log.record, out, feedback)
+            note = partial(log.record, out, feedback)
             with feedback.bar("generating", study.unit) as move:
-                _make_missing(task, plan, engine or LocalEngine(1), move, noted)
-        run = plan.run()
-        shards, lost = [s for s in run if isinstance(s, Shard)], [s for s in run if isinstance(s, Lost)]
+                _run_missing(task, plan, engine or LocalEngine(1), move, note)
+        episodes = plan.run()
+        shards = [episode for episode in episodes if isinstance(episode, Shard)]
+        lost = [episode for episode in episodes if isinstance(episode, Lost)]
         finish(out, started, shards, lost, plan.short())
     return Dataset.open(out)
 
 
 @dataclass(frozen=True)
-class Made:
-    """An episode's shard, and how many warnings SUMO had on the way."""
+class EpisodeResult:
+    """An episode's shard, and the number of warnings of its simulation."""
 
     shard: Shard
     warnings: int
 
 
-def _make_missing(
-    task: Callable[[Job], Made | InputError | OutputError], plan: Plan, engine: Engine, move: Move, note: Note
+def _run_missing(
+    task: Callable[[Job], EpisodeResult | InputError | OutputError], plan: Plan, engine: Engine, move: Move, note: Note
 ) -> None:
-    """Make the episodes that the plan still needs."""
+    """Run the episodes that the plan still needs, and add them to it."""
     move(*plan.progress())
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
@@ -96,7 +97,7 @@ def _make_missing(
                 raise result
             if result is not None:
                 plan.add(job, result.shard)
-                note(log.made(result.shard, outcome, result.warnings))
+                note(log.entry_of(result.shard, outcome, result.warnings))
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
@@ -109,12 +110,12 @@ def _make_missing(
 
 def _work(
     study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: Job
-) -> Made | InputError | OutputError:
-    """Make one episode's shard; runs in a worker. A fault that another try would not mend is returned."""
+) -> EpisodeResult | InputError | OutputError:
+    """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
     try:
         scenario = _load(source, job.where)
         recording = source.record(scenario, job.seed)
-        return Made(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
+        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
     except (InputError, OutputError) as error:
         return error
     except OSError as error:
@@ -125,43 +126,51 @@ def _work(
 
 @lru_cache(maxsize=4)
 def _load(source: MotionSource, where: str) -> Scenario:
-    """A worker reads a scenario once, not once an episode."""
+    """Load a scenario, only once per worker and not for each of its episodes."""
     return source.load(where)
 
 
 def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> dict[str, Scenario]:
-    """The study's scenarios, by where they are. InputError where one is at fault or two cannot be told apart."""
+    """Load a study's scenarios; return them by path or bundled name.
+
+    source: where motion comes from; by default, the one that the study names. Raises InputError if a scenario is at
+    fault, or if two of them are the same or have the same name.
+    """
     source = source or motion_source(study)
-    if again := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
-        raise InputError(f"{again[0]} is named twice; name every scenario once")
-    found = {_where(name): source.load(_where(name)) for name in study.scenarios}
-    names = Counter(scenario.name for scenario in found.values())
-    if twice := [name for name, times in names.items() if times > 1]:
-        raise InputError(f"two scenarios are called {twice[0]}; rename the folder or configuration of one")
-    return found
+    if repeated := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
+        raise InputError(f"{repeated[0]} is named twice; name every scenario once")
+    scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
+    names = Counter(scenario.name for scenario in scenarios.values())
+    if repeated := [name for name, times in names.items() if times > 1]:
+        raise InputError(f"two scenarios are called {repeated[0]}; rename the folder or configuration of one")
+    return scenarios
 
 
 def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
-    """The `dataset.json` of a dataset of which no episode is made yet. InputError where a name makes no file name."""
+    """Return the `dataset.json` of a dataset that has no episodes yet.
+
+    scenarios: as `read_scenarios` returns them. Raises InputError if a scenario's name cannot be part of a file name.
+    """
     content = study.model_dump(mode="json")
-    found = versions(OF_DATASETS)
+    installed = versions(OF_DATASETS)
     described = tuple(
         _describe_scenario(source, scenario)
         for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
         complete=False,
-        fingerprint=fingerprint(content, found, [each.model_dump(mode="json") for each in described]),
+        fingerprint=fingerprint(content, installed, [scenario.model_dump(mode="json") for scenario in described]),
         tv_rate_hz=study.record.tv_rate_hz,
         uv_rate_hz=study.record.uv_rate_hz,
         duration_s=study.record.duration_s,
         study=content,
-        versions=found,
+        versions=installed,
         scenarios=described,
     )
 
 
 def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
+    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it."""
     digest = hashlib.sha256()
     for path in (scenario.network, *scenario.demand, *scenario.additional):
         digest.update(f"{path.name} {path.stat().st_size}\n".encode())
@@ -176,10 +185,11 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
         )
     except ValidationError:
         raise InputError(
-            f"{source}: the scenario's name {scenario.name!r} makes no file name; use letters, digits, '-', '_' and '.'"
+            f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
+            "use letters, digits, '-', '_' and '.'"
         ) from None
 
 
 def _where(scenario: str) -> str:
-    """A scenario that is a path, made absolute for workers; a bundled one's name as it is."""
+    """Return a scenario's path made absolute, because workers may run elsewhere; a bundled name as it is."""
     return str(Path(scenario).resolve()) if Path(scenario).exists() else scenario

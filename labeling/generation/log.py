@@ -1,10 +1,12 @@
-"""`DATASET/log.jsonl`: what became of every episode, a line each, in the order in which they ended.
+"""`DATASET/log.jsonl`: one line about every episode, in the order in which the episodes ended.
 
-The log is of the runs that made a dataset, not of the dataset: no digest covers it, and it may be deleted.
+The log describes the commands that worked on a dataset. It is not part of the data: no digest covers it, and it may be
+deleted.
 """
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,11 +24,12 @@ LOG_FILE = "log.jsonl"
 
 
 class Entry(Settings):
-    """One episode as it ended.
+    """What became of one episode.
 
-    seconds: that its last try took, None where its worker died. retries: tries before that. events: found, by
-    intention. collided, teleported: vehicles. beyond_car: those that their driver model drove beyond 9 m/s2 or 25 m/s3.
-    warnings: SUMO's. reason: why it was lost.
+    outcome: `made` if it has a shard, `lost` if it failed. seconds: duration of the last try, None if its worker died.
+    retries: tries before the last one. events: number of events by intention. collided, teleported: number of vehicles.
+    beyond_car: number of vehicles that their driver model drove beyond 9 m/s2 or 25 m/s3. warnings: number of SUMO's
+    warnings. reason: why the episode was lost.
     """
 
     scenario: str
@@ -43,19 +46,22 @@ class Entry(Settings):
     reason: str | None = None
 
     def __str__(self) -> str:
-        what = f"{self.samples} samples" if self.outcome == "made" else f"lost, {self.reason}"
-        took = "" if self.seconds is None else f", {self.seconds:.1f} s"
-        rest = {"retries": self.retries, "collided": self.collided, "warnings": self.warnings}
-        more = "".join(f", {number} {name}" for name, number in rest.items() if number)
-        return f"{self.scenario}-{self.seed}: {what}{took}{more}"
+        outcome = f"{self.samples} samples" if self.outcome == "made" else f"lost, {self.reason}"
+        duration = "" if self.seconds is None else f", {self.seconds:.1f} s"
+        counts = {"retries": self.retries, "collided": self.collided, "warnings": self.warnings}
+        incidents = "".join(f", {number} {name}" for name, number in counts.items() if number)
+        return f"{self.scenario}-{self.seed}: {outcome}{duration}{incidents}"
 
 
 Note = Callable[[Entry], None]
-"""Is given every episode as it ends."""
+"""Called with the entry of every episode when it ends."""
 
 
-def made(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Entry:
-    """The entry of an episode whose shard stands."""
+def entry_of(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Entry:
+    """Return the entry of an episode that has a shard.
+
+    outcome: of the task that wrote the shard. warnings: number of SUMO's warnings.
+    """
     episode = shard.episode
     return Entry(
         scenario=episode.scenario,
@@ -73,10 +79,13 @@ def made(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Entry:
 
 
 def append(folder: Path, entry: Entry) -> None:
-    """Add a line to a dataset's log. What a killed command left of a line stays a line of its own."""
+    """Add a line to a dataset's log. An incomplete line of a killed command stays a line of its own.
+
+    Raises OutputError if the log cannot be written, or is a link.
+    """
     path = folder / LOG_FILE
-    # A link, which would lead to a file that is no log, is not followed.
-    with writing(path), open(path, "a+b", opener=_unlinked) as file:
+    # A link could lead to a file that is not a log.
+    with writing(path), open(path, "a+b", opener=_open_no_link) as file:
         if file.tell():
             file.seek(-1, 2)
             if file.read(1) != b"\n":
@@ -91,9 +100,13 @@ def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
 
 
 def overridden(scenario: str, options: Sequence[str]) -> str:
-    """The message about options of a scenario's configuration that are not followed."""
+    """Return the message about the options of a scenario's configuration that are ignored."""
     return f"{scenario}: the time base and outputs are fixed; these options are ignored: {', '.join(options)}"
 
 
-def _unlinked(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
+def _open_no_link(path: str, flags: int) -> int:
+    """Open a file unless it is a link. Raises OSError."""
+    if os.path.islink(path):
+        # Not every platform has the flag below, which leaves no moment between looking and opening.
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)

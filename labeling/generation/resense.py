@@ -24,15 +24,16 @@ from isacsim.scenarios.scenario import Site
 from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings
 from isacsim.sensors import SENSORS
 from isacsim.sensors.protocol import SensorSettings, StoredRecords
+from isacsim.settings import checked
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
 from labeling.dataset.shard import SCHEMA_VERSION, read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import median_error_m, record_key, report_noise
-from labeling.generation.folder import claimed, fingerprint, finish, standing
+from labeling.generation.folder import claimed, existing_shards, fingerprint, finish
 from labeling.generation.log import Note
-from labeling.generation.settings import ReportSettings, checked
+from labeling.generation.settings import ReportSettings
 
 REPEAT = "-r"
 """Separates a sample's id from the number of its repeat."""
@@ -117,7 +118,7 @@ def resense(
     with claimed(out, started):
         for name, lanes in roads.items():
             write_roads(out, name, lanes)
-        sensed |= standing(out, started)
+        sensed |= existing_shards(out, started)
         missing = [job for job in jobs if job.shard.file not in sensed]
         if missing:
             task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
@@ -159,7 +160,7 @@ def _sense_missing(
             if outcome.result is None:
                 raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
             sensed[outcome.item.shard.file] = outcome.result
-            note(log.made(outcome.result, outcome))
+            note(log.entry_of(outcome.result, outcome))
             done += outcome.item.records
             move(done, total)
 

@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 
 from isacsim.parsing import channel
 from isacsim.sensing import SensingSettings
-from isacsim.settings import Settings
+from isacsim.settings import Settings, checked, read_toml
 from labeling.generation.generate import describe, read_scenarios
-from labeling.generation.settings import DatasetStudy, checked, read_toml
+from labeling.generation.settings import DatasetStudy
 from models.evaluation.settings import EvaluateSettings
 from models.roles import FLOOR
 from models.settings import TrainSettings

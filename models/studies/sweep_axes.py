@@ -20,6 +20,7 @@ from isacsim.radio.channel import ChannelSettings
 from isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
 from isacsim.sensors import SENSORS
 from isacsim.settings import Settings
+from isacsim.validation import first_fault
 from models.predictors.registry import PREDICTORS
 
 
@@ -30,7 +31,7 @@ def _channel_of(text: str) -> str:
     except InputError as error:
         raise ValueError(str(error)) from None
     except ValidationError as error:
-        raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+        raise ValueError(first_fault(error, ChannelSettings)) from None
     return text
 
 

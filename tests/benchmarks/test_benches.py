@@ -18,11 +18,11 @@ SHORT = TrafficSettings(run_in_s=20.0, duration_s=20.0)
 
 def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:
     assert cosim.main(["bench", what, "--json", "--quiet"]) == 0
-    said = capfd.readouterr()
-    assert said.err == ""
-    found = json.loads(said.out)
-    assert isinstance(found, dict)
-    return found
+    captured = capfd.readouterr()
+    assert captured.err == ""
+    result = json.loads(captured.out)
+    assert isinstance(result, dict)
+    return result
 
 
 def test_traffic_compares_recording_with_bare_stepping(
@@ -30,10 +30,10 @@ def test_traffic_compares_recording_with_bare_stepping(
 ) -> None:
     monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda **_: SHORT)
     monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 1)
-    found = reported("traffic", capfd)
-    assert {"ratio", "ratio_of", "ratio_with_maneuvers", "simulated_s_per_cpu_s", "vehicles"} <= set(found)
-    assert set(found["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]
-    assert found["vehicles"] > 5  # type: ignore[operator]
+    result = reported("traffic", capfd)
+    assert {"ratio", "ratio_of", "ratio_with_maneuvers", "simulated_s_per_cpu_s", "vehicles"} <= set(result)
+    assert set(result["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]
+    assert result["vehicles"] > 5  # type: ignore[operator]
 
 
 def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
@@ -42,12 +42,12 @@ def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pyt
     monkeypatch.setattr(benchmarks.generate, "record_s", lambda records: 0.5 / records)
     scaled = {"ratio": 1.8, "ratio_of": "two workers over one", "spread": 0.1}
     monkeypatch.setattr(benchmarks.generate.scaling, "run", lambda: dict(scaled))
-    found = reported("generate", capfd)
-    stages: dict[str, float] = found["stages_s"]  # type: ignore[assignment]
+    result = reported("generate", capfd)
+    stages: dict[str, float] = result["stages_s"]  # type: ignore[assignment]
     assert list(stages) == ["traffic", "labels", "candidates", "motion_and_sensing", "writing"]
-    assert found["episode_s"] == pytest.approx(sum(stages.values()), abs=0.01)
-    assert found["traffic_over_episode"] == pytest.approx(stages["traffic"] / sum(stages.values()), abs=0.01)
-    assert (found["ratio"], found["ratio_of"]) == (1.8, "two workers over one")
-    assert found["scaling"] == {"spread": 0.1}
-    assert found["record_s"] == {"alone": 0.5, "of_32": 0.0156}
-    assert found["samples"] > 0  # type: ignore[operator]
+    assert result["episode_s"] == pytest.approx(sum(stages.values()), abs=0.01)
+    assert result["traffic_over_episode"] == pytest.approx(stages["traffic"] / sum(stages.values()), abs=0.01)
+    assert (result["ratio"], result["ratio_of"]) == (1.8, "two workers over one")
+    assert result["scaling"] == {"spread": 0.1}
+    assert result["record_s"] == {"alone": 0.5, "of_32": 0.0156}
+    assert result["samples"] > 0  # type: ignore[operator]

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from isacsim.errors import InputError
-from labeling.generation.settings import checked
+from isacsim.settings import checked
 from models.fit_settings import OptimiserSettings
 from models.predictors.asi_bip import AsiBipSettings
 from models.predictors.castformer import CastformerSettings

@@ -11,9 +11,9 @@ from isacsim.feedback import Feedback, Move
 
 @dataclass
 class RecordedFeedback(Feedback):
-    """Keeps what is reported: messages, details, and the moves (done, total) of all bars in order.
+    """Keeps all reports: messages, details, and the moves (done, total) of all bars in their order.
 
-    on_move: called with every move, too.
+    on_move: also called with every move.
     """
 
     messages: list[str] = field(default_factory=list)

@@ -1,6 +1,6 @@
 """Traffic from formulas instead of SUMO: a straight road on which followers brake hard or change lane.
 
-Importable by worker processes, which have to unpickle `ScriptedSource`.
+Worker processes import this module to unpickle `ScriptedSource`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from isacsim.errors import InputError
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Scenario, Site
 from isacsim.seeding import stream
+from isacsim.settings import checked
 from isacsim.traffic.recording import Incidents, Recording, Track
 from labeling.generation.engine import Item, Outcome, Result, describe
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
 LANES = tuple(
@@ -33,11 +34,13 @@ SITES = tuple(
 
 @dataclass(frozen=True)
 class ScriptedSource:
-    """Two followers an episode, one that brakes hard and one that changes lane to the left.
+    """A source with two followers in every episode, one that brakes hard and one that changes lane to the left.
 
-    empty: seeds without traffic. broken: seeds whose simulation raises. wrong: seeds whose scenario is at fault.
-    deadly: seeds that end the worker process. frail: a folder; each seed ends its worker once, which is noted there.
-    pause_s: time that each episode takes besides. warnings: that each simulation has.
+    empty: seeds without traffic. broken: seeds whose simulation raises an error. wrong: seeds whose scenario is at
+    fault. deadly: seeds that end the worker process. frail: folder in which each seed notes that it ended its worker,
+    which it does once.
+    held: seeds whose simulation waits until the test opens the gate. gate: the folder for that, see `begun` and `open`.
+    pause_s: additional duration of each episode, s. warnings: number of SUMO's warnings in each episode.
     """
 
     folder: Path
@@ -46,6 +49,8 @@ class ScriptedSource:
     wrong: tuple[int, ...] = ()
     deadly: tuple[int, ...] = ()
     frail: Path | None = None
+    held: tuple[int, ...] = ()
+    gate: Path = Path()
     pause_s: float = 0.0
     warnings: int = 0
 
@@ -56,6 +61,8 @@ class ScriptedSource:
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         time.sleep(self.pause_s)
+        if seed in self.held:
+            self._pass_gate(seed)
         if seed in self.wrong:
             raise InputError(f"{scenario.network}: no road for seed {seed}; draw one")
         if seed in self.broken:
@@ -76,6 +83,19 @@ class ScriptedSource:
     def expected_cpu_s(self) -> float:
         return 0.01
 
+    def begun(self) -> set[int]:
+        """Return the held seeds whose simulation has begun."""
+        return {int(path.name) for path in self.gate.iterdir() if path.name.isdigit()}
+
+    def open(self) -> None:
+        """Let the held simulations go on."""
+        (self.gate / "open").touch()
+
+    def _pass_gate(self, seed: int) -> None:
+        (self.gate / str(seed)).touch()
+        while not (self.gate / "open").exists():
+            time.sleep(0.02)
+
     def _first_time(self, seed: int) -> bool:
         if self.frail is None or (self.frail / str(seed)).exists():
             return False
@@ -84,17 +104,17 @@ class ScriptedSource:
 
 
 def _pair(seed: int, number: int) -> list[Track]:
-    """A leader at constant speed and the follower behind it."""
+    """Return a leader at constant speed and the follower behind it."""
     t = np.arange(0, DURATION_S, STEP_S)
     rng = stream("scripted", seed, number)
     speed, onset = rng.uniform(18, 22), rng.uniform(12, 15)
     since = t - onset
     braking = 6.0 * ((since > 0) & (since < 1.2)) if number == 0 else np.zeros_like(t)
-    own = speed - np.cumsum(braking) * STEP_S
+    own_speed = speed - np.cumsum(braking) * STEP_S
     aside = LANE_M * np.clip(since / 4, 0, 1) if number == 1 else np.zeros_like(t)
     start = 250.0 + 200 * number
     leader = _track(f"lead{number}", start + 40 + speed * t, np.full_like(t, speed), np.zeros_like(t))
-    return [leader, _track(f"follow{number}", start + np.cumsum(own) * STEP_S, own, aside)]
+    return [leader, _track(f"follow{number}", start + np.cumsum(own_speed) * STEP_S, own_speed, aside)]
 
 
 def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) -> Track:
@@ -103,7 +123,7 @@ def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) ->
 
 
 class InlineEngine:
-    """Runs tasks in this process, without a second try."""
+    """Runs tasks in this process and does not retry."""
 
     workers = 1
 
@@ -116,6 +136,6 @@ class InlineEngine:
 
 
 def small_study(**content: object) -> DatasetStudy:
-    """A study whose records are cheap to sense and store."""
+    """Return a study whose records are cheap to sense and store."""
     record = {"tv_rate_hz": 40.0, "uv_rate_hz": 20.0}
     return checked(DatasetStudy, {"scenarios": ["road"], "record": record, **content}, "test")

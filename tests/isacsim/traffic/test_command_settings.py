@@ -7,9 +7,9 @@ import pytest
 from pydantic import ValidationError
 
 from isacsim.errors import InputError
-from isacsim.settings import Settings
+from isacsim.settings import Settings, checked
 from isacsim.traffic.director import ManeuverSettings
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 
 RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]
 

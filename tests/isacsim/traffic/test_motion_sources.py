@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from isacsim.errors import InputError
+from isacsim.settings import checked
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.motion_sources import MOTION_SOURCES, MotionStudy, SumoSource, motion_source
 from isacsim.traffic.simulation import TrafficSettings
 from labeling.generation.cost_estimate import estimate
 from labeling.generation.generate import generate
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import cosim
 from isacsim.errors import InputError
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
@@ -26,7 +27,7 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.shard import ARRAYS, SCALARS, read_shard
+from labeling.dataset.shard import ARRAYS, SCALARS, read_shard, schema
 from labeling.intentions import Intention
 
 LENGTHS = (200, 50)
@@ -93,7 +94,7 @@ def test_counts_of_the_meta_are_those_of_the_rows(dataset: Dataset) -> None:
 
 def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
     """Names and types as DESIGN.md gives them, stated here a second time on purpose."""
-    found = pq.read_schema(dataset.path / "shards" / "road-0.parquet")
+    columns = pq.read_schema(dataset.path / "shards" / "road-0.parquet")
     states = "fixed_size_list<element: fixed_size_list<element: float>[{}]>[6]"
     expected = {
         "sample_id": "string", "scenario": "string", "seed": "int64", "source": "string", "tv_id": "string",
@@ -101,8 +102,26 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
     }  # fmt: skip
-    assert {field.name: str(field.type) for field in found} == expected
-    assert not any(isinstance(field.type, pa.BaseExtensionType) for field in found)
+    assert {field.name: str(field.type) for field in columns} == expected
+    assert not any(isinstance(field.type, pa.BaseExtensionType) for field in columns)
+
+
+def test_every_column_is_documented() -> None:
+    """With its type; states and numbers of a unit with that, too."""
+    lines = (Path(cosim.__file__).parent / "docs/dataset.md").read_text(encoding="utf-8").splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
+    documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
+    columns = schema(2000, 500)
+    assert list(documented) == columns.names
+    units = {"t_": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
+    for field in columns:
+        kind, unit, meaning = documented[field.name]
+        numbers = {"double": "float64", "float": "float32"}
+        expected = "float32 [6]" if field.name in ARRAYS else numbers.get(str(field.type), str(field.type))
+        assert kind.startswith(expected)
+        if pa.types.is_floating(field.type) or field.name in ARRAYS:
+            assert unit == next(value for name, value in units.items() if field.name.startswith(name))
+        assert meaning
 
 
 def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:

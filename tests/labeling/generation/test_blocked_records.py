@@ -32,8 +32,8 @@ def test_a_truck_between_site_and_vehicle_takes_off_the_echo(tmp_path: Path) -> 
     for blockage in (False, True):
         channel = {"kind": "fixed", "snr_db": 10.0, "blockage": blockage}
         study = small_study(seeds={"first": 1, "last": 1}, sensing={"channel": channel})
-        made = generate(study, tmp_path / str(blockage), InlineEngine(), source=source).frame()
-        snr[blockage] = made.set_index(["tv_id", "t_start"])["snr_db"]
+        frame = generate(study, tmp_path / str(blockage), InlineEngine(), source=source).frame()
+        snr[blockage] = frame.set_index(["tv_id", "t_start"])["snr_db"]
     assert (snr[False] == 10.0).all()
     lost = (snr[False] - snr[True]).groupby("tv_id").min()
     # Half of the sites look past the truck: twice 5 to 9 dB and more from each of the others (TR 37.885).

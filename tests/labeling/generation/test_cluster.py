@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 
 from isacsim.errors import InputError, RunError
@@ -20,6 +20,7 @@ from labeling.generation.engine import ClusterEngine
 from labeling.generation.generate import generate
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+from tests.support.waiting import HANGING_S, wait_until
 
 ROOT = Path(engine.__file__).parents[2]
 
@@ -31,10 +32,20 @@ def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
     try:
         yield running
     finally:
-        for each in running:
-            if each.poll() is None:
-                os.killpg(each.pid, signal.SIGKILL)
-            each.wait()
+        for process in running:
+            if process.poll() is None:
+                kill(process)
+            process.wait()
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and what it started."""
+    children = psutil.Process(process.pid).children(recursive=True)
+    # The parent first: it replaces a worker that dies.
+    process.kill()
+    for child in children:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            child.kill()
 
 
 def start(running: list[subprocess.Popen[bytes]], *words: str) -> None:
@@ -54,10 +65,15 @@ def start_scheduler(running: list[subprocess.Popen[bytes]], folder: Path) -> str
     """Start a scheduler on a free port of this machine; returns its address."""
     file = folder / "scheduler.json"
     start(running, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-    deadline = time.monotonic() + 60
-    while not file.exists() and time.monotonic() < deadline:
-        time.sleep(0.1)
-    return str(json.loads(file.read_text())["address"])
+    scheduler = running[-1]
+
+    def address() -> str | None:
+        # The file is there before its content is.
+        with contextlib.suppress(FileNotFoundError, json.JSONDecodeError):
+            return str(json.loads(file.read_text())["address"])
+        return None
+
+    return str(wait_until(address, lambda: scheduler.poll() is None))
 
 
 def test_no_scheduler_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,32 +95,33 @@ def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monk
     frail = ScriptedSource(source.folder, broken=(5,), frail=tmp_path / "died")
     with processes() as running:
         address = start_scheduler(running, tmp_path)
-        monkeypatch.setattr(engine, "ANSWER_S", 2.0)
+        monkeypatch.setattr(engine, "ANSWER_S", HANGING_S)
+        monkeypatch.setattr(engine, "FIRST_WORKER_S", 0.5)
         with pytest.raises(InputError, match="has no workers"):
             generate(study, tmp_path / "none", ClusterEngine(address), source=source)
-        monkeypatch.setattr(engine, "ANSWER_S", 60.0)
+        monkeypatch.setattr(engine, "FIRST_WORKER_S", HANGING_S)
         for _ in range(2):
             start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
-        made = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
-        assert {each.name for each in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
-        assert made.digest == alone.digest
-        for shard in made.meta.shards:
-            assert made.shard_path(shard).read_bytes() == alone.shard_path(shard).read_bytes()
-        slow = ScriptedSource(source.folder, pause_s=1.0)
-        seen = []
+        distributed = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
+        assert {path.name for path in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
+        assert distributed.digest == alone.digest
+        for shard in distributed.meta.shards:
+            assert distributed.shard_path(shard).read_bytes() == alone.shard_path(shard).read_bytes()
 
         def progress(done: float, total: float) -> None:
-            seen.append(done)
+            # Two of the four episodes are handed over only after this.
             if done == 1:
-                os.killpg(running[0].pid, signal.SIGKILL)
+                kill(running[0])
 
         with pytest.raises(RunError, match="scheduler went away"):
-            generate(study, tmp_path / "cut", ClusterEngine(address), RecordedFeedback(on_move=progress), slow)
+            generate(study, tmp_path / "cut", ClusterEngine(address), RecordedFeedback(on_move=progress), source)
     assert generate(study, tmp_path / "cut", InlineEngine(), source=source).digest == alone.digest
 
 
 @pytest.mark.slow
-def test_a_worker_of_several_threads_is_refused(tmp_path: Path) -> None:
+def test_a_worker_of_several_threads_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("ANSWER_S", "FIRST_WORKER_S"):
+        monkeypatch.setattr(engine, name, HANGING_S)
     with processes() as running:
         address = start_scheduler(running, tmp_path)
         start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "2", "--no-dashboard")

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import cosim
+from isacsim.settings import checked
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 from tests.support.scripted import small_study
 
 QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}
@@ -17,10 +18,10 @@ QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}
 
 def test_the_quick_study_as_it_was_measured() -> None:
     """Its dataset was made of 13 episodes and holds 1654 samples in 95.6 MB."""
-    found = estimate(checked(DatasetStudy, {"seeds": {"first": 1, "last": 60}, "selection": QUICK}, "test"))
-    assert found.episodes == 13
-    assert found.samples == pytest.approx(1654, rel=0.1)
-    assert found.bytes == pytest.approx(95.6e6, rel=0.1)
+    cost = estimate(checked(DatasetStudy, {"seeds": {"first": 1, "last": 60}, "selection": QUICK}, "test"))
+    assert cost.episodes == 13
+    assert cost.samples == pytest.approx(1654, rel=0.1)
+    assert cost.bytes == pytest.approx(95.6e6, rel=0.1)
 
 
 def test_it_grows_with_the_work() -> None:
@@ -36,11 +37,11 @@ def test_it_grows_with_the_work() -> None:
 
 
 def test_sensing_anew_is_cheaper_than_making() -> None:
-    made = estimate(small_study())
+    generated = estimate(small_study())
     for sensor in ("isac", "radar", "truth"):
-        anew = sensed_anew(small_study(), made, sensor)
-        assert (anew.episodes, anew.samples, anew.bytes) == (0, made.samples, made.bytes)
-        assert anew.cpu_s < made.cpu_s / 5
+        anew = sensed_anew(small_study(), generated, sensor)
+        assert (anew.episodes, anew.samples, anew.bytes) == (0, generated.samples, generated.bytes)
+        assert anew.cpu_s < generated.cpu_s / 5
 
 
 def test_a_dry_run_writes_nothing(
@@ -48,10 +49,10 @@ def test_a_dry_run_writes_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cosim.main(["run", "--dry-run", "--json", "--jobs", "4"]) == 0
-    said = capfd.readouterr()
-    found = json.loads(said.out)
-    assert (found["cells"], found["trainings"], found["episodes"], found["jobs"]) == (1, 2, 13, 4)
-    assert found["seconds"] == pytest.approx(found["cpu_s"] / 4 + found["training_s"], abs=0.1)
-    assert "1 cell, 2 trainings, 1 dataset: " in said.err
-    assert "1638 samples" in said.err
+    captured = capfd.readouterr()
+    result = json.loads(captured.out)
+    assert (result["cells"], result["trainings"], result["episodes"], result["jobs"]) == (1, 2, 13, 4)
+    assert result["seconds"] == pytest.approx(result["cpu_s"] / 4 + result["training_s"], abs=0.1)
+    assert "1 cell, 2 trainings, 1 dataset: " in captured.err
+    assert "1638 samples" in captured.err
     assert list(tmp_path.iterdir()) == []

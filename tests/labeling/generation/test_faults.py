@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -44,6 +45,10 @@ class FullDisk(ScriptedSource):
         return super().record(scenario, seed)
 
 
+needs_full_device = pytest.mark.skipif(not Path("/dev/full").exists(), reason="/dev/full is of Linux")
+
+
+@needs_full_device
 @pytest.mark.parametrize("file", ["shards/road-2.parquet", "dataset.json"])
 def test_a_full_disk_ends_the_command_and_leaves_nothing_half_written(tmp_path: Path, file: str) -> None:
     """The operating system's own ENOSPC, on a shard and on the last write."""
@@ -57,10 +62,11 @@ def test_a_full_disk_ends_the_command_and_leaves_nothing_half_written(tmp_path: 
     assert (data / "shards/road-1.parquet").is_file()
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(data)
-    made = generate(STUDY, data, INLINE, source=ScriptedSource(tmp_path))
-    assert made.digest == generate(STUDY, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path)).digest
+    dataset = generate(STUDY, data, INLINE, source=ScriptedSource(tmp_path))
+    assert dataset.digest == generate(STUDY, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path)).digest
 
 
+@needs_full_device
 @pytest.mark.parametrize("wrapped", [True, False])
 def test_a_full_disk_is_one_line_and_exit_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], wrapped: bool
@@ -73,67 +79,68 @@ def test_a_full_disk_is_one_line_and_exit_1(
 
     monkeypatch.setattr("labeling.generation.generate.generate", fail)
     assert cosim.main(["generate", "motorway", "-o", str(tmp_path / "data"), "--jobs", "1"]) == 1
-    said = capfd.readouterr().err
-    assert said.startswith("cosim: ")
-    assert said.count("\n") == 1
-    assert "No space left on device" in said
+    stderr = capfd.readouterr().err
+    assert stderr.startswith("cosim: ")
+    assert stderr.count("\n") == 1
+    assert "No space left on device" in stderr
 
 
 @pytest.fixture
-def made(tmp_path: Path) -> Dataset:
+def dataset(tmp_path: Path) -> Dataset:
     return generate(STUDY, tmp_path / "data", INLINE, source=ScriptedSource(tmp_path))
 
 
-def test_a_flipped_byte_is_told_by_whoever_reads_it(made: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_flipped_byte_is_reported_by_every_reader(dataset: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
     """In the values, where the file's own structure does not notice."""
-    shard = made.shard_path(made.meta.shards[1])
+    shard = dataset.shard_path(dataset.meta.shards[1])
     group = pq.ParquetFile(shard).metadata.row_group(0)
     tv = next(group.column(k) for k in range(group.num_columns) if group.column(k).path_in_schema.startswith("tv."))
     content = bytearray(shard.read_bytes())
     content[tv.data_page_offset + tv.total_compressed_size // 2] ^= 4
     shard.write_bytes(content)
     for line in ("inspect DATA --verify", "train DATA -o DATA/../run", "sense DATA -o DATA/../anew --sensor truth"):
-        assert cosim.main(line.replace("DATA", str(made.path)).split()) == 2
+        assert cosim.main(line.replace("DATA", str(dataset.path)).split()) == 2
         assert capfd.readouterr().err.splitlines()[-1].startswith(f"cosim: {shard}: ")
 
 
-def test_a_truncated_shard_is_told_by_whoever_reads_it(made: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
-    shard = made.shard_path(made.meta.shards[1])
+def test_a_truncated_shard_is_reported_by_every_reader(dataset: Dataset, capfd: pytest.CaptureFixture[str]) -> None:
+    shard = dataset.shard_path(dataset.meta.shards[1])
     shard.write_bytes(shard.read_bytes()[:-100])
     for line in ("inspect DATA", "inspect DATA --verify", "train DATA -o DATA/../run"):
-        assert cosim.main(line.replace("DATA", str(made.path)).split()) == 2
-        said = capfd.readouterr().err.splitlines()[-1]
-        assert said.startswith(f"cosim: {shard}: ")
+        assert cosim.main(line.replace("DATA", str(dataset.path)).split()) == 2
+        stderr = capfd.readouterr().err.splitlines()[-1]
+        assert stderr.startswith(f"cosim: {shard}: ")
 
 
-def test_a_shard_of_another_version_is_told(made: Dataset, tmp_path: Path) -> None:
-    path = made.shard_path(made.meta.shards[0])
+def test_a_shard_of_another_version_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+    path = dataset.shard_path(dataset.meta.shards[0])
     table = pq.read_table(path)
     episode = {**json.loads(table.schema.metadata[b"cosim.episode"]), "schema_version": 3, "new": 1}
     pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(episode)}), path)
     with pytest.raises(InputError, match=r"road-1\.parquet: a shard of schema version 3, not 2"):
         read_shard(path)
-    before = made.digest
-    assert generate(STUDY, made.path, INLINE, source=ScriptedSource(tmp_path)).digest == before
+    before = dataset.digest
+    assert generate(STUDY, dataset.path, INLINE, source=ScriptedSource(tmp_path)).digest == before
 
 
 @contextmanager
 def unprivileged() -> Iterator[None]:
     """As a user whom permissions bind."""
-    own = os.geteuid()
-    if own == 0:
+    user = os.geteuid()
+    if user == 0:
         os.seteuid(65534)
     try:
         yield
     finally:
-        os.seteuid(own)
+        os.seteuid(user)
 
 
-def test_a_read_only_folder_is_bad_input(made: Dataset, tmp_path: Path) -> None:
+@pytest.mark.skipif(os.name != "posix", reason="permissions and users are of POSIX")
+def test_a_read_only_folder_is_bad_input(dataset: Dataset, tmp_path: Path) -> None:
     """A new dataset in it, one to go on with, and one whose shards alone are read-only."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        shutil.copytree(made.path, folder / "data")
+        shutil.copytree(dataset.path, folder / "data")
         (folder / "road").mkdir()
         shutil.copy(tmp_path / "road.net.xml", folder / "road")
         for path in (folder / "data", folder / "data/shards", folder):
@@ -146,7 +153,7 @@ def test_a_read_only_folder_is_bad_input(made: Dataset, tmp_path: Path) -> None:
                 generate(STUDY, folder / "new", INLINE, source=source)
             with pytest.raises(InputError, match=r"data: cannot be written \(Permission denied\)"):
                 generate(STUDY, folder / "data", INLINE, source=source)
-        assert Dataset.open(folder / "data").digest == made.digest
+        assert Dataset.open(folder / "data").digest == dataset.digest
         for path in (folder, folder / "data", folder / "data/shards"):
             path.chmod(0o755)
 
@@ -186,38 +193,38 @@ def convoy(lane: int, position: float = 10.0) -> str:
 
 
 def test_one_lane_roads_have_no_events_across_lanes(tmp_path: Path) -> None:
-    made = on_road(tmp_path, convoy(0), 1)
-    made.verify()
-    counts = made.meta.by_intention()
-    assert made.meta.samples > 0
+    dataset = on_road(tmp_path, convoy(0), 1)
+    dataset.verify()
+    counts = dataset.meta.by_intention()
+    assert dataset.meta.samples > 0
     assert counts["left_lane_change"] == counts["right_lane_change"] == counts["overtake"] == 0
 
 
 def test_no_traffic_makes_an_empty_dataset_that_says_so(tmp_path: Path) -> None:
-    made = on_road(tmp_path / "late", vehicle("late", depart=9999.0, lane=0), 1)
-    made.verify()
-    assert made.meta.samples == 0
-    assert any(line.startswith("no sample was found") for line in faults(summary(made)))
+    dataset = on_road(tmp_path / "late", vehicle("late", depart=9999.0, lane=0), 1)
+    dataset.verify()
+    assert dataset.meta.samples == 0
+    assert any(line.startswith("no sample was found") for line in faults(summary(dataset)))
     with pytest.raises(InputError, match="has no demand"):
         on_road(tmp_path / "none", "", 1)
 
 
 def test_a_site_on_top_of_the_road_sees_what_it_sees(tmp_path: Path) -> None:
-    made = on_road(tmp_path, convoy(1), 3, first=(90.0, -5.4))
-    made.verify()
-    assert made.meta.samples > 0
-    assert max(read_episode(made.shard_path(made.meta.shards[0])).state_error_m) < 0.5
+    dataset = on_road(tmp_path, convoy(1), 3, first=(90.0, -5.4))
+    dataset.verify()
+    assert dataset.meta.samples > 0
+    assert max(read_episode(dataset.shard_path(dataset.meta.shards[0])).state_error_m) < 0.5
 
 
 def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_path: Path) -> None:
     """The first of them reach the end of the road, at 3 km, while they are recorded."""
-    made = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=4)
-    made.verify()
-    left_out = made.meta.left_out()
+    dataset = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=4)
+    dataset.verify()
+    left_out = dataset.meta.left_out()
     assert left_out.get("tv_outside_track", 0) + left_out.get("uv_outside_track", 0) > 0
-    assert made.meta.samples > 0
+    assert dataset.meta.samples > 0
     for name in ("tv_truth", "uv"):
-        assert made.arrays(name)[name][:, 0].max() <= 3000.0
+        assert dataset.arrays(name)[name][:, 0].max() <= 3000.0
 
 
 def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -264,10 +271,12 @@ def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
     (tmp_path / "command.py").write_text(COMMAND)
     root = Path(cosim.__file__).parent
     path = os.pathsep.join(map(str, (tmp_path, root, Path(__file__).parent)))
+    began = time.monotonic()
     subprocess.run([sys.executable, "command.py"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, check=True)
+    took_s = time.monotonic() - began
     study = small_study(seeds={"first": 1, "last": 6})
     undisturbed = generate(study, tmp_path / "other", INLINE, source=ScriptedSource(tmp_path))
     assert Dataset.open(tmp_path / "data").digest == undisturbed.digest
     log = [json.loads(line) for line in (tmp_path / "data/log.jsonl").read_text().splitlines()]
     assert len(log) == 6
-    assert all(1.0 <= each["seconds"] < 60.0 for each in log)
+    assert all(1.0 <= entry["seconds"] < took_s for entry in log)

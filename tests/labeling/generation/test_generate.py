@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -25,9 +24,11 @@ from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+from tests.support.waiting import wait_until
 
 INLINE = InlineEngine()
 SEEDS = {"first": 1, "last": 4}
+needs_posix = pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX")
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -129,7 +130,8 @@ def test_a_finished_dataset_is_left_as_it_is(undisturbed: Dataset, source: Scrip
     assert seen == []
 
 
-def _generate(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None:
+def run_in_a_group(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None:
+    """Generate at the head of a process group, as a command that a terminal started."""
     os.setsid()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     with contextlib.suppress(KeyboardInterrupt):
@@ -137,23 +139,23 @@ def _generate(study: DatasetStudy, folder: Path, source: ScriptedSource) -> None
     sys.exit(130)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@needs_posix
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"])
 def test_an_interrupted_command_is_resumed(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, how: signal.Signals
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, name: str
 ) -> None:
-    folder = tmp_path / "data"
-    slow = ScriptedSource(source.folder, pause_s=2.0)
-    process = multiprocessing.get_context("spawn").Process(target=_generate, args=(study, folder, slow))
+    """With two episodes finished and two under way, which never end by themselves."""
+    folder, number = tmp_path / "data", signal.Signals[name]
+    (tmp_path / "gate").mkdir()
+    held = ScriptedSource(source.folder, held=(3, 4), gate=tmp_path / "gate")
+    process = multiprocessing.get_context("spawn").Process(target=run_in_a_group, args=(study, folder, held))
     process.start()
-    shards = folder / "shards"
-    deadline = time.monotonic() + 60
-    while not list(shards.glob("road-*")) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: held.begun() == {3, 4}, process.is_alive)
     assert process.pid is not None
-    os.killpg(process.pid, how)
-    process.join(30)
-    assert process.exitcode == (130 if how == signal.SIGINT else -signal.SIGKILL)
-    assert 1 <= len(list(shards.glob("road-*"))) < 4
+    os.killpg(process.pid, number)
+    process.join()
+    assert process.exitcode == (130 if number == signal.SIGINT else -number)
+    assert sorted(path.name for path in folder.glob("shards/road-*")) == ["road-1.parquet", "road-2.parquet"]
     with pytest.raises(InputError, match="not finished"):
         Dataset.open(folder)
     generate(study, folder, INLINE, source=source)
@@ -163,19 +165,19 @@ def test_an_interrupted_command_is_resumed(
 def test_a_worker_that_dies_is_replaced(undisturbed: Dataset, source: ScriptedSource, tmp_path: Path) -> None:
     (tmp_path / "died").mkdir()
     frail = ScriptedSource(source.folder, frail=tmp_path / "died")
-    made = generate(small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", LocalEngine(2), source=frail)
+    dataset = generate(small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", LocalEngine(2), source=frail)
     assert sorted(path.name for path in (tmp_path / "died").iterdir()) == ["1", "2"]
-    assert made.meta.lost == ()
-    np.testing.assert_array_equal(made.arrays("tv")["tv"], undisturbed.arrays("tv")["tv"][:4])
+    assert dataset.meta.lost == ()
+    np.testing.assert_array_equal(dataset.arrays("tv")["tv"], undisturbed.arrays("tv")["tv"][:4])
 
 
 def test_an_episode_that_keeps_failing_is_reported_and_left_out(
     undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path
 ) -> None:
     failing = ScriptedSource(source.folder, broken=(1,), deadly=(3,))
-    made = generate(study, tmp_path / "data", LocalEngine(2), source=failing)
-    assert [shard.episode.seed for shard in made.meta.shards] == [2, 4]
-    reasons = {lost.seed: lost.reason for lost in made.meta.lost}
+    dataset = generate(study, tmp_path / "data", LocalEngine(2), source=failing)
+    assert [shard.episode.seed for shard in dataset.meta.shards] == [2, 4]
+    reasons = {lost.seed: lost.reason for lost in dataset.meta.lost}
     assert reasons[1] == "RuntimeError: the simulation broke"
     assert reasons[3] == "the worker process died"
     # Mended, the same command makes what is missing.
@@ -207,16 +209,16 @@ def test_windows_take_the_shortest_run_of_seeds(source: ScriptedSource, tmp_path
 
 def test_seeds_that_end_too_early_name_the_short_classes(source: ScriptedSource, tmp_path: Path) -> None:
     study = small_study(seeds={"first": 1, "last": 2}, selection={"windows": 3, "min_per_class": 1})
-    made = generate(study, tmp_path / "data", INLINE, source=source)
-    assert made.meta.samples == 4
-    assert set(made.meta.short) == {"right_lane_change", "overtake", "hard_accel", "evasive_swerve"}
+    dataset = generate(study, tmp_path / "data", INLINE, source=source)
+    assert dataset.meta.samples == 4
+    assert set(dataset.meta.short) == {"right_lane_change", "overtake", "hard_accel", "evasive_swerve"}
 
 
 def test_traffic_without_events_is_given_up(source: ScriptedSource, tmp_path: Path) -> None:
     study = small_study(seeds={"first": 1, "last": 1000}, selection={"windows": 3, "patience": 3})
-    made = generate(study, tmp_path / "data", INLINE, source=ScriptedSource(source.folder, empty=tuple(range(1001))))
-    assert (made.meta.samples, len(made.meta.shards)) == (0, 3)
-    assert made.arrays("tv")["tv"].shape == (0, 6, 200)
+    dataset = generate(study, tmp_path / "data", INLINE, source=ScriptedSource(source.folder, empty=tuple(range(1001))))
+    assert (dataset.meta.samples, len(dataset.meta.shards)) == (0, 3)
+    assert dataset.arrays("tv")["tv"].shape == (0, 6, 200)
 
 
 def test_another_study_is_refused_with_the_difference(
@@ -285,29 +287,29 @@ def test_clusters_side_by_side_are_silent_and_listen_on_this_machine_only() -> N
     ):
         warnings.simplefilter("error")
         assert [outcome.result for outcome in (next(one), next(two))] == ["1", "2"]
-        own = psutil.Process()
-        sockets = [each for process in (own, *own.children(recursive=True)) for each in process.net_connections()]
-    listening = {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN}
+        command = psutil.Process()
+        sockets = [
+            socket for process in (command, *command.children(recursive=True)) for socket in process.net_connections()
+        ]
+    listening = {socket.laddr.ip for socket in sockets if socket.status == psutil.CONN_LISTEN}
     assert listening == {"127.0.0.1"}
 
 
 def workers() -> list[psutil.Process]:
     """This process's own worker processes."""
-    found = []
-    for each in psutil.Process().children():
+    running = []
+    for child in psutil.Process().children():
         with contextlib.suppress(psutil.Error):
-            if "spawn_main" in " ".join(each.cmdline()):
-                found.append(each)
-    return found
+            if "spawn_main" in " ".join(child.cmdline()):
+                running.append(child)
+    return running
 
 
 def test_a_worker_that_dies_while_it_starts_is_replaced() -> None:
     """And nothing of the first attempt is left running."""
 
     def kill_the_first() -> None:
-        while not (started := workers()):
-            time.sleep(0.01)
-        started[0].kill()
+        wait_until(workers)[0].kill()
 
     killer = threading.Thread(target=kill_the_first)
     killer.start()

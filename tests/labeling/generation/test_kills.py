@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import multiprocessing
 import os
@@ -10,7 +11,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import psutil
@@ -21,13 +22,18 @@ from labeling.dataset.dataset import Dataset
 from labeling.generation.engine import ClusterEngine, LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
+from tests.labeling.generation.test_cluster import kill as kill_tree
 from tests.labeling.generation.test_cluster import processes, start, start_scheduler
 from tests.labeling.generation.test_generate import workers
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+from tests.support.waiting import wait_until
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX"),
+]
 SEEDS = {"first": 1, "last": 6}
 STUDY = small_study(seeds=SEEDS)
 MASTS = "".join(
@@ -40,8 +46,8 @@ stood: list[str] = []
 
 
 @pytest.fixture(scope="module", autouse=True)
-def told() -> Iterator[None]:
-    """Tells, with `pytest -s`, when the whole commands were killed."""
+def report_kills() -> Iterator[None]:
+    """Print, with `pytest -s`, when the whole commands were killed."""
     yield
     print(f"shards that stood when the command was killed: {', '.join(stood)}")
 
@@ -102,41 +108,45 @@ def test_the_whole_command(tmp_path: Path, turn: int, request: pytest.FixtureReq
     time.sleep(random.Random(turn).uniform(0.1, 1.0) * work.took_s)
     assert process.pid is not None
     if process.is_alive():
-        # Before it has a group of its own, it has no workers either.
+        # Not yet at the head of its group, it has no workers, either.
         if os.getpgid(process.pid) == process.pid:
             os.killpg(process.pid, signal.SIGKILL)
         else:
             process.kill()
-    process.join(30)
+    process.join()
     stood.append(f"{len(list(tmp_path.glob('data/shards/[!.]*')))} of {len(work.undisturbed.meta.shards)}")
-    made = generate(work.study, tmp_path / "data", InlineEngine(), source=work.source)
-    made.verify()
-    assert made.digest == work.undisturbed.digest
+    dataset = generate(work.study, tmp_path / "data", InlineEngine(), source=work.source)
+    dataset.verify()
+    assert dataset.digest == work.undisturbed.digest
 
 
 @pytest.mark.parametrize("turn", range(10))
 def test_workers(scripted: Work, tmp_path: Path, turn: int) -> None:
     """Two of them, one after the other, at random moments: nothing is lost, and what was tried again is logged."""
-    draw, done, killed = random.Random(turn), threading.Event(), list[psutil.Process]()
+    draw, killed = random.Random(turn), list[psutil.Process]()
+    assert scripted.source is not None
+    # The last episode ends after both kills, so that they meet a command at work.
+    source = replace(scripted.source, held=(SEEDS["last"],), gate=tmp_path / "gate")
+    source.gate.mkdir()
 
     def kill() -> None:
-        for _ in range(2):
-            done.wait(draw.uniform(0.1, 0.5) * scripted.took_s)
-            while not (running := workers()) and not done.is_set():
-                time.sleep(0.01)
-            if running:
-                killed.append(draw.choice(running))
-                killed[-1].kill()
+        try:
+            for _ in range(2):
+                time.sleep(draw.uniform(0.1, 0.5) * scripted.took_s)
+                killed.append(draw.choice(wait_until(workers)))
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    killed[-1].kill()
+        finally:
+            source.open()
 
     killer = threading.Thread(target=kill)
     killer.start()
-    made = generate(STUDY, tmp_path / "data", LocalEngine(2), source=scripted.source)
-    done.set()
+    dataset = generate(STUDY, tmp_path / "data", LocalEngine(2), source=source)
     killer.join()
-    assert killed
-    assert made.meta.lost == ()
-    assert made.digest == scripted.undisturbed.digest
-    retries = sum(json.loads(line)["retries"] for line in (made.path / "log.jsonl").read_text().splitlines())
+    assert len(killed) == 2
+    assert dataset.meta.lost == ()
+    assert dataset.digest == scripted.undisturbed.digest
+    retries = sum(json.loads(line)["retries"] for line in (dataset.path / "log.jsonl").read_text().splitlines())
     assert retries <= len(killed)
 
 
@@ -153,12 +163,12 @@ def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int) -> None:
         def progress(done: float, total: float) -> None:
             if done == after:
                 time.sleep(pause_s)
-                os.killpg(running[0].pid, signal.SIGKILL)
+                kill_tree(running[0])
 
         with pytest.raises(RunError, match="scheduler went away"):
             generate(
                 STUDY, tmp_path / "data", ClusterEngine(address), RecordedFeedback(on_move=progress), scripted.source
             )
-    made = generate(STUDY, tmp_path / "data", InlineEngine(), source=scripted.source)
-    made.verify()
-    assert made.digest == scripted.undisturbed.digest
+    dataset = generate(STUDY, tmp_path / "data", InlineEngine(), source=scripted.source)
+    dataset.verify()
+    assert dataset.digest == scripted.undisturbed.digest

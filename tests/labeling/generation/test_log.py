@@ -32,16 +32,16 @@ def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
     source = ScriptedSource(tmp_path, broken=(3,), frail=tmp_path / "died", warnings=7)
     feedback = RecordedFeedback()
     study = small_study(seeds={"first": 1, "last": 3})
-    made = generate(study, tmp_path / "data", LocalEngine(1), feedback, source=source)
-    found = {each["seed"]: each for each in lines(made.path)}
-    assert feedback.details == [str(Entry.model_validate(line)) for line in lines(made.path)]
-    assert (found[1]["outcome"], found[1]["retries"], found[1]["reason"]) == ("made", 0, None)
-    assert (found[1]["samples"], found[1]["collided"], found[1]["warnings"]) == (2, 1, 7)
-    assert found[1]["events"] == made.meta.shards[0].episode.events
-    assert found[1]["beyond_car"] == made.meta.shards[0].episode.counts["beyond_car"]
-    assert float(str(found[1]["seconds"])) > 0
-    assert (found[2]["outcome"], found[2]["retries"]) == ("made", 1)
-    assert (found[3]["outcome"], found[3]["retries"], found[3]["reason"]) == (
+    dataset = generate(study, tmp_path / "data", LocalEngine(1), feedback, source=source)
+    entries = {entry["seed"]: entry for entry in lines(dataset.path)}
+    assert feedback.details == [str(Entry.model_validate(line)) for line in lines(dataset.path)]
+    assert (entries[1]["outcome"], entries[1]["retries"], entries[1]["reason"]) == ("made", 0, None)
+    assert (entries[1]["samples"], entries[1]["collided"], entries[1]["warnings"]) == (2, 1, 7)
+    assert entries[1]["events"] == dataset.meta.shards[0].episode.events
+    assert entries[1]["beyond_car"] == dataset.meta.shards[0].episode.counts["beyond_car"]
+    assert float(str(entries[1]["seconds"])) > 0
+    assert (entries[2]["outcome"], entries[2]["retries"]) == ("made", 1)
+    assert (entries[3]["outcome"], entries[3]["retries"], entries[3]["reason"]) == (
         "lost", 2, "RuntimeError: the simulation broke",
     )  # fmt: skip
     assert feedback.details[-1].startswith("road-3: lost, RuntimeError: the simulation broke")
@@ -50,28 +50,28 @@ def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
 def test_the_log_is_no_part_of_the_dataset(tmp_path: Path) -> None:
     """Without it, or with half a line of a killed command in it, the dataset stays what it is and goes on."""
     source, study = ScriptedSource(tmp_path), small_study(seeds={"first": 1, "last": 2})
-    made = generate(study, tmp_path / "data", INLINE, source=source)
-    (made.path / "log.jsonl").write_text('{"scenario": "ro')
-    made.verify()
-    assert generate(study, made.path, INLINE, source=source).digest == made.digest
-    made.shard_path(made.meta.shards[1]).unlink()
-    assert generate(study, made.path, INLINE, source=source).digest == made.digest
-    first, second = (made.path / "log.jsonl").read_text().splitlines()
+    dataset = generate(study, tmp_path / "data", INLINE, source=source)
+    (dataset.path / "log.jsonl").write_text('{"scenario": "ro')
+    dataset.verify()
+    assert generate(study, dataset.path, INLINE, source=source).digest == dataset.digest
+    dataset.shard_path(dataset.meta.shards[1]).unlink()
+    assert generate(study, dataset.path, INLINE, source=source).digest == dataset.digest
+    first, second = (dataset.path / "log.jsonl").read_text().splitlines()
     assert first == '{"scenario": "ro'
     assert json.loads(second)["seed"] == 2
-    (made.path / "log.jsonl").unlink()
-    assert Dataset.open(made.path).digest == made.digest
+    (dataset.path / "log.jsonl").unlink()
+    assert Dataset.open(dataset.path).digest == dataset.digest
 
 
 def test_sensing_anew_is_logged_too(tmp_path: Path) -> None:
-    made = generate(
+    dataset = generate(
         small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", INLINE, source=ScriptedSource(tmp_path)
     )
-    again = resense(made, ResenseSettings(sensing=own_sensing(made)), tmp_path / "again", INLINE)
-    assert [(each["seed"], each["samples"]) for each in lines(again.path)] == [(1, 2), (2, 2)]
+    again = resense(dataset, ResenseSettings(sensing=own_sensing(dataset)), tmp_path / "again", INLINE)
+    assert [(line["seed"], line["samples"]) for line in lines(again.path)] == [(1, 2), (2, 2)]
 
 
-def test_a_log_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / log.LOG_FILE).mkdir()
     with pytest.raises(OutputError, match=r"log\.jsonl: cannot be written \(Is a directory\)"):
         log.append(tmp_path, Entry(scenario="road", seed=1, outcome="lost"))
@@ -88,11 +88,11 @@ def test_how_much_a_command_says(
     out = tmp_path / "data"
     words = ["generate", "road", "-o", str(out), "--seeds", "1:2", "--jobs", "1", "--json", *option.split()]
     assert cosim.main(words) == 0
-    said = capfd.readouterr()
-    assert json.loads(said.out.splitlines()[-1])["samples"] == 2
-    assert said.out.count("\n") == 1
-    episodes = [line for line in said.err.splitlines() if line.startswith("road-")]
-    warned = [line for line in said.err.splitlines() if line.startswith("warning: ")]
+    captured = capfd.readouterr()
+    assert json.loads(captured.out.splitlines()[-1])["samples"] == 2
+    assert captured.out.count("\n") == 1
+    episodes = [line for line in captured.err.splitlines() if line.startswith("road-")]
+    warned = [line for line in captured.err.splitlines() if line.startswith("warning: ")]
     assert any("episode road-2 was left out: RuntimeError: the simulation broke" in line for line in warned)
     if option == "--verbose":
         assert len(episodes) == 2
@@ -101,7 +101,7 @@ def test_how_much_a_command_says(
         assert episodes[1].startswith("road-2: lost, RuntimeError: the simulation broke")
     else:
         assert episodes == []
-    assert ("position_error_m" in said.err) is (option != "--quiet")
+    assert ("position_error_m" in captured.err) is (option != "--quiet")
     if option == "--quiet":
-        assert said.err.splitlines() == warned
+        assert captured.err.splitlines() == warned
     assert len(lines(out)) == 2

@@ -1,4 +1,4 @@
-"""What of a user's configuration is overridden is told once a scenario."""
+"""The options of a user's configuration that are ignored are reported once per scenario."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 
 class Loud(ScriptedSource):
-    """Its scenario `road` asks for steps and outputs of its own, `quiet` for nothing."""
+    """The configuration of `road` sets steps and outputs, that of `quiet` does not."""
 
     def load(self, where: str) -> Scenario:
         scenario = super().load(where)
         return replace(scenario, overridden=("fcd-output", "step-length") if scenario.name == "road" else ())
 
 
-def test_overridden_options_are_told_once(tmp_path: Path) -> None:
+def test_overridden_options_are_reported_once(tmp_path: Path) -> None:
     study = small_study(scenarios=["road", "quiet"], seeds={"first": 1, "last": 2})
     feedback = RecordedFeedback()
     dataset = generate(study, tmp_path / "data", InlineEngine(), feedback, source=Loud(tmp_path))

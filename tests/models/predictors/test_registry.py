@@ -13,7 +13,7 @@ import pytest
 import cosim
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT
-from labeling.generation.settings import checked
+from isacsim.settings import checked
 from models.data.windows import Records, cut, draw_ends
 from models.evaluation.evaluation import EvaluateSettings, evaluate_records
 from models.fit_settings import OptimiserSettings

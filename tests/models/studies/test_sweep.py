@@ -17,9 +17,10 @@ from rich.console import Console
 import cosim
 from command_line.study import show_sweep
 from isacsim.errors import InputError, OutputError, RunError
+from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, resense
-from labeling.generation.settings import DatasetStudy, checked
+from labeling.generation.settings import DatasetStudy
 from models.evaluation.results import read_metrics
 from models.evaluation.settings import EvaluateSettings
 from models.studies import sweep, sweep_table

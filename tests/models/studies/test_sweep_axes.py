@@ -9,7 +9,7 @@ import pytest
 
 import cosim
 from isacsim.errors import InputError
-from labeling.generation.settings import checked
+from isacsim.settings import checked
 from models.studies.cost_estimate import estimate_study
 from models.studies.study import Study, read_study
 from models.studies.sweep_axes import Sensing
