@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -11,6 +14,8 @@ import pytest
 from cffconvert import Citation
 
 import cosim
+from labeling.dataset.dataset import Dataset
+from tests.support.made_up_dataset import write_dataset
 
 ROOT = Path(cosim.__file__).parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("sumo_nets/**/*.md")])
@@ -45,12 +50,13 @@ def test_the_citation_is_valid_and_of_this_version() -> None:
     assert f"## {version}\n" in (ROOT / "CHANGELOG.md").read_text()
 
 
-@pytest.fixture
-def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The example package of docs/extending.md, installed: its modules, and metadata with its entry points."""
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment in which the example package of docs/extending.md is installed."""
+    folder = tmp_path_factory.mktemp("site")
     page = ROOT / "docs/extending.md"
     project = tomllib.loads(blocks(page, "toml")[0])["project"]
-    package = tmp_path / "my_cosim_parts"
+    package = folder / "my_cosim_parts"
     package.mkdir()
     (package / "__init__.py").touch()
     for block in blocks(page, "python"):
@@ -58,7 +64,7 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         assert name, block
         assert len(block.splitlines()) < 40
         (package / name[1]).write_text(block)
-    metadata = tmp_path / "my_cosim_parts-1.0.dist-info"
+    metadata = folder / "my_cosim_parts-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-cosim-parts\nVersion: 1.0\n")
     (metadata / "entry_points.txt").write_text(
@@ -67,7 +73,67 @@ def parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for group, points in project["entry-points"].items()
         )
     )
-    monkeypatch.syspath_prepend(tmp_path)
-    yield tmp_path
-    for module in [name for name in sys.modules if name.startswith("my_cosim_parts")]:
-        del sys.modules[module]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
+
+
+def run(folder: Path, environment: dict[str, str], words: str) -> str:
+    """What a command printed on standard output, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, ROOT / "cosim.py", *words.split()], cwd=folder, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+STUDY = """
+[dataset]
+scenarios = ["motorway"]
+source = "undisturbed"
+seeds = { first = 1, last = 2 }
+traffic = { run_in_s = 30.0, duration_s = 40.0 }
+record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
+
+[dataset.labels]
+preset = "gentle-1"
+
+[dataset.labels.detectors.gentle_brake]
+threshold_mps2 = 0.6
+"""
+
+
+def test_the_parts_of_an_installed_package_work_through_the_commands(parts: dict[str, str], tmp_path: Path) -> None:
+    """One of each kind, added without touching a file of the project."""
+    write_dataset(tmp_path / "data")
+    for words in ("-o gnss --sensor gnss", "-o codebook --estimator codebook", "-o best --fusion best_site"):
+        run(tmp_path, parts, f"sense data {words} --jobs 1 --quiet")
+    frame = Dataset.open(tmp_path / "gnss").frame(["sensor", "n_sites"])
+    assert set(frame["sensor"]) == {"gnss"}
+    assert "nearest" in run(tmp_path, parts, "train --help")
+    run(tmp_path, parts, "train data -o nearest --model nearest --quiet")
+    metrics = json.loads(run(tmp_path, parts, "evaluate nearest --data data --json --quiet").splitlines()[-1])
+    assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
+    assert metrics["macro_f1"] > 0.2
+
+
+def test_a_detector_and_a_source_of_an_installed_package_generate_samples(
+    parts: dict[str, str], tmp_path: Path
+) -> None:
+    """In worker processes, through SUMO: nothing is commanded, and every gentle brake is an event."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    code = (
+        "from pathlib import Path\n"
+        "from labeling.generation.engine import LocalEngine\n"
+        "from labeling.generation.generate import generate\n"
+        "from models.studies.study import read_study\n"
+        "if __name__ == '__main__':\n"
+        "    generate(read_study(Path('study.toml')).dataset, Path('data'), LocalEngine(2))\n"
+    )
+    (tmp_path / "command.py").write_text(code)
+    done = subprocess.run(
+        [sys.executable, "command.py"], cwd=tmp_path, env=parts, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    meta = Dataset.open(tmp_path / "data").meta
+    assert meta.study["labels"]["detectors"] == {"gentle_brake": {"threshold_mps2": 0.6}}
+    assert not meta.by_origin().get("stimulated")
+    assert sum(shard.episode.events["hard_brake"] for shard in meta.shards) > 5

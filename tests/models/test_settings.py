@@ -44,7 +44,7 @@ def test_sections_are_read_and_written_under_their_names() -> None:
     [
         ({"asi_bib": {"hidden": 32}}, "training.asi_bib: unknown key"),
         ({"asi_bip": {"hiden": 32}}, "training.asi_bip.hiden: unknown key"),
-        ({"asi_bip": {"hidden": 0}}, "training.asi_bip.hidden: Input should be greater than or equal to 1, not 0"),
+        ({"asi_bip": {"hidden": 0}}, "training.asi_bip.hidden: must be at least 1, not 0"),
         ({"trees": 3}, "training.trees: "),
         ({"tv_alone": {"hidden": 32}}, "training.tv_alone: unknown key"),
         ({"model": "asi-bib"}, "training.model: unknown predictor 'asi-bib': did you mean asi-bip? choose one of "),

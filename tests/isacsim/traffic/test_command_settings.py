@@ -48,16 +48,16 @@ def test_a_wrong_range_is_refused_by_name(section: str, name: str) -> None:
     low, high = getattr(getattr(ManeuverSettings(), section), name)
     assert getattr(getattr(study(section, name, [low, low]).maneuvers, section), name) == (low, low)
     key = rf"study\.toml: maneuvers\.{section}\.{name}: "
-    with pytest.raises(InputError, match=key + r"must be a range \[low, high\] with low <= high, not \["):
+    with pytest.raises(InputError, match=key + r"must be a range \[low, high\] with low <= high"):
         study(section, name, [high, low])
     for outside in ([low, 1e6], [-1e6, high]):
         with pytest.raises(InputError, match=key + r"must be a range \[low, high\] between"):
             study(section, name, outside)
     for malformed in (high, [low], [low, high, high], None, "ab"):
-        with pytest.raises(InputError, match=key + r"must be a range \[low, high\], not "):
+        with pytest.raises(InputError, match=key + r"must be a range \[low, high\]$"):
             study(section, name, malformed)
     for malformed in ([low, "fast"], [low, float("nan")], [None, high]):
-        with pytest.raises(InputError, match=rf"study\.toml: maneuvers\.{section}\.{name}\.[01]: Input should be"):
+        with pytest.raises(InputError, match=rf"study\.toml: maneuvers\.{section}\.{name}\.[01]: must be a (finite )?number, not "):
             study(section, name, malformed)
 
 

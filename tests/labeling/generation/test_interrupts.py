@@ -51,7 +51,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     sys.exit(cosim.main())
 """
-KEPT = "cosim: interrupted; what was finished is kept, the same command goes on from there"
+KEPT = "cosim: interrupted; what was finished is kept, and the same command continues from there"
 
 
 @pytest.fixture
