@@ -108,6 +108,7 @@ class Director:
 
     sites: in the scenario's plane, whose origin in SUMO's coordinates is `origin`, m. rng: every choice comes from it.
     step_s: simulation step, s. decision_s: interval at which commands are drawn, s. commands: those that have ended.
+    lefthand: whether traffic keeps left; the faster lanes are then those to the right.
     """
 
     settings: ManeuverSettings
@@ -117,6 +118,7 @@ class Director:
     step_s: float
     decision_s: float = 0.1
     commands: list[Command] = field(default_factory=list)
+    lefthand: bool = False
 
     def __post_init__(self) -> None:
         self._sites_xy = np.array([(site.x, site.y) for site in self.sites]).reshape(-1, 2) + self.origin
@@ -186,10 +188,10 @@ class Director:
         match kind:
             case "hard_accel":
                 return draws.draw_accel(view, settings.hard_accel, rng)
-            case "left_change":
-                return draws.draw_lane_change(view, settings.lane_change, draws.LEFT, settings.stay_s)
-            case "right_change":
-                return draws.draw_lane_change(view, settings.lane_change, draws.RIGHT, settings.stay_s)
+            case "left_change" | "right_change":
+                faster = (kind == "left_change") != self.lefthand
+                direction = draws.FASTER if faster else draws.SLOWER
+                return draws.draw_lane_change(view, settings.lane_change, direction, settings.stay_s)
             case "overtake":
                 return draws.draw_overtake(view, settings.overtake, rng, settings.stay_s, self._active)
             case "swerve":

@@ -94,7 +94,7 @@ class AccelCommand:
 
 @dataclass
 class LaneChangeCommand:
-    """Change by one lane to the left (direction +1) or right (-1) within `patience_s`, if the gaps allow."""
+    """Change by one lane to the faster (direction +1) or slower side (-1) within `patience_s`, if the gaps allow."""
 
     vehicle: str
     direction: int
@@ -164,7 +164,7 @@ class OvertakeCommand:
 
 @dataclass
 class SwerveCommand:
-    """Swerve `offset_m` aside (left positive) at up to `peak_mps2`, stay for `hold_s`, and return."""
+    """Swerve `offset_m` aside (positive to the faster side) at up to `peak_mps2`, stay for `hold_s`, and return."""
 
     vehicle: str
     offset_m: float
@@ -265,7 +265,10 @@ class ClosedRampEndCommand:
 
 @dataclass
 class CutInCommand:
-    """Change lanes close in front of a vehicle there, which has to brake. direction: +1 left, -1 right."""
+    """Change lanes close in front of a vehicle there, which has to brake.
+
+    direction: +1 to the faster side, -1 to the slower.
+    """
 
     vehicle: str
     direction: int

@@ -25,7 +25,7 @@ class Track:
     vehicle: SUMO id. kind: SUMO vehicle class ("passenger", "truck", ...).
     x, y: front bumper centre in the scenario's plane, m, shape (n,) as all that follow. speed: along the lane, m/s.
     lane: index of the lane in `Recording.lanes`. lane_pos: position of the front bumper along that lane, m.
-    lane_lat: offset of the vehicle from the lane's centre line, left positive, m.
+    lane_lat: offset of the vehicle from the lane's centre line, positive to the left in the plane, m.
     """
 
     vehicle: str
@@ -67,6 +67,7 @@ class Recording:
     """The states of all vehicles of one scenario and seed. Vehicles in `incidents` have no track.
 
     tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
+    lefthand: whether traffic keeps left (see `Scenario`); it does not change what left means in a track.
     """
 
     scenario: str
@@ -77,6 +78,7 @@ class Recording:
     commands: tuple[Command, ...] = ()
     incidents: Incidents = field(default_factory=Incidents)
     warnings: int = 0
+    lefthand: bool = False
 
     @cached_property
     def lane_number(self) -> dict[str, int]:
@@ -113,6 +115,7 @@ class Recording:
                 "commands": [asdict(command) for command in self.commands],
                 "incidents": asdict(self.incidents),
                 "warnings": self.warnings,
+                "lefthand": self.lefthand,
             }
         )
         columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
@@ -142,6 +145,7 @@ class Recording:
             commands=tuple(Command(**command) for command in head["commands"]),
             incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
             warnings=head.get("warnings", 0),
+            lefthand=head.get("lefthand", False),
         )
 
 

@@ -62,9 +62,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     last = first + round(traffic.duration_s / traffic.step_s)
     log = StateLog(scenario, traffic.step_s, first)
     with session(scenario, seed, traffic, messages, log) as sumo:
-        director = Director(
-            maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
-        )
+        rng = stream("maneuvers", scenario.name, seed)
+        director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         try:
             for step in range(begin, last):
                 director.step(sumo, step * traffic.step_s)
@@ -83,6 +82,7 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
         commands=tuple(director.commands),
         incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
         warnings=messages[WARNING],
+        lefthand=scenario.lefthand,
     )
 
 

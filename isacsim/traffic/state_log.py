@@ -37,6 +37,7 @@ COLUMNS = {
 }
 """SUMO's name of each numeric column of a track. A block has these rows in this order, then the lane's index."""
 ROWS = len(COLUMNS) + 1
+LATERAL = list(COLUMNS).index("lane_lat")
 TIME, VEHICLE, LANE = "timestep_time", "vehicle_id", "vehicle_lane"
 BATCH_ROWS = 100_000
 
@@ -125,6 +126,8 @@ class StateLog:
             rows = [_values(batch.column(name)) for name in COLUMNS.values()]
             block = np.stack([*rows, numbers[_values(lanes.indices)].view(np.float64)])
             block[:2] -= np.reshape(self._scenario.origin, (2, 1))
+            if self._scenario.lefthand:  # SUMO's lateral positions are positive towards the inner lanes
+                block[LATERAL] *= -1.0
             # SUMO gives the outcome of a step the time at which the step began.
             steps = np.rint(_values(batch.column(TIME)) / self._step_s).astype(np.int64) + 1
             yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block

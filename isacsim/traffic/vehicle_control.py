@@ -145,7 +145,7 @@ def change_lane(
 ) -> Generator[None, None, bool]:
     """Request the next lane until the vehicle's middle is in it. Returns whether it got there.
 
-    direction: +1 left, -1 right. patience_s: how long to wait for it, s.
+    direction: +1 towards the faster lanes, -1 towards the slower ones. patience_s: how long to wait for it, s.
     The request is withdrawn once the middle is across: while it stands, SUMO stops the lateral motion as soon as the
     whole body is in the lane, and the driver cannot move on to the lane's middle.
     """

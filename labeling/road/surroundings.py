@@ -35,7 +35,7 @@ class Surroundings:
 
     def __init__(self, recording: Recording, graph: LaneGraph | None = None) -> None:
         self.recording = recording
-        self.graph = LaneGraph(recording.lanes) if graph is None else graph
+        self.graph = LaneGraph(recording.lanes, recording.lefthand) if graph is None else graph
         self._tracks = list(recording.tracks.values())
         self._first = np.array([track.first_step for track in self._tracks])
         self._after = self._first + np.array([len(track) for track in self._tracks])
@@ -131,7 +131,7 @@ class Surroundings:
         for _ in range(20):
             beside = [k for k in front if lanes[k].edge == lanes[downstream].edge]
             if beside:
-                return min((lanes[downstream].index - lanes[k].index for k in beside), key=abs)
+                return min((self.graph.levels(k, downstream) for k in beside), key=abs)
             front = {s for k in front for s in self.graph.successors[k]}
         return 1
 

@@ -14,7 +14,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
-from labeling.intentions import PULLING_OUT, Event, Intention
+from labeling.intentions import Event, Intention, outward
 from labeling.road.surroundings import Relation, Surroundings
 from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
 
@@ -143,20 +143,22 @@ def _candidate(
 
 
 def for_pair(surroundings: Surroundings, labels: Labels, event: Event, uv: str) -> Event:
-    """Return an event as what it is for a UV: a left lane change may overtake one vehicle and not another.
+    """Return an event as what it is for a UV: a change to the faster side may overtake one vehicle and not another.
 
-    Where a selected detector replaces one of the two, its overtake of another vehicle than the UV is a left lane change
-    and every other event stays what it is (see `labeling.detectors.protocol.Detector`).
+    Where a selected detector replaces one of the two, its overtake of another vehicle than the UV is a lane change to
+    the faster side and every other event stays what it is (see `labeling.detectors.protocol.Detector`).
     """
-    if event.intention not in PULLING_OUT:
+    change_out = outward(surroundings.recording.lefthand)
+    pulling_out = (change_out, Intention.OVERTAKE)
+    if event.intention not in pulling_out:
         return event
-    if labels.settings.replaced.isdisjoint(PULLING_OUT):
+    if labels.settings.replaced.isdisjoint(pulling_out):
         changes = labels.changes[event.vehicle]
         change = next(change for change in changes if change.commit == event.commit)
         overtake = OvertakeDetector(labels.settings.overtake)
         return overtake.judged(change, uv, overtake.outcome(surroundings, changes, change, uv))
     if event.intention is Intention.OVERTAKE and event.other not in (None, uv):
-        return replace(event, intention=Intention.LEFT_LANE_CHANGE, end=event.busy_until, other=None, motion_end=None)
+        return replace(event, intention=change_out, end=event.busy_until, other=None, motion_end=None)
     return event
 
 
