@@ -30,8 +30,8 @@ from isacsim.traffic.command_settings import (
 )
 from isacsim.traffic.maneuvers import ClosedRampEndCommand, ManeuverCommand, stopping_m
 from isacsim.traffic.recording import Command
-from isacsim.traffic.vehicle_control import Steps
-from isacsim.traffic.vehicle_view import VehicleView, ending_lanes
+from isacsim.traffic.vehicle_control import Steps, restore
+from isacsim.traffic.vehicle_view import VehicleView, ending_lanes, is_parked
 
 
 def _rate(what: str, default: float) -> Any:
@@ -100,6 +100,7 @@ class _Active:
     maneuver: ManeuverCommand
     steps: Steps
     start: float
+    speed_factor: float
 
 
 @dataclass
@@ -143,6 +144,10 @@ class Director:
             if vehicle not in present:
                 active.steps.close()
                 self._end(vehicle, time)
+            elif is_parked(sumo, vehicle):
+                active.steps.close()
+                restore(sumo, vehicle, active.speed_factor)
+                self._end(vehicle, time)
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
         if self._step % self._steps_per_decision == 0 and not self.settings.quiet:
@@ -163,7 +168,8 @@ class Director:
         self._rested[vehicle] = time + self.settings.rest_s
 
     def _start(self, sumo: Any, maneuver: ManeuverCommand, time: float) -> None:
-        self._active[maneuver.vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time)
+        factor = sumo.vehicle.getSpeedFactor(maneuver.vehicle)
+        self._active[maneuver.vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time, factor)
 
     def _start_maneuvers(self, sumo: Any, present: list[str], time: float) -> None:
         """Draw for every vehicle and kind of maneuver whether a command falls into this interval."""
@@ -239,12 +245,12 @@ class Director:
         return {maneuver.lane for maneuver in maneuvers if isinstance(maneuver, ClosedRampEndCommand)}
 
     def _may_be_commanded(self, sumo: Any, vehicle: str, time: float) -> bool:
-        """Whether a vehicle is not under command, has rested, is close to a site, and not beside a closed lane.
+        """Whether a vehicle is not under command or parked, has rested, is near a site, and not beside a closed lane.
 
         Beside a closed lane drivers are left alone: a commanded one would not see those that merge.
         """
         resting = self._rested.get(vehicle, 0.0) > time
-        if vehicle in self._active or resting or not self._near_a_site(sumo, vehicle):
+        if vehicle in self._active or resting or is_parked(sumo, vehicle) or not self._near_a_site(sumo, vehicle):
             return False
         closed_edges = {sumo.lane.getEdgeID(lane) for lane in self._closed_lanes()}
         return sumo.vehicle.getRoadID(vehicle) not in closed_edges

@@ -33,6 +33,7 @@ from isacsim.traffic.vehicle_control import (
     release,
     wait,
 )
+from isacsim.traffic.vehicle_view import is_parked
 
 
 class ManeuverCommand(Protocol):
@@ -125,8 +126,8 @@ class OvertakeCommand:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         vehicle = sumo.vehicle
-        if self.other not in vehicle.getIDList():  # it left the road in the step since it was chosen
-            return
+        if self.other not in vehicle.getIDList() or is_parked(sumo, self.other):
+            return  # it left the road in the step since it was chosen
         factor, other_factor = vehicle.getSpeedFactor(self.vehicle), vehicle.getSpeedFactor(self.other)
         vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
         vehicle.setLaneChangeMode(self.other, COMMANDED_LANE_CHANGE_MODE)

@@ -68,6 +68,8 @@ class Recording:
 
     tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
     lefthand: whether traffic keeps left (see `Scenario`); it does not change what left means in a track.
+    parked: for each vehicle that stood beside the road, its stays there: first step, and step after the last. Its track
+    goes on meanwhile, but it is in no lane and nobody's leader.
     """
 
     scenario: str
@@ -79,6 +81,7 @@ class Recording:
     incidents: Incidents = field(default_factory=Incidents)
     warnings: int = 0
     lefthand: bool = False
+    parked: dict[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
 
     @cached_property
     def lane_number(self) -> dict[str, int]:
@@ -92,6 +95,10 @@ class Recording:
         for command in self.commands:
             by_vehicle.setdefault(command.vehicle, []).append(command)
         return by_vehicle
+
+    def is_parked(self, vehicle: str, first_step: int, last_step: int) -> bool:
+        """Return whether a vehicle stands beside the road at any of the steps from the first to the last."""
+        return any(start <= last_step and first_step < after for start, after in self.parked.get(vehicle, ()))
 
     def times(self, track: Track) -> Array:
         """Return the simulation time of each row of a track, s, shape (n,)."""
@@ -116,6 +123,7 @@ class Recording:
                 "incidents": asdict(self.incidents),
                 "warnings": self.warnings,
                 "lefthand": self.lefthand,
+                "parked": self.parked,
             }
         )
         columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
@@ -146,6 +154,7 @@ class Recording:
             incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
             warnings=head.get("warnings", 0),
             lefthand=head.get("lefthand", False),
+            parked={name: tuple((a, b) for a, b in stays) for name, stays in head.get("parked", {}).items()},
         )
 
 

@@ -73,16 +73,18 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
+    tracks = log.tracks()
     return Recording(
         scenario=scenario.name,
         seed=seed,
         step_s=traffic.step_s,
         lanes=scenario.lanes,
-        tracks=log.tracks(),
+        tracks=tracks,
         commands=tuple(director.commands),
         incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
         warnings=messages[WARNING],
         lefthand=scenario.lefthand,
+        parked=log.parked(tracks),
     )
 
 

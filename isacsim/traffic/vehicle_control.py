@@ -107,6 +107,14 @@ def release(sumo: Any, vehicle: str, step_s: float) -> Steps:
     sumo.vehicle.setSpeed(vehicle, -1)
 
 
+def restore(sumo: Any, vehicle: str, speed_factor: float) -> None:
+    """Give a vehicle that stands beside the road back to its driver at once. speed_factor: the driver's own."""
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    sumo.vehicle.setLaneChangeMode(vehicle, DEFAULT_LANE_CHANGE_MODE)
+    sumo.vehicle.setSpeedFactor(vehicle, speed_factor)
+    sumo.vehicle.setSpeed(vehicle, -1)
+
+
 def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
     """Set a driver's speed factor, and slow a vehicle that is above the resulting desired speed at `COAST_MPS2`.
 

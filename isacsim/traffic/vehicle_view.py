@@ -88,6 +88,11 @@ class VehicleView:
         return float(min(gaps, default=np.inf))
 
 
+def is_parked(sumo: Any, vehicle: str) -> bool:
+    """Return whether a vehicle stands beside the road, where it is in no lane."""
+    return bool(sumo.vehicle.isStoppedParking(vehicle))
+
+
 def ending_lanes(sumo: Any) -> list[str]:
     """Lanes for cars that end where their road goes on: no link leaves them, but one leaves a lane beside them."""
     lanes = [lane for lane in sumo.lane.getIDList() if not lane.startswith(":") and open_to(sumo, lane, CAR)]

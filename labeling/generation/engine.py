@@ -225,7 +225,7 @@ def run_on(
                 raise RunError(GONE)
             failed, tried = _read(future)
             before = failures.pop(number, 0)
-            if failed and before + failed <= RETRIES:
+            if failed and not tried.final and before + failed <= RETRIES:
                 failures[number] = before + failed
                 submit(number, item)
                 continue
@@ -237,21 +237,23 @@ def run_on(
 
 @dataclass(frozen=True)
 class _Tried:
-    """What one try gave, as it is sent back from a worker."""
+    """What one try gave, as it is sent back from a worker. final: whether another try would fail in the same way."""
 
     result: Any = None
     error: str | None = None
     seconds: float | None = None
+    final: bool = False
 
 
 def _try(task: Callable[[Item], Result], item: Item) -> _Tried:
     """Run a task in a worker. Its error is sent back as text: not every exception survives the way."""
-    began = time.monotonic()
+    began, final = time.monotonic(), False
     try:
         result, error = task(item), None
     except Exception as raised:
-        result, error = None, describe(raised)
-    return _Tried(result, error, round(time.monotonic() - began, 3))
+        # The tool's own errors, such as a TrafficError, come again with the same scenario and seed.
+        result, error, final = None, describe(raised), isinstance(raised, (RunError, InputError))
+    return _Tried(result, error, round(time.monotonic() - began, 3), final)
 
 
 def _read(future: Future[Any]) -> tuple[int, _Tried]:
