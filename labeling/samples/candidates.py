@@ -70,8 +70,9 @@ class Candidate:
 class Candidates:
     """The samples that a recording offers, by onset, and the number of events that were left out, by reason.
 
-    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the
-    record that is not motion of a vehicle), and the marks of events, such as `passed_did_not_return` and `unresolved`.
+    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `commit_outside_record` (the record ends before the maneuver is decided),
+    `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
+    and the marks of events, such as `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -116,6 +117,8 @@ def _candidate(
     if ambiguous(event, vehicle_events, record):
         return "ambiguous"
     start = record_start(recording, event, record)
+    if not start <= event.commit <= start + record.duration_s:
+        return "commit_outside_record"
     span = (start - record.margin_s, start + record.duration_s + record.margin_s)
     if not surroundings.has(event.vehicle, *span):
         return "tv_outside_track"
