@@ -184,4 +184,4 @@ def test_an_onset_that_can_leave_the_record_is_refused() -> None:
 def test_labels_carry_their_settings() -> None:
     labels = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings())
     assert isinstance(labels, Labels)
-    assert labels.settings.preset == "isac-1"
+    assert labels.settings.preset == "isac-2"
