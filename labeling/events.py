@@ -4,8 +4,8 @@ Precedence, in this order:
 
 1. An evasive swerve takes in the lane changes and overtakes whose crossing lies within it. A swerve that ends in the
    next lane, or that crosses a marking and returns, is a swerve and nothing else.
-2. A left lane change by which the vehicle ahead is overtaken is an overtake: of two events of one crossing, the later
-   detector's counts. The return stays a right lane change. `labeling.samples.candidates` asks again for the UV of each
+2. A lane change by which the vehicle ahead is overtaken is an overtake: of two events of one crossing, the later
+   detector's counts. The return stays a lane change. `labeling.samples.candidates` asks again for the UV of each
    sample, because an overtake is about a pair.
 3. Everything else keeps its own event: a brake during a lane change or a swerve is two events.
 4. Following is where none of these is near.

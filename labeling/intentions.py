@@ -28,8 +28,10 @@ KNOWN = tuple(intention for intention in Intention if intention is not Intention
 
 LANE_CHANGES = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE)
 
-PULLING_OUT = (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)
-"""The intentions of a vehicle that moves out to the left: what a left lane change can turn out to be."""
+
+def outward(lefthand: bool) -> Intention:
+    """Return the lane change by which an overtake pulls out: to the left, or to the right where traffic keeps left."""
+    return Intention.RIGHT_LANE_CHANGE if lefthand else Intention.LEFT_LANE_CHANGE
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Event:
     other: the vehicle that it refers to (the one overtaken, the leader followed), if any.
     motion_end: when the motion that belongs to the event ends, s, where that is before `end`: an overtake ends with the
     return, its motion with the pulling-out.
-    mark: why the event becomes no sample, if so; for example, a left lane change that passed a vehicle and did not
+    mark: why the event becomes no sample, if so; for example, a lane change that passed a vehicle and did not
     return (see `labeling.detectors.overtake`).
     """
 

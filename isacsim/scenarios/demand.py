@@ -48,7 +48,8 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
 
     All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
     differ in acceleration (1.5-2.6 m/s2), deceleration (3-5.5 m/s2), headway (0.9-1.7 s), desired speed, lateral
-    acceleration (0.6-1.6 m/s2) and speed (0.8-1.5 m/s), eagerness to gain speed, and how strictly they keep right.
+    acceleration (0.6-1.6 m/s2) and speed (0.8-1.5 m/s), eagerness to gain speed, and how strictly they keep to the
+    outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
     """
     draw = rng.uniform
     common = 'carFollowModel="IDM" speedDev="0" latAlignment="center" probability="1"'

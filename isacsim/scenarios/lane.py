@@ -11,7 +11,8 @@ from isacsim.arrays import Array
 class Lane:
     """One lane of the network, which may lie inside a junction.
 
-    index: 0 is the rightmost lane of its edge. shape: centre line in the scenario's plane, m, (n, 2).
+    index: 0 is the outermost lane of its edge: the rightmost one, or the leftmost one where traffic keeps left.
+    shape: centre line in the scenario's plane, m, (n, 2).
     successors: ids of the lanes that continue this one; at a junction, those inside it.
     """
 

@@ -15,7 +15,7 @@ from isacsim.errors import InputError
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import has_demand, one_line, parse, refuse_document_type, write_lines
+from isacsim.scenarios.sumo_files import has_demand, is_lefthand, one_line, parse, refuse_document_type, write_lines
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
@@ -94,7 +94,7 @@ def import_map(
             raise InputError(
                 f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
-        bare = Scenario(out.name, network, (), (), origin, lanes, ())
+        bare = Scenario(out.name, network, (), (), origin, lanes, (), lefthand=is_lefthand(network))
         return _complete(bare, folder, out, placement, demand, seed)
 
 
@@ -110,7 +110,7 @@ def _complete(
     edges = _used_edges((*routes, *scenario.additional)) or {
         lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")
     }
-    sites = place(scenario.lanes, edges, placement)
+    sites = place(scenario.lanes, edges, placement, scenario.lefthand)
     if not sites:
         raise InputError(f"no site fits beside the roads of {scenario.network}: give a smaller --set-back")
     additional = folder / "sites.add.xml"

@@ -18,6 +18,7 @@ from isacsim.scenarios.sumo_files import (
     NETWORK_ENDINGS,
     Inputs,
     has_demand,
+    is_lefthand,
     one_line,
     parse,
     read_config,
@@ -61,6 +62,8 @@ class Scenario:
     begin_s: simulation time at which the scenario starts, s.
     kept: options of the user's configuration that are passed to SUMO, by name.
     overridden: names of those that are set otherwise (step length, seed) or left out (outputs, logs, windows).
+    lefthand: whether traffic keeps left. SUMO simulates such a network as the mirror image of one where it keeps right:
+    lanes are numbered from the left, and what SUMO calls left is right in the plane.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Scenario:
     begin_s: float = 0.0
     kept: Mapping[str, str] = field(default_factory=dict)
     overridden: tuple[str, ...] = ()
+    lefthand: bool = False
 
 
 def bundled() -> dict[str, Path]:
@@ -109,7 +113,7 @@ def load_without_sites(where: str | Path) -> Scenario:
     sites = tuple(_read_sites(inputs.additional, origin))
     return Scenario(
         name, inputs.network, inputs.demand, inputs.additional, origin, lanes, sites,
-        inputs.begin_s, inputs.kept, inputs.overridden,
+        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network),
     )  # fmt: skip
 
 

@@ -28,27 +28,32 @@ class PlacementSettings(Settings):
     )
 
 
-def place(lanes: Sequence[Lane], edges: Collection[str], settings: PlacementSettings) -> list[Site]:
+def place(
+    lanes: Sequence[Lane], edges: Collection[str], settings: PlacementSettings, lefthand: bool = False
+) -> list[Site]:
     """Return sites for the given edges: a pole wherever the road has none within the spacing.
 
+    lefthand: whether traffic keeps left; the poles of a mirrored network are the mirror image.
     A pole stands set back from the outermost lane, beyond the opposite carriageway if necessary, and no lane is closer
     than the set-back. Poles alternate between the sides of the road where there is room.
     """
     surface = _Surface(lanes)
-    outer: dict[str, tuple[Lane, Lane]] = {}
+    nearside = 1.0 if lefthand else -1.0
+    borders: dict[str, tuple[Lane, Lane]] = {}
     for lane in lanes:
         if lane.edge in edges:
-            right, left = outer.get(lane.edge, (lane, lane))
-            outer[lane.edge] = (min(right, lane, key=_index), max(left, lane, key=_index))
+            outermost, innermost = borders.get(lane.edge, (lane, lane))
+            borders[lane.edge] = (min(outermost, lane, key=_index), max(innermost, lane, key=_index))
     stations = np.empty((0, 2))
     sites: list[Site] = []
-    for right, left in sorted(outer.values(), key=lambda pair: (-pair[0].length_m, pair[0].edge)):
-        for point, heading in _stations(right):
+    for outermost, innermost in sorted(borders.values(), key=lambda pair: (-pair[0].length_m, pair[0].edge)):
+        for point, heading in _stations(outermost):
             if len(stations) and np.hypot(*(stations - point).T).min() < settings.spacing_m:
                 continue
-            first = 1.0 if len(stations) % 2 else -1.0
+            first = -nearside if len(stations) % 2 else nearside
             for side in (first, -first):
-                edge_of_road = right.width_m / 2.0 if side < 0 else (left.index - right.index + 0.5) * left.width_m
+                lanes_between = 0 if side == nearside else innermost.index - outermost.index
+                edge_of_road = (lanes_between + 0.5) * (outermost if side == nearside else innermost).width_m
                 pole = surface.clear_point(point, heading, side, edge_of_road, settings.set_back_m)
                 if pole is not None:
                     sites += panels(f"pole{len(stations)}", pole, heading, side, settings)

@@ -58,6 +58,8 @@ OUTPUT_ELEMENTS = (
 )  # fmt: skip
 OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
 """Parameters of vehicles and traffic lights that make SUMO write a file."""
+TRUE = ("1", "true", "yes", "on", "x", "t")
+"""What SUMO reads as true."""
 NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
 MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
 """Found in every file that makes SUMO write another. Character references and wide encodings may hide the words."""
@@ -177,6 +179,16 @@ def refuse_document_type(file: Path) -> None:
     """Raise InputError where an XML file declares a document type. It is read up to the first element."""
     with _reading(file) as stream:
         next(_elements(stream), None)
+
+
+def is_lefthand(network: Path) -> bool:
+    """Return whether a network is built for left-hand traffic, which its root element says. Only that is read.
+
+    Raises InputError where the file cannot be read.
+    """
+    with _reading(network) as stream:
+        root = next(_elements(stream), None)
+        return root is not None and root.get("lefthand", "").strip().lower() in TRUE
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ET.Element]:

@@ -32,7 +32,9 @@ from isacsim.traffic.maneuvers import (
 )
 from isacsim.traffic.vehicle_view import VehicleView
 
-LEFT, RIGHT = 1, -1
+FASTER, SLOWER = 1, -1
+"""Directions, as SUMO counts lanes: towards the faster lanes, which lie to the left where traffic keeps right and to
+the right where it keeps left, and towards the slower ones. SUMO calls them left and right in either case."""
 
 
 def draw_brake(view: VehicleView, settings: BrakeCommandSettings, rng: np.random.Generator) -> BrakeCommand | None:
@@ -63,7 +65,7 @@ def draw_lane_change(
 ) -> LaneChangeCommand | None:
     """Return a lane change where there is a lane; nothing is drawn.
 
-    direction: +1 left, -1 right. stay_s: as for `VehicleView.has_lane`.
+    direction: `FASTER` or `SLOWER`. stay_s: as for `VehicleView.has_lane`.
     """
     if not view.has_lane(direction, stay_s):
         return None
@@ -77,11 +79,11 @@ def draw_overtake(
     stay_s: float,
     commanded: Container[str],
 ) -> OvertakeCommand | None:
-    """Return an overtake for a car close behind another vehicle, with a lane to its left.
+    """Return an overtake for a car close behind another vehicle, with a faster lane beside.
 
     commanded: vehicles under command, which are not overtaken. stay_s: as for `VehicleView.has_lane`.
     """
-    if view.leader is None or not view.is_car or not view.has_lane(LEFT, stay_s):
+    if view.leader is None or not view.is_car or not view.has_lane(FASTER, stay_s):
         return None
     gain = max(1.0, (view.leader_speed + rng.uniform(*settings.surplus_mps)) / view.allowed_speed)
     low, high = settings.headway_s
@@ -95,7 +97,7 @@ def draw_swerve(view: VehicleView, settings: SwerveCommandSettings, rng: np.rand
     """Return a swerve for a car with a vehicle ahead to evade and room beside; no further aside than its lane."""
     if not view.is_car or view.speed <= settings.least_speed_mps or view.gap_m >= settings.threat_within_m:
         return None
-    sides = [side for side in (LEFT, RIGHT) if view.gap_beside_m(side) > settings.clear_beside_m]
+    sides = [side for side in (FASTER, SLOWER) if view.gap_beside_m(side) > settings.clear_beside_m]
     if not sides:
         return None
     low, high = settings.offset_m
@@ -124,14 +126,14 @@ def draw_stop_in_lane(
 
 
 def draw_cut_in(view: VehicleView, settings: CutInCommandSettings, stay_s: float) -> CutInCommand | None:
-    """Return a cut-in, to the left where the gap there fits, otherwise to the right; nothing is drawn.
+    """Return a cut-in, to the faster side where the gap there fits, otherwise to the slower; nothing is drawn.
 
     stay_s: as for `VehicleView.has_lane`.
     """
     if view.speed <= settings.least_speed_mps:
         return None
     low, high = settings.gap_m
-    for side in (LEFT, RIGHT):
+    for side in (FASTER, SLOWER):
         if view.has_lane(side, stay_s) and low < view.gap_beside_m(side) < high:
             return CutInCommand(view.vehicle, side, settings.patience_s)
     return None

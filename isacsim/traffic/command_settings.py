@@ -138,7 +138,7 @@ class LaneChangeCommandSettings(Settings):
 
 
 class OvertakeCommandSettings(Settings):
-    """A commanded overtake: pull out to the left, pass the vehicle ahead, return ahead of it."""
+    """A commanded overtake: pull out to the faster side, pass the vehicle ahead, return ahead of it."""
 
     headway_s: Annotated[Range, within(0.1, 10.0)] = _setting(
         (0.8, 2.5), "gap to the vehicle ahead at the start, in time, s", "chosen: close enough to want to pass"

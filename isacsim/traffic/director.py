@@ -30,8 +30,8 @@ from isacsim.traffic.command_settings import (
 )
 from isacsim.traffic.maneuvers import ClosedRampEndCommand, ManeuverCommand, stopping_m
 from isacsim.traffic.recording import Command
-from isacsim.traffic.vehicle_control import Steps
-from isacsim.traffic.vehicle_view import VehicleView, ending_lanes
+from isacsim.traffic.vehicle_control import Steps, restore
+from isacsim.traffic.vehicle_view import VehicleView, ending_lanes, is_parked
 
 
 def _rate(what: str, default: float) -> Any:
@@ -100,6 +100,7 @@ class _Active:
     maneuver: ManeuverCommand
     steps: Steps
     start: float
+    speed_factor: float
 
 
 @dataclass
@@ -108,6 +109,7 @@ class Director:
 
     sites: in the scenario's plane, whose origin in SUMO's coordinates is `origin`, m. rng: every choice comes from it.
     step_s: simulation step, s. decision_s: interval at which commands are drawn, s. commands: those that have ended.
+    lefthand: whether traffic keeps left; the faster lanes are then those to the right.
     """
 
     settings: ManeuverSettings
@@ -117,6 +119,7 @@ class Director:
     step_s: float
     decision_s: float = 0.1
     commands: list[Command] = field(default_factory=list)
+    lefthand: bool = False
 
     def __post_init__(self) -> None:
         self._sites_xy = np.array([(site.x, site.y) for site in self.sites]).reshape(-1, 2) + self.origin
@@ -141,6 +144,10 @@ class Director:
             if vehicle not in present:
                 active.steps.close()
                 self._end(vehicle, time)
+            elif is_parked(sumo, vehicle):
+                active.steps.close()
+                restore(sumo, vehicle, active.speed_factor)
+                self._end(vehicle, time)
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
         if self._step % self._steps_per_decision == 0 and not self.settings.quiet:
@@ -161,7 +168,8 @@ class Director:
         self._rested[vehicle] = time + self.settings.rest_s
 
     def _start(self, sumo: Any, maneuver: ManeuverCommand, time: float) -> None:
-        self._active[maneuver.vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time)
+        factor = sumo.vehicle.getSpeedFactor(maneuver.vehicle)
+        self._active[maneuver.vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time, factor)
 
     def _start_maneuvers(self, sumo: Any, present: list[str], time: float) -> None:
         """Draw for every vehicle and kind of maneuver whether a command falls into this interval."""
@@ -186,10 +194,10 @@ class Director:
         match kind:
             case "hard_accel":
                 return draws.draw_accel(view, settings.hard_accel, rng)
-            case "left_change":
-                return draws.draw_lane_change(view, settings.lane_change, draws.LEFT, settings.stay_s)
-            case "right_change":
-                return draws.draw_lane_change(view, settings.lane_change, draws.RIGHT, settings.stay_s)
+            case "left_change" | "right_change":
+                faster = (kind == "left_change") != self.lefthand
+                direction = draws.FASTER if faster else draws.SLOWER
+                return draws.draw_lane_change(view, settings.lane_change, direction, settings.stay_s)
             case "overtake":
                 return draws.draw_overtake(view, settings.overtake, rng, settings.stay_s, self._active)
             case "swerve":
@@ -237,12 +245,12 @@ class Director:
         return {maneuver.lane for maneuver in maneuvers if isinstance(maneuver, ClosedRampEndCommand)}
 
     def _may_be_commanded(self, sumo: Any, vehicle: str, time: float) -> bool:
-        """Whether a vehicle is not under command, has rested, is close to a site, and not beside a closed lane.
+        """Whether a vehicle is not under command or parked, has rested, is near a site, and not beside a closed lane.
 
         Beside a closed lane drivers are left alone: a commanded one would not see those that merge.
         """
         resting = self._rested.get(vehicle, 0.0) > time
-        if vehicle in self._active or resting or not self._near_a_site(sumo, vehicle):
+        if vehicle in self._active or resting or is_parked(sumo, vehicle) or not self._near_a_site(sumo, vehicle):
             return False
         closed_edges = {sumo.lane.getEdgeID(lane) for lane in self._closed_lanes()}
         return sumo.vehicle.getRoadID(vehicle) not in closed_edges

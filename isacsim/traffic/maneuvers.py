@@ -33,6 +33,7 @@ from isacsim.traffic.vehicle_control import (
     release,
     wait,
 )
+from isacsim.traffic.vehicle_view import is_parked
 
 
 class ManeuverCommand(Protocol):
@@ -94,7 +95,7 @@ class AccelCommand:
 
 @dataclass
 class LaneChangeCommand:
-    """Change by one lane to the left (direction +1) or right (-1) within `patience_s`, if the gaps allow."""
+    """Change by one lane to the faster (direction +1) or slower side (-1) within `patience_s`, if the gaps allow."""
 
     vehicle: str
     direction: int
@@ -125,8 +126,8 @@ class OvertakeCommand:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         vehicle = sumo.vehicle
-        if self.other not in vehicle.getIDList():  # it left the road in the step since it was chosen
-            return
+        if self.other not in vehicle.getIDList() or is_parked(sumo, self.other):
+            return  # it left the road in the step since it was chosen
         factor, other_factor = vehicle.getSpeedFactor(self.vehicle), vehicle.getSpeedFactor(self.other)
         vehicle.setLaneChangeMode(self.vehicle, COMMANDED_LANE_CHANGE_MODE)
         vehicle.setLaneChangeMode(self.other, COMMANDED_LANE_CHANGE_MODE)
@@ -164,7 +165,7 @@ class OvertakeCommand:
 
 @dataclass
 class SwerveCommand:
-    """Swerve `offset_m` aside (left positive) at up to `peak_mps2`, stay for `hold_s`, and return."""
+    """Swerve `offset_m` aside (positive to the faster side) at up to `peak_mps2`, stay for `hold_s`, and return."""
 
     vehicle: str
     offset_m: float
@@ -265,7 +266,10 @@ class ClosedRampEndCommand:
 
 @dataclass
 class CutInCommand:
-    """Change lanes close in front of a vehicle there, which has to brake. direction: +1 left, -1 right."""
+    """Change lanes close in front of a vehicle there, which has to brake.
+
+    direction: +1 to the faster side, -1 to the slower.
+    """
 
     vehicle: str
     direction: int

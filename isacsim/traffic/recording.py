@@ -25,7 +25,7 @@ class Track:
     vehicle: SUMO id. kind: SUMO vehicle class ("passenger", "truck", ...).
     x, y: front bumper centre in the scenario's plane, m, shape (n,) as all that follow. speed: along the lane, m/s.
     lane: index of the lane in `Recording.lanes`. lane_pos: position of the front bumper along that lane, m.
-    lane_lat: offset of the vehicle from the lane's centre line, left positive, m.
+    lane_lat: offset of the vehicle from the lane's centre line, positive to the left in the plane, m.
     """
 
     vehicle: str
@@ -67,6 +67,9 @@ class Recording:
     """The states of all vehicles of one scenario and seed. Vehicles in `incidents` have no track.
 
     tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
+    lefthand: whether traffic keeps left (see `Scenario`); it does not change what left means in a track.
+    parked: for each vehicle that stood beside the road, its stays there: first step, and step after the last. Its track
+    goes on meanwhile, but it is in no lane and nobody's leader.
     """
 
     scenario: str
@@ -77,6 +80,8 @@ class Recording:
     commands: tuple[Command, ...] = ()
     incidents: Incidents = field(default_factory=Incidents)
     warnings: int = 0
+    lefthand: bool = False
+    parked: dict[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
 
     @cached_property
     def lane_number(self) -> dict[str, int]:
@@ -90,6 +95,10 @@ class Recording:
         for command in self.commands:
             by_vehicle.setdefault(command.vehicle, []).append(command)
         return by_vehicle
+
+    def is_parked(self, vehicle: str, first_step: int, last_step: int) -> bool:
+        """Return whether a vehicle stands beside the road at any of the steps from the first to the last."""
+        return any(start <= last_step and first_step < after for start, after in self.parked.get(vehicle, ()))
 
     def times(self, track: Track) -> Array:
         """Return the simulation time of each row of a track, s, shape (n,)."""
@@ -113,6 +122,8 @@ class Recording:
                 "commands": [asdict(command) for command in self.commands],
                 "incidents": asdict(self.incidents),
                 "warnings": self.warnings,
+                "lefthand": self.lefthand,
+                "parked": self.parked,
             }
         )
         columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
@@ -142,6 +153,8 @@ class Recording:
             commands=tuple(Command(**command) for command in head["commands"]),
             incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
             warnings=head.get("warnings", 0),
+            lefthand=head.get("lefthand", False),
+            parked={name: tuple((a, b) for a, b in stays) for name, stays in head.get("parked", {}).items()},
         )
 
 

@@ -62,9 +62,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     last = first + round(traffic.duration_s / traffic.step_s)
     log = StateLog(scenario, traffic.step_s, first)
     with session(scenario, seed, traffic, messages, log) as sumo:
-        director = Director(
-            maneuvers, scenario.sites, scenario.origin, stream("maneuvers", scenario.name, seed), traffic.step_s
-        )
+        rng = stream("maneuvers", scenario.name, seed)
+        director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         try:
             for step in range(begin, last):
                 director.step(sumo, step * traffic.step_s)
@@ -74,15 +73,18 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
+    tracks = log.tracks()
     return Recording(
         scenario=scenario.name,
         seed=seed,
         step_s=traffic.step_s,
         lanes=scenario.lanes,
-        tracks=log.tracks(),
+        tracks=tracks,
         commands=tuple(director.commands),
         incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
         warnings=messages[WARNING],
+        lefthand=scenario.lefthand,
+        parked=log.parked(tracks),
     )
 
 

@@ -12,7 +12,7 @@ system on which an open file can be removed: Linux or macOS, not Windows.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -37,6 +37,7 @@ COLUMNS = {
 }
 """SUMO's name of each numeric column of a track. A block has these rows in this order, then the lane's index."""
 ROWS = len(COLUMNS) + 1
+LATERAL = list(COLUMNS).index("lane_lat")
 TIME, VEHICLE, LANE = "timestep_time", "vehicle_id", "vehicle_lane"
 BATCH_ROWS = 100_000
 
@@ -51,6 +52,7 @@ class StateLog:
         self._facts: dict[str, tuple[str, float, float]] = {}
         self._path = Path()
         self._states: IO[bytes] | None = None
+        self._parked: dict[str, list[tuple[int, int | None]]] = {}
         self.collided: set[str] = set()
         self.teleported: set[str] = set()
 
@@ -74,7 +76,10 @@ class StateLog:
         self._path.unlink()
 
     def step(self, sumo: Any) -> None:
-        """Note which vehicles departed, collided or teleported in this step. sumo: the running libsumo module."""
+        """Note which vehicles departed, parked, collided or teleported in this step.
+
+        sumo: the running libsumo module.
+        """
         vehicle = sumo.vehicle
         for name in sumo.simulation.getDepartedIDList():
             if vehicle.getParameter(name, "has.fcd.device") != "true":
@@ -85,7 +90,29 @@ class StateLog:
             self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
         for collision in sumo.simulation.getCollisions():
             self.collided |= {collision.collider, collision.victim}
+        self._note_parking(sumo)
         self.teleported.update(sumo.simulation.getStartingTeleportIDList())
+
+    def _note_parking(self, sumo: Any) -> None:
+        started = sumo.simulation.getParkingStartingVehiclesIDList()
+        ended = sumo.simulation.getParkingEndingVehiclesIDList()
+        if not started and not ended:
+            return
+        step = round(sumo.simulation.getTime() / self._step_s)
+        for name in started:
+            self._parked.setdefault(name, []).append((step, None))
+        for name in ended:  # SUMO reports it in the last step in which the vehicle is still beside the road
+            if name in self._parked:
+                self._parked[name][-1] = (self._parked[name][-1][0], step + 1)
+
+    def parked(self, tracks: Mapping[str, Track]) -> dict[str, tuple[tuple[int, int], ...]]:
+        """Return the stays beside the road of the vehicles that have one within their track, as in `Recording`."""
+        stays = {}
+        for name, track in tracks.items():
+            end = track.first_step + len(track)
+            spans = [(first, end if after is None else after) for first, after in self._parked.get(name, ())]
+            stays[name] = tuple((a, min(b, end)) for a, b in spans if a < end and b > track.first_step)
+        return {name: spans for name, spans in stays.items() if spans}
 
     def tracks(self) -> dict[str, Track]:
         """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
@@ -125,6 +152,8 @@ class StateLog:
             rows = [_values(batch.column(name)) for name in COLUMNS.values()]
             block = np.stack([*rows, numbers[_values(lanes.indices)].view(np.float64)])
             block[:2] -= np.reshape(self._scenario.origin, (2, 1))
+            if self._scenario.lefthand:  # SUMO's lateral positions are positive towards the inner lanes
+                block[LATERAL] *= -1.0
             # SUMO gives the outcome of a step the time at which the step began.
             steps = np.rint(_values(batch.column(TIME)) / self._step_s).astype(np.int64) + 1
             yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block

@@ -107,6 +107,14 @@ def release(sumo: Any, vehicle: str, step_s: float) -> Steps:
     sumo.vehicle.setSpeed(vehicle, -1)
 
 
+def restore(sumo: Any, vehicle: str, speed_factor: float) -> None:
+    """Give a vehicle that stands beside the road back to its driver at once. speed_factor: the driver's own."""
+    sumo.vehicle.setSpeedMode(vehicle, DEFAULT_SPEED_MODE)
+    sumo.vehicle.setLaneChangeMode(vehicle, DEFAULT_LANE_CHANGE_MODE)
+    sumo.vehicle.setSpeedFactor(vehicle, speed_factor)
+    sumo.vehicle.setSpeed(vehicle, -1)
+
+
 def coast(sumo: Any, vehicle: str, factor: float, step_s: float) -> Steps:
     """Set a driver's speed factor, and slow a vehicle that is above the resulting desired speed at `COAST_MPS2`.
 
@@ -145,7 +153,7 @@ def change_lane(
 ) -> Generator[None, None, bool]:
     """Request the next lane until the vehicle's middle is in it. Returns whether it got there.
 
-    direction: +1 left, -1 right. patience_s: how long to wait for it, s.
+    direction: +1 towards the faster lanes, -1 towards the slower ones. patience_s: how long to wait for it, s.
     The request is withdrawn once the middle is across: while it stands, SUMO stops the lateral motion as soon as the
     whole body is in the lane, and the driver cannot move on to the lane's middle.
     """

@@ -59,8 +59,8 @@ class VehicleView:
     def has_lane(self, direction: int, stay_s: float) -> bool:
         """Whether there is a lane on a side that the vehicle may use without missing its exit.
 
-        direction: +1 left, -1 right. A lane that does not lead to the exit counts if the vehicle can stay on it for
-        stay_s at its present speed.
+        direction: +1 towards the faster lanes, -1 towards the slower ones.
+        A lane that does not lead to the exit counts if the vehicle can stay on it for stay_s at its present speed.
         """
         sumo, vehicle = self._sumo, self.vehicle
         target = sumo.vehicle.getLaneIndex(vehicle) + direction
@@ -77,12 +77,20 @@ class VehicleView:
         return leads_on and open_to(sumo, lane, sumo.vehicle.getVehicleClass(vehicle))
 
     def gap_beside_m(self, direction: int) -> float:
-        """The smaller of the gaps to the next vehicles ahead and behind in the lane on a side, m."""
+        """The smaller of the gaps to the next vehicles ahead and behind in the lane on a side, m.
+
+        direction: +1 towards the faster lanes, -1 towards the slower ones. What SUMO calls left is the faster side.
+        """
         get = self._sumo.vehicle
         followers = get.getLeftFollowers if direction > 0 else get.getRightFollowers
         leaders = get.getLeftLeaders if direction > 0 else get.getRightLeaders
         gaps = (gap for _, gap in (*followers(self.vehicle), *leaders(self.vehicle)))
         return float(min(gaps, default=np.inf))
+
+
+def is_parked(sumo: Any, vehicle: str) -> bool:
+    """Return whether a vehicle stands beside the road, where it is in no lane."""
+    return bool(sumo.vehicle.isStoppedParking(vehicle))
 
 
 def ending_lanes(sumo: Any) -> list[str]:

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from isacsim.arrays import BoolArray
 from isacsim.settings import Settings
 from labeling.detectors.protocol import VehicleView
 from labeling.intentions import Event, Intention
@@ -18,12 +19,23 @@ from labeling.road.road_motion import RoadMotion
 
 
 class FollowingSettings(Settings):
-    """Thresholds of following, and how densely events are placed in it."""
+    """Thresholds of following, and how densely events are placed in it.
+
+    before_s and after_s cover a record of 5 s with 2.6 s before the instant, wherever its random shift of up to 0.2 s
+    moves it. lateral_mps is the lateral speed at which a lane change begins; acceleration_mps2 is half the deceleration
+    of a hard brake.
+    """
 
     headway_s: float = Field(3.0, gt=0.0, le=10.0, description="maximum gap to the leader divided by the speed, s")
     clear_s: float = Field(10.0, ge=0.0, le=60.0, description="no other event for this long before and after, s")
-    before_s: float = Field(2.6, ge=0.0, le=30.0, description="the leader is followed from this long before, s")
-    after_s: float = Field(2.4, ge=0.0, le=30.0, description="the leader is followed until this long after, s")
+    before_s: float = Field(2.8, ge=0.0, le=30.0, description="the leader is followed from this long before, s")
+    after_s: float = Field(2.6, ge=0.0, le=30.0, description="the leader is followed until this long after, s")
+    lateral_mps: float | None = Field(
+        0.2, gt=0.0, le=5.0, description="maximum lateral speed meanwhile, m/s; null: any lateral speed"
+    )
+    acceleration_mps2: float | None = Field(
+        2.0, gt=0.0, le=12.0, description="maximum acceleration or deceleration meanwhile, m/s2; null: any acceleration"
+    )
     check_s: float = Field(0.5, gt=0.0, le=5.0, description="interval at which the leader is checked, s")
     spacing_s: float = Field(10.0, gt=0.0, le=600.0, description="minimum time between two events of one vehicle, s")
 
@@ -33,8 +45,9 @@ class FollowingDetector:
     """Finds following: the vehicle keeps its lane behind one leader, and nothing else happens around that time.
 
     The leader is the same vehicle from `before_s` before an instant to `after_s` after it, always within `headway_s`.
-    No other event of the vehicle and no crossing of a marking lies within `clear_s`, and the vehicle is on the road
-    for all of that time, because what it did before it was seen is not known.
+    For that time the vehicle moves across its lane at no more than `lateral_mps`, and neither speeds up nor slows down
+    by more than `acceleration_mps2`. No other event of the vehicle and no crossing of a marking lies within `clear_s`,
+    and the vehicle is on the road for all of that time, because what it did before it was seen is not known.
 
     onset, commit: the instant. end: `after_s` later.
     peak: the acceleration of largest magnitude meanwhile, m/s2.
@@ -83,14 +96,28 @@ class FollowingDetector:
                     _round_up((time - s.before_s) / s.check_s), _round_down((time + s.after_s) / s.check_s) + 1
                 )
                 leader = leader_at(k) if time >= earliest else None
-                if leader is not None and all(leader_at(j) == leader for j in span):
+                if leader is None or not self._is_steady(motion, time):
+                    continue
+                if all(leader_at(j) == leader for j in span):
                     events.append(self._event(motion, time, leader))
                     earliest = time + s.spacing_s
         return events
 
+    def _during(self, motion: RoadMotion, time: float) -> BoolArray:
+        """Return which samples of the motion lie in the time that an event at an instant `time` (s) stands for."""
+        return np.asarray(
+            (motion.times >= time - self.settings.before_s) & (motion.times <= time + self.settings.after_s)
+        )
+
+    def _is_steady(self, motion: RoadMotion, time: float) -> bool:
+        """Return whether the vehicle neither moves across its lane nor changes its speed too fast around `time`, s."""
+        s, during = self.settings, self._during(motion, time)
+        limits = ((motion.vq, s.lateral_mps), (motion.a, s.acceleration_mps2))
+        return all(limit is None or np.abs(values[during]).max(initial=0.0) <= limit for values, limit in limits)
+
     def _event(self, motion: RoadMotion, time: float, leader: str) -> Event:
         s = self.settings
-        during = motion.a[(motion.times >= time - s.before_s) & (motion.times <= time + s.after_s)]
+        during = motion.a[self._during(motion, time)]
         peak = float(during[np.abs(during).argmax()]) if len(during) else 0.0
         return Event(motion.vehicle, Intention.FOLLOWING, time, time, time + s.after_s, peak, leader)
 

@@ -1,4 +1,4 @@
-"""Overtakes: what a left lane change was for, judged by what followed it."""
+"""Overtakes: what a lane change to the faster side was for, judged by what followed it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import Field
 
 from isacsim.settings import Settings
 from labeling.detectors.protocol import VehicleView
-from labeling.intentions import Event, Intention
+from labeling.intentions import Event, Intention, outward
 from labeling.road.surroundings import Surroundings
 
 Verdict = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
@@ -34,7 +34,7 @@ class OvertakeSettings(Settings):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a left lane change meant for another vehicle.
+    """What a lane change to the faster side meant for another vehicle.
 
     returned: when the overtaking vehicle is back ahead of it, s; None without an overtake.
     """
@@ -45,22 +45,23 @@ class Outcome:
 
 @dataclass(frozen=True)
 class OvertakeDetector:
-    """Finds overtakes: the vehicle changes left, its rear passes the other's front, and it changes back to the right.
+    """Finds overtakes: the vehicle pulls out to the faster side, its rear passes the other's front, and it returns.
 
-    The return is within `horizon_s` of the onset of pulling out, and crosses as many markings to the right as were
-    crossed to the left since. The other vehicle is ahead when the pulling-out begins. An overtake is about a pair: the
-    same left lane change can overtake one vehicle and not another. `detect` judges it for the vehicle ahead in the lane
-    that is left, within `look_ahead_m`; `labeling.samples.candidates` asks again for the UV of each sample.
+    The faster side is the left, or the right where traffic keeps left (`Recording.lefthand`). The return is within
+    `horizon_s` of the onset of pulling out, and crosses as many markings back as were crossed outward since. The other
+    vehicle is ahead when the pulling-out begins. An overtake is about a pair: the same lane change can overtake one
+    vehicle and not another. `detect` judges it for the vehicle ahead in the lane that is left, within `look_ahead_m`;
+    `labeling.samples.candidates` asks again for the UV of each sample.
 
     onset, commit, peak: those of the pulling-out.
     end: the returning vehicle's centre crosses back. motion_end: the end of the pulling-out.
 
-    Every other left lane change stays one. It carries a mark, and becomes no sample, where the other vehicle was passed
-    without a return within `horizon_s` (`passed_did_not_return`), and where the vehicle left the road or the recording
-    ended within `horizon_s` with the outcome open (`unresolved`).
+    Every other change to the faster side stays one. It carries a mark, and becomes no sample, where the other vehicle
+    was passed without a return within `horizon_s` (`passed_did_not_return`), and where the vehicle left the road or the
+    recording ended within `horizon_s` with the outcome open (`unresolved`).
 
     Fails where the other vehicle turns off before it is passed (it counts as not passed), and where the passing is done
-    in the oncoming lane, which belongs to another edge.
+    in the oncoming lane, which belongs to another edge. Passing on the slower side is no overtake.
 
     A vehicle pulls out at 10 s, passes a slower one, and returns at 24 s:
 
@@ -83,10 +84,11 @@ class OvertakeDetector:
     settings: OvertakeSettings
 
     def detect(self, view: VehicleView) -> list[Event]:
-        """Return one event for each left lane change: an overtake, or the lane change with its mark."""
+        """Return one event for each change to the faster side: an overtake, or the lane change with its mark."""
         events = []
+        change_out = outward(view.surroundings.recording.lefthand)
         for change in view.lane_changes:
-            if change.intention is Intention.LEFT_LANE_CHANGE:
+            if change.intention is change_out:
                 other = self.vehicle_ahead(view.surroundings, change)
                 outcome = Outcome("not_passed")
                 if other is not None:
@@ -95,7 +97,7 @@ class OvertakeDetector:
         return events
 
     def judged(self, change: Event, other: str | None, outcome: Outcome) -> Event:
-        """Return a left lane change as what it turned out to be for another vehicle."""
+        """Return a lane change to the faster side as what it turned out to be for another vehicle."""
         if outcome.verdict == "overtaken" and outcome.returned is not None:
             return replace(
                 change, intention=Intention.OVERTAKE, end=outcome.returned, motion_end=change.end, other=other
@@ -111,7 +113,7 @@ class OvertakeDetector:
         return None if leader is None else leader.vehicle
 
     def outcome(self, surroundings: Surroundings, changes: Sequence[Event], change: Event, other: str) -> Outcome:
-        """Return what one left lane change meant for another vehicle.
+        """Return what one lane change to the faster side meant for another vehicle.
 
         changes: all completed lane changes of the changing vehicle, in order of crossing.
         """
@@ -133,7 +135,7 @@ def _return_time(changes: Sequence[Event], change: Event) -> float | None:
     markings_out = 0
     for later in changes:
         if later.commit >= change.commit:
-            markings_out += 1 if later.intention is Intention.LEFT_LANE_CHANGE else -1
+            markings_out += 1 if later.intention is change.intention else -1
             if markings_out <= 0:
                 return later.commit
     return None

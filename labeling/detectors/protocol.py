@@ -62,7 +62,7 @@ class Detector(Protocol):
       are no events.
     - Where `left_lane_change` or `overtake` is replaced, the built-in overtake rule is not applied to the UV of each
       sample. A `left_lane_change` stays what it is. An `overtake` counts for the UV named by `Event.other`, or for any
-      UV where `other` is None; for another UV it is a left lane change that ends at `Event.busy_until`.
+      UV where `other` is None; for another UV it is a change to the faster side that ends at `Event.busy_until`.
 
     The detectors run in the order of the registry. Those that find `following` run last, because following is where
     nothing else happens. An installed package registers a detector class as an entry point of the group

@@ -27,14 +27,21 @@ from labeling.detectors.registry import DETECTORS
 from labeling.intentions import Intention
 from labeling.road.road_motion import WIDTH_S
 
-PRESET = "isac-1"
+PRESET = "isac-2"
 """Name and version of the default definitions. Other defaults need another name."""
+FORMER: dict[str, dict[str, dict[str, float | None]]] = {
+    "isac-1": {"following": {"before_s": 2.6, "after_s": 2.4, "lateral_mps": None, "acceleration_mps2": None}}
+}
+"""Earlier default definitions by name: for each section what differed from today's."""
+UNSTORED = {"isac-1": {"following": ("lateral_mps", "acceleration_mps2")}}
+"""Settings that earlier definitions did not have: left out where those are stored, so that they read as ever."""
 
 
 class LabelSettings(Settings):
     """What counts as each intention.
 
-    preset: names this set of values; other values need another name. width_s: part of the definitions, because the
+    preset: names this set of values; other values need another name. A name in `FORMER` stands for the values that it
+    had, in datasets made with it as in new studies. width_s: part of the definitions, because the
     thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with another one
     (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
     One section for each built-in detector, under its name. detectors: further detectors that the study selects, each
@@ -89,13 +96,29 @@ class LabelSettings(Settings):
                 found_by[intention] = name
         return self
 
+    @model_validator(mode="before")
+    @classmethod
+    def _read_former(cls, content: Any) -> Any:
+        if not isinstance(content, Mapping) or content.get("preset") not in FORMER:
+            return content
+        former = dict(content)
+        for name, values in FORMER[content["preset"]].items():
+            section = content.get(name, {})
+            if isinstance(section, Mapping):
+                former[name] = {**values, **section}
+        return former
+
     @model_validator(mode="after")
     def _named_apart(self) -> Self:
-        changed = [n for n, f in type(self).model_fields.items() if n != "preset" and getattr(self, n) != f.default]
-        if self.preset == PRESET and changed:
-            raise ValueError(
-                f"{changed[0]} differs from preset {PRESET}; give these definitions a preset name of their own"
-            )
+        if self.preset != PRESET and self.preset not in FORMER:
+            return self
+        for name, field in type(self).model_fields.items():
+            values = FORMER.get(self.preset, {}).get(name)
+            expected = field.default if values is None else field.default.model_copy(update=values)
+            if name != "preset" and getattr(self, name) != expected:
+                raise ValueError(
+                    f"{name} differs from preset {self.preset}; give these definitions a preset name of their own"
+                )
         return self
 
     @model_serializer(mode="wrap")
@@ -103,6 +126,9 @@ class LabelSettings(Settings):
         content: dict[str, Any] = serialize(self)
         if not self.detectors:
             content.pop("detectors", None)
+        for name, settings in UNSTORED.get(self.preset, {}).items():
+            for setting in settings:
+                content[name].pop(setting, None)
         return content
 
 

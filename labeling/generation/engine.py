@@ -241,7 +241,7 @@ def run_on(
                 raise RunError(GONE)
             new_failures, attempt = _read(future)
             earlier_failures = failures.pop(number, 0)
-            if new_failures and earlier_failures + new_failures <= RETRIES:
+            if new_failures and not attempt.final and earlier_failures + new_failures <= RETRIES:
                 failures[number] = earlier_failures + new_failures
                 submit(number, item)
                 continue
@@ -254,21 +254,23 @@ def run_on(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The outcome of one try, as a worker sends it back."""
+    """The outcome of one try, as a worker sends it back. final: another try would fail in the same way."""
 
     result: Any = None
     error: str | None = None
     seconds: float | None = None
+    final: bool = False
 
 
 def _try(task: Callable[[Item], Result], item: Item) -> _Attempt:
     """Run a task in a worker. Return its error as text, because not every exception can be pickled."""
-    begin = time.monotonic()
+    begin, final = time.monotonic(), False
     try:
         result, error = task(item), None
     except Exception as raised:
-        result, error = None, describe(raised)
-    return _Attempt(result, error, round(time.monotonic() - begin, 3))
+        # Our own errors, such as a TrafficError, come again with the same scenario and seed.
+        result, error, final = None, describe(raised), isinstance(raised, (RunError, InputError))
+    return _Attempt(result, error, round(time.monotonic() - begin, 3), final)
 
 
 def _read(future: Future[Any]) -> tuple[int, _Attempt]:

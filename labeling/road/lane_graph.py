@@ -25,10 +25,14 @@ class LaneStep:
 
 
 class LaneGraph:
-    """Successors, predecessors and neighbours of lanes; a lane is named by its position in the given list."""
+    """Successors, predecessors and neighbours of lanes; a lane is named by its position in the given list.
 
-    def __init__(self, lanes: Sequence[Lane]) -> None:
+    lefthand: whether traffic keeps left, so that lanes are numbered from the left.
+    """
+
+    def __init__(self, lanes: Sequence[Lane], lefthand: bool = False) -> None:
         self.lanes = lanes
+        self._leftward = -1 if lefthand else 1
         number = {lane.id: k for k, lane in enumerate(lanes)}
         self.successors = [tuple(number[s] for s in lane.successors if s in number) for lane in lanes]
         self.predecessors: list[list[int]] = [[] for _ in lanes]
@@ -49,7 +53,11 @@ class LaneGraph:
         low, high = min(i, j), max(i, j)
         widths = [self.lanes[k].width_m for k in beside[low : high + 1]]
         distance = sum(widths) - (widths[0] + widths[-1]) / 2
-        return distance if j >= i else -distance
+        return self._leftward * (distance if j >= i else -distance)
+
+    def levels(self, a: int, b: int) -> int:
+        """Return how many markings lane b lies to the left of lane a on the same edge."""
+        return self._leftward * (self.lanes[b].index - self.lanes[a].index)
 
     def chain(self, a: int, b: int) -> float | None:
         """Return the length of the lanes from the end of lane a to the start of lane b, m; None if unconnected."""
@@ -75,9 +83,8 @@ class LaneGraph:
         On one edge: across the markings in between. Onto another edge: straight on along the successors of a, or with
         a lane change in the same step, before or after the end of the edge.
         """
-        lane_a, lane_b = self.lanes[a], self.lanes[b]
-        if lane_a.edge == lane_b.edge:
-            return (LaneStep(self.across(a, b), lane_b.index - lane_a.index),)
+        if self.lanes[a].edge == self.lanes[b].edge:
+            return (LaneStep(self.across(a, b), self.levels(a, b)),)
         steps = set(self._onward(a, b))
         return tuple(sorted(steps, key=lambda step: (abs(step.levels), step.shift_m)))
 
@@ -86,7 +93,7 @@ class LaneGraph:
             yield LaneStep(0.0, 0)
         for beside in self.on_edge[self.lanes[a].edge]:
             if beside != a and self.chain(beside, b) is not None:
-                yield LaneStep(self.across(a, beside), self.lanes[beside].index - self.lanes[a].index)
+                yield LaneStep(self.across(a, beside), self.levels(a, beside))
         for beside in self.on_edge[self.lanes[b].edge]:
             if beside != b and self.chain(a, beside) is not None:
-                yield LaneStep(self.across(beside, b), self.lanes[b].index - self.lanes[beside].index)
+                yield LaneStep(self.across(beside, b), self.levels(beside, b))

@@ -35,7 +35,7 @@ class Surroundings:
 
     def __init__(self, recording: Recording, graph: LaneGraph | None = None) -> None:
         self.recording = recording
-        self.graph = LaneGraph(recording.lanes) if graph is None else graph
+        self.graph = LaneGraph(recording.lanes, recording.lefthand) if graph is None else graph
         self._tracks = list(recording.tracks.values())
         self._first = np.array([track.first_step for track in self._tracks])
         self._after = self._first + np.array([len(track) for track in self._tracks])
@@ -48,24 +48,33 @@ class Surroundings:
         return round(time / self.recording.step_s)
 
     def present(self, time: float) -> list[Track]:
-        """Return the tracks of the vehicles on the road at a time (s)."""
-        step = self.step(time)
-        return [self._tracks[k] for k in np.flatnonzero((self._first <= step) & (step < self._after))]
+        """Return the tracks of the vehicles on the road at a time (s), without those parked beside it."""
+        return [self._tracks[k] for k in self._on_road(self.step(time))]
+
+    def _on_road(self, step: int) -> list[int]:
+        """Return the numbers of the tracks whose vehicle is on the road and not parked beside it."""
+        numbers = np.flatnonzero((self._first <= step) & (step < self._after)).tolist()
+        return [k for k in numbers if not self.recording.is_parked(self._tracks[k].vehicle, step, step)]
 
     def has(self, vehicle: str, start: float, end: float) -> bool:
-        """Return whether a vehicle is on the road from start to end, s."""
+        """Return whether a vehicle is on the road from start to end, s, and never parked beside it."""
         track = self.recording.tracks.get(vehicle)
         if track is None:
             return False
-        return track.first_step <= self.step(start) and self.step(end) < track.first_step + len(track)
+        first, last = self.step(start), self.step(end)
+        within_track = track.first_step <= first and last < track.first_step + len(track)
+        return within_track and not self.recording.is_parked(vehicle, first, last)
 
     def leader(self, vehicle: str, time: float, within_m: float) -> Leader | None:
         """Return the next vehicle ahead in the lane and in the lanes that continue it, or None if there is none.
 
+        Vehicles parked beside the road neither are leaders nor have one.
         time: s, at which the vehicle is on the road. within_m: maximum gap, m. Where the lane forks, the search
         follows the branch that the vehicle itself drives later, or every branch if it drives none of them.
         """
         track, step = self.recording.tracks[vehicle], self.step(time)
+        if self.recording.is_parked(vehicle, step, step):
+            return None
         row = step - track.first_step
         in_lanes = self._in_lanes(step)
         lane, pos = int(track.lane[row]), float(track.lane_pos[row])
@@ -93,12 +102,15 @@ class Surroundings:
     def gaps(self, vehicle: str, other: str, times: Array) -> Array:
         """Return how far another vehicle's front bumper is ahead of this one's along the driven road, m, shape (n,).
 
-        times: s, shape (n,). NaN where either vehicle is absent, or the other one is on another road.
+        times: s, shape (n,). NaN where either vehicle is absent or parked, or the other one is on another road.
         """
         track, second = self.recording.tracks[vehicle], self.recording.tracks[other]
         steps = np.rint(np.asarray(times) / self.recording.step_s).astype(np.int64)
         rows, other_rows = steps - track.first_step, steps - second.first_step
         both = (rows >= 0) & (rows < len(track)) & (other_rows >= 0) & (other_rows < len(second))
+        for name in {vehicle, other} & self.recording.parked.keys():
+            for first, after in self.recording.parked[name]:
+                both &= (steps < first) | (steps >= after)
         result = np.full(len(steps), np.nan)
         path = self._path(vehicle)
         stations = path.driver_stations(track, rows[both])
@@ -131,7 +143,7 @@ class Surroundings:
         for _ in range(20):
             beside = [k for k in front if lanes[k].edge == lanes[downstream].edge]
             if beside:
-                return min((lanes[downstream].index - lanes[k].index for k in beside), key=abs)
+                return min((self.graph.levels(k, downstream) for k in beside), key=abs)
             front = {s for k in front for s in self.graph.successors[k]}
         return 1
 
@@ -149,10 +161,10 @@ class Surroundings:
 
     def _sorted_into_lanes(self, step: int) -> dict[int, list[tuple[float, int]]]:
         in_lanes: dict[int, list[tuple[float, int]]] = defaultdict(list)
-        for k in np.flatnonzero((self._first <= step) & (step < self._after)):
+        for k in self._on_road(step):
             track = self._tracks[k]
             row = step - track.first_step
-            in_lanes[track.lane.item(row)].append((track.lane_pos.item(row), int(k)))
+            in_lanes[track.lane.item(row)].append((track.lane_pos.item(row), k))
         for vehicles in in_lanes.values():
             vehicles.sort()
         return in_lanes

@@ -14,7 +14,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
-from labeling.intentions import PULLING_OUT, Event, Intention
+from labeling.intentions import Event, Intention, outward
 from labeling.road.surroundings import Relation, Surroundings
 from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
 
@@ -70,8 +70,9 @@ class Candidate:
 class Candidates:
     """The samples that a recording offers, by onset, and the number of events that were left out, by reason.
 
-    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the
-    record that is not motion of a vehicle), and the marks of events, such as `passed_did_not_return` and `unresolved`.
+    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `commit_outside_record` (the record ends before the maneuver is decided),
+    `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
+    and the marks of events, such as `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -116,6 +117,8 @@ def _candidate(
     if ambiguous(event, vehicle_events, record):
         return "ambiguous"
     start = record_start(recording, event, record)
+    if not start <= event.commit <= start + record.duration_s:
+        return "commit_outside_record"
     span = (start - record.margin_s, start + record.duration_s + record.margin_s)
     if not surroundings.has(event.vehicle, *span):
         return "tv_outside_track"
@@ -143,20 +146,22 @@ def _candidate(
 
 
 def for_pair(surroundings: Surroundings, labels: Labels, event: Event, uv: str) -> Event:
-    """Return an event as what it is for a UV: a left lane change may overtake one vehicle and not another.
+    """Return an event as what it is for a UV: a change to the faster side may overtake one vehicle and not another.
 
-    Where a selected detector replaces one of the two, its overtake of another vehicle than the UV is a left lane change
-    and every other event stays what it is (see `labeling.detectors.protocol.Detector`).
+    Where a selected detector replaces one of the two, its overtake of another vehicle than the UV is a lane change to
+    the faster side and every other event stays what it is (see `labeling.detectors.protocol.Detector`).
     """
-    if event.intention not in PULLING_OUT:
+    change_out = outward(surroundings.recording.lefthand)
+    pulling_out = (change_out, Intention.OVERTAKE)
+    if event.intention not in pulling_out:
         return event
-    if labels.settings.replaced.isdisjoint(PULLING_OUT):
+    if labels.settings.replaced.isdisjoint(pulling_out):
         changes = labels.changes[event.vehicle]
         change = next(change for change in changes if change.commit == event.commit)
         overtake = OvertakeDetector(labels.settings.overtake)
         return overtake.judged(change, uv, overtake.outcome(surroundings, changes, change, uv))
     if event.intention is Intention.OVERTAKE and event.other not in (None, uv):
-        return replace(event, intention=Intention.LEFT_LANE_CHANGE, end=event.busy_until, other=None, motion_end=None)
+        return replace(event, intention=change_out, end=event.busy_until, other=None, motion_end=None)
     return event
 
 

@@ -12,12 +12,20 @@ SITE = (
 
 
 def straight_road(
-    folder: Path, vehicles: str, sites: str = SITE, lanes: int = 3, shift: float = 0.0, ending: bool = False
+    folder: Path,
+    vehicles: str,
+    sites: str = SITE,
+    lanes: int = 3,
+    shift: float = 0.0,
+    ending: bool = False,
+    lefthand: bool = False,
+    additional: str = "",
 ) -> Path:
     """Make a scenario: a straight road of 3 km in two edges. Returns its folder.
 
-    vehicles, sites: XML. shift: of the road's start from SUMO's origin, m, in x and y.
+    vehicles, sites, additional: XML. shift: of the road's start from SUMO's origin, m, in x and y.
     ending: the right lane of the first edge ends there, and the second edge has one lane fewer.
+    lefthand: traffic keeps left; the road is then the mirror image.
     """
     folder.mkdir(parents=True, exist_ok=True)
     nodes = "".join(f'<node id="n{k}" x="{shift + 1500.0 * k}" y="{shift}"/>' for k in range(3))
@@ -40,6 +48,7 @@ def straight_road(
             "--output-file=r.net.xml",
             "--offset.disable-normalization",
             "--no-turnarounds",
+            *(["--lefthand"] if lefthand else []),
         ],
         cwd=folder,
         check=True,
@@ -52,7 +61,7 @@ def straight_road(
     (folder / "r.rou.xml").write_text(
         f'<routes><vType id="car" {car}/><route id="all" edges="e0 e1"/>{vehicles}</routes>'
     )
-    (folder / "sites.add.xml").write_text(f"<additional>{sites}</additional>")
+    (folder / "sites.add.xml").write_text(f"<additional>{sites}{additional}</additional>")
     (folder / "r.sumocfg").write_text(
         '<configuration><input><net-file value="r.net.xml"/><route-files value="r.rou.xml"/>'
         '<additional-files value="sites.add.xml"/></input></configuration>'

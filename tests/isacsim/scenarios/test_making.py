@@ -194,3 +194,24 @@ def test_two_of_the_sites_made_for_a_bare_network_see_each_road_of_its_traffic(n
         sites = assign(points, 10.0, panels, ViewSettings())
         assert (sites >= 0).sum(axis=1).min() >= LEAST_SITES, lane.id
         assert len(np.unique(sites[:, 0])) > 1 or along[-1] < 150.0, lane.id
+
+
+def test_poles_beside_a_road_for_left_hand_traffic_are_the_mirror_image(tmp_path: Path) -> None:
+    settings = PlacementSettings(spacing_m=400.0)
+    poles = []
+    for lefthand in (False, True):
+        scenario = load(straight_road(tmp_path / str(lefthand), vehicle("a"), lefthand=lefthand))
+        assert scenario.lefthand is lefthand
+        sites = place(scenario.lanes, {"e0", "e1"}, settings, scenario.lefthand)
+        poles.append(np.array([(site.x, site.y) for site in sites]))
+        edges_m = np.array([lane.shape[:, 1] for lane in scenario.lanes])
+        clear_m = np.maximum(edges_m.min() - 1.8 - poles[-1][:, 1], poles[-1][:, 1] - edges_m.max() - 1.8)
+        np.testing.assert_allclose(clear_m, settings.set_back_m, atol=2.5)
+        assert {side > edges_m.max() for side in poles[-1][:, 1]} == {False, True}
+    np.testing.assert_allclose(poles[1], poles[0] * (1.0, -1.0), atol=1e-6)
+
+
+def test_a_scenario_made_from_a_network_for_left_hand_traffic_keeps_left(tmp_path: Path) -> None:
+    road = straight_road(tmp_path / "road", vehicle("a"), lefthand=True)
+    new = add_sites(str(road / "r.net.xml"), tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=5))
+    assert load(new.folder).lefthand

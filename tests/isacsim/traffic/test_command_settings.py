@@ -57,7 +57,9 @@ def test_a_wrong_range_is_refused_by_name(section: str, name: str) -> None:
         with pytest.raises(InputError, match=key + r"must be a range \[low, high\]$"):
             study(section, name, malformed)
     for malformed in ([low, "fast"], [low, float("nan")], [None, high]):
-        with pytest.raises(InputError, match=rf"study\.toml: maneuvers\.{section}\.{name}\.[01]: must be a (finite )?number, not "):
+        with pytest.raises(
+            InputError, match=rf"study\.toml: maneuvers\.{section}\.{name}\.[01]: must be a (finite )?number, not "
+        ):
             study(section, name, malformed)
 
 

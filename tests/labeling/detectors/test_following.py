@@ -61,3 +61,49 @@ def test_a_change_of_leader_meanwhile_breaks_it() -> None:
     times = np.array([event.onset for event in events])
     assert times.min() == 10.0
     assert times.max() == 50.0
+
+
+def wobble(times: np.ndarray) -> np.ndarray:
+    """A lateral position that drifts at 0.3 m/s for a second around 30 s."""
+    return np.interp(times, [29.5, 30.5], [-0.15, 0.15])
+
+
+UNSTEADY = {
+    "lateral_mps": Drive("tv", 0.0, 30.0, wobble, 60),
+    "acceleration_mps2": Drive("tv", 0.0, ramps((0, 30), (29.5, 30), (30.5, 27), (60, 27)), duration_s=60),
+}
+"""A vehicle that drives steadily but around 30 s: it moves aside at 0.3 m/s, or slows down at 3 m/s2."""
+
+
+@pytest.mark.parametrize("bound", UNSTEADY)
+def test_no_following_while_the_vehicle_is_unsteady(bound: str) -> None:
+    """Records of 5 s with 2.6 s before the instant hold none of it, wherever a shift of up to 0.2 s moves them."""
+    recording = record(ROAD, UNSTEADY[bound], Drive("lead", 70.0, 28.5, duration_s=60))
+    labels = label(recording, LabelSettings())
+    assert not [e for e in labels.events if e.vehicle == "tv" and e.intention is not Intention.FOLLOWING]
+    onsets = np.array([event.onset for event in followings(recording, spacing_s=0.5)])
+    assert np.all((onsets + 2.6 <= 29.5) | (onsets - 2.8 >= 30.5))
+    assert onsets.min() < 27.0
+    assert onsets.max() > 33.0
+    settings = FollowingSettings(spacing_s=0.5).model_copy(update={bound: None})
+    unbounded = label(recording, LabelSettings(preset="other", following=settings)).of(Intention.FOLLOWING)
+    assert 30.0 in {event.onset for event in unbounded}
+
+
+def test_every_record_of_following_is_steady() -> None:
+    """A vehicle that drifts and slows down a little all the time: what is kept stays within both bounds."""
+    tv = Drive(
+        "tv",
+        0.0,
+        lambda t: 30.0 + 1.5 * np.sin(0.9 * t) * np.sin(0.05 * t),
+        lambda t: 0.6 * np.sin(0.5 * t) * np.sin(0.03 * t),
+        100.0,
+    )
+    recording = record(ROAD, tv, Drive("lead", 60.0, 30.0, duration_s=100))
+    events = followings(recording, spacing_s=0.5)
+    assert 10 < len(events) < 140
+    track, times = recording.tracks["tv"], recording.times(recording.tracks["tv"])
+    for event in events:
+        inside = (times > event.onset - 2.8) & (times < event.onset + 2.6)
+        assert np.abs(np.gradient(track.lane_lat, 0.01)[inside]).max() < 0.21
+        assert np.abs(np.gradient(track.speed, 0.01)[inside]).max() < 2.1

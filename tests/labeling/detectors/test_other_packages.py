@@ -234,5 +234,5 @@ def test_a_package_that_cannot_be_imported_is_named() -> None:
 
 
 def test_selected_definitions_need_a_preset_name_of_their_own() -> None:
-    with pytest.raises(ValidationError, match="detectors differs from preset isac-1"):
+    with pytest.raises(ValidationError, match="detectors differs from preset isac-2"):
         LabelSettings.model_validate({"detectors": {"gentle_brake": {}}})

@@ -6,7 +6,7 @@ from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector, OvertakeSettings
 from labeling.detectors.settings import LabelSettings
 from labeling.events import Labels, label
-from labeling.intentions import PULLING_OUT, Event, Intention
+from labeling.intentions import Event, Intention
 from labeling.road.surroundings import Surroundings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
@@ -33,7 +33,7 @@ def traffic(
 
 def pulling_out(recording: Recording) -> tuple[Event, Labels]:
     labels = label(recording, LabelSettings())
-    left = [event for event in labels.events if event.intention in PULLING_OUT]
+    left = [event for event in labels.events if event.intention in (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)]
     assert len(left) == 1
     return left[0], labels
 

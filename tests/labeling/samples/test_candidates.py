@@ -105,6 +105,31 @@ def test_for_a_uv_that_is_not_passed_an_overtake_is_a_left_lane_change() -> None
         assert intentions & {Intention.OVERTAKE, Intention.LEFT_LANE_CHANGE} == {expected}
 
 
+GENTLE_FIRST = ramps((0, 30), (20, 30), (21, 29.0), (23, 26.6), (23.5, 25.0), (25, 17.0), (100, 17.0))
+"""Brakes at 1.2 m/s2 for 3 s before it brakes hard."""
+
+
+@pytest.mark.parametrize(("duration_s", "fits"), [(5.0, False), (6.2, True)])
+def test_a_record_that_ends_before_the_commit_is_left_out(duration_s: float, fits: bool) -> None:
+    recording = record(ROAD, Drive("tv", speed=GENTLE_FIRST), lead(speed=GENTLE_FIRST))
+    brake = next(event for event in label(recording, LabelSettings()).of(Intention.HARD_BRAKE) if event.vehicle == "tv")
+    assert 2.6 < brake.commit - brake.onset <= 3.0
+    result = offered(recording, record_settings=RecordSettings(duration_s=duration_s))
+    brakes = [sample for sample in result.samples if sample.intention is Intention.HARD_BRAKE]
+    assert len(brakes) == fits
+    assert result.left_out.get("commit_outside_record", 0) == (not fits)
+    assert all(sample.t_start <= sample.t_commit <= sample.t_start + duration_s for sample in result.samples)
+
+
+@pytest.mark.parametrize(("duration_s", "kept"), [(4.0, True), (8.0, False)])
+def test_a_slow_lane_change_whose_crossing_is_not_in_the_record_is_left_out(duration_s: float, kept: bool) -> None:
+    recording = record(ROAD, Drive("tv", lateral=sweep(20.0, duration_s, WIDTH_M)), lead())
+    result = offered(recording)
+    changes = [sample for sample in result.samples if sample.intention is Intention.LEFT_LANE_CHANGE]
+    assert len(changes) == kept
+    assert result.left_out.get("commit_outside_record", 0) == (not kept)
+
+
 @pytest.mark.parametrize(
     ("onset", "end", "expected"),
     [(8.0, 9.4, False), (8.0, 9.6, True), (12.3, 13.0, True), (12.5, 13.0, False), (5.0, 20.0, True)],
@@ -159,4 +184,4 @@ def test_an_onset_that_can_leave_the_record_is_refused() -> None:
 def test_labels_carry_their_settings() -> None:
     labels = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings())
     assert isinstance(labels, Labels)
-    assert labels.settings.preset == "isac-1"
+    assert labels.settings.preset == "isac-2"
