@@ -57,7 +57,7 @@ def _one_episode() -> dict[str, Any]:
         around = Surroundings(recording)
         labels = label(recording, study.labels, around)
     with _timed(stages, "candidates"):
-        found = candidates(recording, labels, study.pairs, study.record, around)
+        found = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
         chosen, _ = select(found.samples, study.selection, (scenario.name, SEED))
         samples, _ = make_samples(study, scenario, recording, chosen)

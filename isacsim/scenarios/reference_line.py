@@ -5,8 +5,8 @@ can do. Where a corner asks for too much acceleration, the line is smoothed alon
 as wide as the speed requires. Elsewhere it stays as it is.
 
 An isolated corner of angle w (rad) smoothed with standard deviation L (m) has the curvature w / (sqrt(2 pi) L) (1/m),
-and its tip moves inwards by w L / sqrt(2 pi) (m). A kernel that keeps the acceleration below A therefore moves the tip by
-v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.1 m for 10 degrees.
+and its tip moves inwards by w L / sqrt(2 pi) (m). A kernel that keeps the acceleration below A therefore moves the tip
+by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2 m for 10 degrees.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from isacsim.arrays import Array, ComplexArray
+from isacsim.settings import Settings
 
 STEP_M = 0.5
 """Distance between the points of a line, m."""
@@ -33,6 +35,20 @@ SLOPE = 0.25
 """How fast the kernel width changes along the line at most, m per m, before it is smoothed over `BLEND_M`."""
 BLEND_M = 3.0
 """Reach of the filter that smooths the kernel width along the line, m."""
+
+
+class RoundingSettings(Settings):
+    """How the corners of a road are rounded."""
+
+    lateral_mps2: float = Field(
+        3.5,
+        gt=0.0,
+        le=9.0,
+        description="corners that would take more acceleration than this are rounded, m/s2",
+    )
+    max_shift_m: float = Field(
+        1.0, ge=0.0, le=5.0, description="rounding moves the centre line by at most this, m; 0 for no rounding"
+    )
 
 
 class Smoothing:
@@ -86,22 +102,22 @@ class Smoothing:
         return result
 
 
-def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float) -> Array:
+def rounding_widths(line: Smoothing, speeds: Array, width_s: float, settings: RoundingSettings) -> Array:
     """Return the kernel width at each point of a line with which a car can follow it, m, shape (n,).
 
     speeds: with which the line is driven, m/s, shape (n,).
     width_s: standard deviation of the kernel that smooths the motion in time afterwards, s.
-    limit_mps2: the kernels are widened until no point asks for more acceleration than this, m/s2, as far as no point
-    moves by more than `max_shift_m`, m. The width is 0 where and around where this needs no rounding.
+    The kernels are widened until no point takes more acceleration than `settings.lateral_mps2`, as far as no point
+    moves by more than `settings.max_shift_m`. The width is 0 away from such points.
     """
     need = np.zeros(len(speeds))
-    if len(speeds) < 3 or (_acceleration(line, need, speeds, width_s) <= limit_mps2).all():
+    if len(speeds) < 3 or (_acceleration(line, need, speeds, width_s) <= settings.lateral_mps2).all():
         return need
-    widest = line.widest(max_shift_m)
+    widest = line.widest(settings.max_shift_m)
     roof = minimum_filter1d(widest, _SPAN, mode="nearest")
     widths = need.copy()
     for _ in range(ROUNDS):
-        short = _acceleration(line, widths, speeds, width_s) > limit_mps2
+        short = _acceleration(line, widths, speeds, width_s) > settings.lateral_mps2
         short &= (widths < 0.98 * roof) & (need < WIDTHS_M[-1])
         if not short.any():
             break

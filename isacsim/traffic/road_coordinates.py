@@ -1,9 +1,9 @@
 """A vehicle's track in the plane with the corners of its road rounded.
 
-SUMO's vehicles follow the centre lines of lanes, which are polygons. A track is taken apart into a reference line, which
-follows the lanes that the vehicle drives, and the vehicle's lateral offset from it. The reference line is made smooth
-(`isacsim.scenarios.reference_line`), and the track is put together again. Where the line needs no rounding, the track
-stays as it is, to the last bit.
+SUMO's vehicles follow the centre lines of lanes, which are polygons. A track is taken apart into a reference line,
+which follows the lanes that the vehicle drives, and the vehicle's lateral offset from it. The reference line is made
+smooth (`isacsim.scenarios.reference_line`), and the track is put together again. Where the line needs no rounding, the
+track stays as it is, to the last bit.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from isacsim.arrays import Array, ComplexArray
 from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.reference_line import STEP_M, Smoothing, rounding_widths
+from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, Smoothing, rounding_widths
 from isacsim.traffic.recording import Recording, Track
 
 CHANGE_S, CHANGE_M = 3.0, 20.0
@@ -31,14 +31,11 @@ class RoundedTrack:
     shift_m: Array
 
 
-def rounded_track(
-    recording: Recording, track: Track, width_s: float, limit_mps2: float, max_shift_m: float
-) -> RoundedTrack:
+def rounded_track(recording: Recording, track: Track, width_s: float, settings: RoundingSettings) -> RoundedTrack:
     """Return the positions of a track with the corners of its road rounded.
 
     width_s: standard deviation of the kernel that smooths the positions in time afterwards, s.
-    limit_mps2: largest acceleration of the reference line, m/s2, as far as no point of it moves by more than
-    max_shift_m, m. A recording without lanes has no centre lines, and its tracks are returned as they are.
+    A recording without lanes has no centre lines, and its tracks are returned as they are.
     """
     unchanged = RoundedTrack(track.x, track.y, np.zeros(len(track)))
     if not recording.lanes or len(track) < 3:
@@ -53,7 +50,7 @@ def rounded_track(
         return unchanged
     line = Smoothing(_at(grid, station, reference))
     speeds = np.interp(grid, station, track.speed)
-    widths = rounding_widths(line, speeds, width_s, limit_mps2, max_shift_m)
+    widths = rounding_widths(line, speeds, width_s, settings)
     if not widths.any():
         return unchanged
     moved = line.at(widths) - line.values
@@ -88,8 +85,8 @@ def lane_headings(lanes: tuple[Lane, ...], track: Track) -> ComplexArray:
 def _lateral_offset(track: Track, step_s: float) -> Array:
     """Return the offset of a vehicle from its reference line, m, left positive, shape (n,).
 
-    It is continuous where the lane changes. From the centre line of one lane, the reference line moves on to that of the
-    next around the row where the vehicle crosses the marking, so that the offset stays within about a lane's width.
+    It is continuous where the lane changes. From the centre line of one lane, the reference line moves on to that of
+    the next around the row where the vehicle crosses the marking, so that the offset stays within about a lane's width.
     """
     offset = np.array(track.lane_lat)
     driven = np.cumsum(track.speed) * step_s

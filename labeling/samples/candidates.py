@@ -9,8 +9,10 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from isacsim.arrays import Array
 from isacsim.seeding import stream
 from isacsim.settings import Settings
+from isacsim.traffic.motion import MotionSettings, beyond_car
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
@@ -71,7 +73,8 @@ class Candidates:
     """The samples that a recording offers, by onset, and the number of events that were left out, by reason.
 
     Reasons: `tv_kind`, `no_uv`, `ambiguous`, `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the
-    record that is not motion of a vehicle), and the marks of events, such as `passed_did_not_return` and `unresolved`.
+    record that is not motion of a vehicle), `beyond_car` (the TV or the UV accelerates in the plane as no car can), and
+    the marks of events, such as `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -84,21 +87,42 @@ def candidates(
     pairs: PairSettings,
     record: RecordSettings,
     surroundings: Surroundings | None = None,
+    motion: MotionSettings | None = None,
 ) -> Candidates:
-    """Return the candidate samples of a recording. surroundings: of the recording, if already at hand."""
+    """Return the candidate samples of a recording.
+
+    surroundings: of the recording, if already at hand. motion: how the states of the records are conditioned; the
+    defaults when absent.
+    """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
+    plane = _PlaneLimits(recording, motion or MotionSettings())
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
     samples: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for event in labels.events:
-        candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record)
+        candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record, plane)
         if isinstance(candidate, Candidate):
             samples.append(candidate)
         else:
             left_out[candidate] += 1
     return Candidates(tuple(samples), dict(sorted(left_out.items())))
+
+
+class _PlaneLimits:
+    """When the vehicles of a recording accelerate in the plane as no car can; worked out once for each vehicle."""
+
+    def __init__(self, recording: Recording, motion: MotionSettings) -> None:
+        self._recording = recording
+        self._motion = motion
+        self._times: dict[str, Array] = {}
+
+    def exceeded(self, vehicle: str, start: float, end: float) -> bool:
+        """Return whether a vehicle does so between two times, s."""
+        if vehicle not in self._times:
+            self._times[vehicle] = beyond_car(self._recording, self._recording.tracks[vehicle], self._motion)
+        return bool(((self._times[vehicle] >= start) & (self._times[vehicle] <= end)).any())
 
 
 def _candidate(
@@ -108,6 +132,7 @@ def _candidate(
     vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
+    plane: _PlaneLimits,
 ) -> Candidate | str:
     """Return the sample of an event, or the reason why there is none."""
     recording = surroundings.recording
@@ -129,6 +154,8 @@ def _candidate(
     event = for_pair(surroundings, labels, event, pair.uv)
     if event.mark is not None:
         return event.mark
+    if any(plane.exceeded(vehicle, start, start + record.duration_s) for vehicle in (event.vehicle, pair.uv)):
+        return "beyond_car"
     return Candidate(
         tv=event.vehicle,
         uv=pair.uv,
