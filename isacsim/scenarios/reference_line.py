@@ -44,10 +44,16 @@ class RoundingSettings(Settings):
         3.5,
         gt=0.0,
         le=9.0,
-        description="corners that would take more acceleration than this are rounded, m/s2",
+        description="corners of the road that take more acceleration than this are rounded, m/s2",
+    )
+    along_mps2: float = Field(
+        0.5,
+        gt=0.0,
+        le=9.0,
+        description="where lane lengths differ from the lengths of their shapes, the speed changes by at most this, m/s2",
     )
     max_shift_m: float = Field(
-        1.0, ge=0.0, le=5.0, description="rounding moves the centre line by at most this, m; 0 for no rounding"
+        1.0, ge=0.0, le=5.0, description="neither moves a vehicle by more than this, m; 0 leaves the road as it is"
     )
 
 
@@ -102,22 +108,22 @@ class Smoothing:
         return result
 
 
-def rounding_widths(line: Smoothing, speeds: Array, width_s: float, settings: RoundingSettings) -> Array:
+def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float) -> Array:
     """Return the kernel width at each point of a line with which a car can follow it, m, shape (n,).
 
     speeds: with which the line is driven, m/s, shape (n,).
     width_s: standard deviation of the kernel that smooths the motion in time afterwards, s.
-    The kernels are widened until no point takes more acceleration than `settings.lateral_mps2`, as far as no point
-    moves by more than `settings.max_shift_m`. The width is 0 away from such points.
+    The kernels are widened until no point takes more acceleration than `limit_mps2`, as far as no point moves by more
+    than `max_shift_m`. The width is 0 away from such points.
     """
     need = np.zeros(len(speeds))
-    if len(speeds) < 3 or (_acceleration(line, need, speeds, width_s) <= settings.lateral_mps2).all():
+    if len(speeds) < 3 or (_acceleration(line, need, speeds, width_s) <= limit_mps2).all():
         return need
-    widest = line.widest(settings.max_shift_m)
+    widest = line.widest(max_shift_m)
     roof = minimum_filter1d(widest, _SPAN, mode="nearest")
     widths = need.copy()
     for _ in range(ROUNDS):
-        short = _acceleration(line, widths, speeds, width_s) > settings.lateral_mps2
+        short = _acceleration(line, widths, speeds, width_s) > limit_mps2
         short &= (widths < 0.98 * roof) & (need < WIDTHS_M[-1])
         if not short.any():
             break

@@ -45,21 +45,39 @@ def rounded_track(recording: Recording, track: Track, width_s: float, settings: 
     position = track.x + 1j * track.y
     reference = position - 1j * headings * offset
     station = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(reference)))])
+    along = _along_shift(track, recording.step_s, station, width_s, settings)
     grid = np.arange(0.0, station[-1], STEP_M)
     if len(grid) < 3:
         return unchanged
     line = Smoothing(_at(grid, station, reference))
     speeds = np.interp(grid, station, track.speed)
-    widths = rounding_widths(line, speeds, width_s, settings)
-    if not widths.any():
+    widths = rounding_widths(line, speeds, width_s, settings.lateral_mps2, settings.max_shift_m)
+    station = station + along
+    changed = (along != 0.0) | (np.interp(station, grid, widths) > 0.0)
+    if not changed.any():
         return unchanged
-    moved = line.at(widths) - line.values
-    turned = Smoothing(_at(grid, station, headings))
-    normal = turned.at(widths)
-    change = _at(station, grid, moved) + 1j * offset * (_at(station, grid, normal / np.abs(normal)) - headings)
-    change[np.interp(station, grid, widths) == 0.0] = 0.0
-    rounded = position + change
-    return RoundedTrack(rounded.real, rounded.imag, np.abs(change))
+    normals = 1j * Smoothing(_at(grid, station - along, headings)).at(widths)
+    rounded = np.where(
+        changed, _at(station, grid, line.at(widths)) + offset * _at(station, grid, normals / np.abs(normals)), position
+    )
+    return RoundedTrack(rounded.real, rounded.imag, np.abs(rounded - position))
+
+
+def _along_shift(track: Track, step_s: float, station: Array, width_s: float, settings: RoundingSettings) -> Array:
+    """Return how far each row of a track moves along its reference line so that the speed changes smoothly, m, (n,).
+
+    All lanes of an edge have one length in SUMO, whatever that of their shapes is. In the plane, a vehicle is therefore
+    faster on some lanes than on others, and its speed steps where the lane changes.
+    station: distances along the reference line, m, shape (n,).
+    """
+    driven = np.concatenate([[0.0], np.cumsum((track.speed[1:] + track.speed[:-1]) / 2.0 * step_s)])
+    grid = np.arange(0.0, driven[-1], STEP_M)
+    if len(grid) < 3:
+        return np.zeros(len(track))
+    surplus = Smoothing(_at(grid, driven, (station - driven).astype(np.complex128)))
+    speeds = np.interp(grid, driven, track.speed)
+    widths = rounding_widths(surplus, speeds, width_s, settings.along_mps2, settings.max_shift_m)
+    return _at(driven, grid, surplus.at(widths) - surplus.values).real
 
 
 def lane_headings(lanes: tuple[Lane, ...], track: Track) -> ComplexArray:
