@@ -38,8 +38,11 @@ BLEND_M = 3.0
 
 
 class RoundingSettings(Settings):
-    """How the corners of a road are rounded."""
+    """How the corners of a road are rounded, and how motion on it is smoothed in time."""
 
+    width_s: float = Field(
+        0.15, gt=0.0, le=1.0, description="standard deviation of the Gaussian kernel that smooths motion in time, s"
+    )
     lateral_mps2: float = Field(
         3.5,
         gt=0.0,
@@ -50,7 +53,7 @@ class RoundingSettings(Settings):
         0.5,
         gt=0.0,
         le=9.0,
-        description="where lane lengths differ from the lengths of their shapes, the speed changes by at most this, m/s2",
+        description="largest change of speed where lengths of lanes and of their shapes differ, m/s2",
     )
     max_shift_m: float = Field(
         1.0, ge=0.0, le=5.0, description="neither moves a vehicle by more than this, m; 0 leaves the road as it is"
@@ -117,13 +120,13 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
     than `max_shift_m`. The width is 0 away from such points.
     """
     need = np.zeros(len(speeds))
-    if len(speeds) < 3 or (_acceleration(line, need, speeds, width_s) <= limit_mps2).all():
+    if len(speeds) < 3 or (acceleration(line, need, speeds, width_s) <= limit_mps2).all():
         return need
     widest = line.widest(max_shift_m)
     roof = minimum_filter1d(widest, _SPAN, mode="nearest")
     widths = need.copy()
     for _ in range(ROUNDS):
-        short = _acceleration(line, widths, speeds, width_s) > limit_mps2
+        short = acceleration(line, widths, speeds, width_s) > limit_mps2
         short &= (widths < 0.98 * roof) & (need < WIDTHS_M[-1])
         if not short.any():
             break
@@ -152,7 +155,7 @@ def _blended(widths: Array) -> Array:
     return np.where(widths > 1e-3, widths, 0.0)
 
 
-def _acceleration(line: Smoothing, widths_m: Array, speeds: Array, width_s: float) -> Array:
+def acceleration(line: Smoothing, widths_m: Array, speeds: Array, width_s: float) -> Array:
     """Return the acceleration of a vehicle that follows the smoothed line at the given speeds, m/s2, shape (n,)."""
     total = np.minimum(np.hypot(widths_m, width_s * speeds), WIDTHS_M[-1])
     path = line.at(total)

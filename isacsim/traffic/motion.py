@@ -12,7 +12,6 @@ import weakref
 from collections import OrderedDict
 
 import numpy as np
-from pydantic import Field
 from scipy.ndimage import gaussian_filter1d
 
 from isacsim.arrays import Array
@@ -32,8 +31,6 @@ RECENT = 64
 
 class MotionSettings(RoundingSettings):
     """How raw positions are conditioned."""
-
-    width_s: float = Field(0.15, gt=0.0, le=1.0, description="standard deviation of the Gaussian kernel, s")
 
 
 def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | None = None) -> Array:
@@ -109,7 +106,7 @@ def on_rounded_road(recording: Recording, track: Track, settings: MotionSettings
     key = (id(track), settings.model_dump_json())
     reference, rounded = _RECENT.pop(key, (None, None))
     if rounded is None or reference is None or reference() is not track:
-        rounded = rounded_track(recording, track, settings.width_s, settings)
+        rounded = rounded_track(recording, track, settings)
     _RECENT[key] = (weakref.ref(track), rounded)
     if len(_RECENT) > RECENT:
         _RECENT.popitem(last=False)

@@ -31,11 +31,11 @@ class RoundedTrack:
     shift_m: Array
 
 
-def rounded_track(recording: Recording, track: Track, width_s: float, settings: RoundingSettings) -> RoundedTrack:
+def rounded_track(recording: Recording, track: Track, settings: RoundingSettings) -> RoundedTrack:
     """Return the positions of a track with the corners of its road rounded.
 
-    width_s: standard deviation of the kernel that smooths the positions in time afterwards, s.
-    A recording without lanes has no centre lines, and its tracks are returned as they are.
+    The positions are not yet smoothed in time. A recording without lanes has no centre lines, and its tracks are returned
+    as they are.
     """
     unchanged = RoundedTrack(track.x, track.y, np.zeros(len(track)))
     if not recording.lanes or len(track) < 3:
@@ -45,13 +45,13 @@ def rounded_track(recording: Recording, track: Track, width_s: float, settings: 
     position = track.x + 1j * track.y
     reference = position - 1j * headings * offset
     station = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(reference)))])
-    along = _along_shift(track, recording.step_s, station, width_s, settings)
+    along = _along_shift(track, recording.step_s, station, settings)
     grid = np.arange(0.0, station[-1], STEP_M)
     if len(grid) < 3:
         return unchanged
     line = Smoothing(_at(grid, station, reference))
     speeds = np.interp(grid, station, track.speed)
-    widths = rounding_widths(line, speeds, width_s, settings.lateral_mps2, settings.max_shift_m)
+    widths = rounding_widths(line, speeds, settings.width_s, settings.lateral_mps2, settings.max_shift_m)
     station = station + along
     changed = (along != 0.0) | (np.interp(station, grid, widths) > 0.0)
     if not changed.any():
@@ -63,7 +63,7 @@ def rounded_track(recording: Recording, track: Track, width_s: float, settings: 
     return RoundedTrack(rounded.real, rounded.imag, np.abs(rounded - position))
 
 
-def _along_shift(track: Track, step_s: float, station: Array, width_s: float, settings: RoundingSettings) -> Array:
+def _along_shift(track: Track, step_s: float, station: Array, settings: RoundingSettings) -> Array:
     """Return how far each row of a track moves along its reference line so that the speed changes smoothly, m, (n,).
 
     All lanes of an edge have one length in SUMO, whatever that of their shapes is. In the plane, a vehicle is therefore
@@ -76,7 +76,7 @@ def _along_shift(track: Track, step_s: float, station: Array, width_s: float, se
         return np.zeros(len(track))
     surplus = Smoothing(_at(grid, driven, (station - driven).astype(np.complex128)))
     speeds = np.interp(grid, driven, track.speed)
-    widths = rounding_widths(surplus, speeds, width_s, settings.along_mps2, settings.max_shift_m)
+    widths = rounding_widths(surplus, speeds, settings.width_s, settings.along_mps2, settings.max_shift_m)
     return _at(driven, grid, surplus.at(widths) - surplus.values).real
 
 

@@ -91,11 +91,11 @@ def candidates(
 ) -> Candidates:
     """Return the candidate samples of a recording.
 
-    surroundings: of the recording, if already at hand. motion: how the states of the records are conditioned; the
-    defaults when absent.
+    surroundings: of the recording, if already at hand. motion: how the states of the records are conditioned. When
+    absent, motion in the plane is not looked at, and no event is left out as `beyond_car`.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
-    plane = _PlaneLimits(recording, motion or MotionSettings())
+    plane = None if motion is None else _PlaneLimits(recording, motion)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
@@ -132,7 +132,7 @@ def _candidate(
     vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
-    plane: _PlaneLimits,
+    plane: _PlaneLimits | None,
 ) -> Candidate | str:
     """Return the sample of an event, or the reason why there is none."""
     recording = surroundings.recording
@@ -154,7 +154,8 @@ def _candidate(
     event = for_pair(surroundings, labels, event, pair.uv)
     if event.mark is not None:
         return event.mark
-    if any(plane.exceeded(vehicle, start, start + record.duration_s) for vehicle in (event.vehicle, pair.uv)):
+    end = start + record.duration_s
+    if plane is not None and any(plane.exceeded(vehicle, start, end) for vehicle in (event.vehicle, pair.uv)):
         return "beyond_car"
     return Candidate(
         tv=event.vehicle,
