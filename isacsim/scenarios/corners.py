@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.arrays import ComplexArray, IntArray
+from isacsim.arrays import Array, ComplexArray, IntArray
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, Smoothing, acceleration, rounding_widths
 from isacsim.scenarios.sumo_files import parse
@@ -18,6 +18,8 @@ CORNER_SHIFT_M = 0.5
 BEYOND_M = 100.0
 """How far a lane is followed beyond its end, m."""
 
+EASE_MPS2 = 3.0
+"""How hard vehicles brake and accelerate where the speed limit changes, m/s2."""
 TURNAROUND = -0.9
 """The cosine of the angle between two lanes of which one leads back from the other."""
 
@@ -26,7 +28,7 @@ TURNAROUND = -0.9
 class SharpCorners:
     """The edges with corners that are rounded by more than `threshold_m`, and the worst of these corners.
 
-    edges: their number. worst_edge: where the corner is. speed_mps: the speed limit there. shift_m: how far rounding
+    edges: their number. worst_edge: where the corner is. speed_mps: of a vehicle there. shift_m: how far rounding
     moves the corner. acceleration_mps2: what the rounded corner takes at that speed.
     """
 
@@ -41,8 +43,8 @@ class SharpCorners:
         return (
             f"{self.edges} edges bend too sharply for their speed limit; their corners are rounded by more than "
             f"{self.threshold_m:g} m. The worst is edge {self.worst_edge}: rounded by {self.shift_m:.1f} m, it still "
-            f"takes {self.acceleration_mps2:.0f} m/s2 at its limit of {self.speed_mps:.1f} m/s. Smooth the road or lower "
-            "its limit"
+            f"takes {self.acceleration_mps2:.0f} m/s2 at {self.speed_mps:.1f} m/s. Smooth the road or "
+            "lower the limit"
         )
 
 
@@ -71,7 +73,7 @@ def sharp_corners(
         if len(points) < 3:
             continue
         line = Smoothing(points)
-        speeds = np.array([limits[lane.id] for lane in path])[owner]
+        speeds = _driven(np.array([limits[lane.id] for lane in path])[owner])
         widths = rounding_widths(line, speeds, settings.width_s, settings.lateral_mps2, settings.max_shift_m)
         shift = np.abs(line.at(widths) - points)
         beyond = np.flatnonzero(shift > threshold_m)
@@ -104,6 +106,14 @@ def _direction(lane: Lane, segment: int) -> complex:
     """Return the direction of the first or last segment of a lane, as a complex number."""
     step = np.diff(lane.shape, axis=0)[segment] @ np.array([1.0, 1.0j])
     return complex(step / max(abs(step), 1e-9))
+
+
+def _driven(limits: Array) -> Array:
+    """Return the speeds with which points at every `STEP_M` are passed, given the speed limits there, m/s."""
+    square, ramp = limits**2, 2.0 * EASE_MPS2 * STEP_M * np.arange(len(limits))
+    ahead = np.minimum.accumulate(square - ramp) + ramp
+    back = (np.minimum.accumulate(square[::-1] - ramp) + ramp)[::-1]
+    return np.asarray(np.sqrt(np.minimum(ahead, back)))
 
 
 def _points(path: Sequence[Lane]) -> tuple[ComplexArray, IntArray]:

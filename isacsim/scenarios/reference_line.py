@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from pydantic import Field
 from scipy import fft
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from isacsim.arrays import Array, ComplexArray
 from isacsim.settings import Settings
@@ -123,7 +123,7 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
     if len(speeds) < 3 or (acceleration(line, need, speeds, width_s) <= limit_mps2).all():
         return need
     widest = line.widest(max_shift_m)
-    roof = minimum_filter1d(widest, _SPAN, mode="nearest")
+    roof = -_envelope(-widest)
     widths = need.copy()
     for _ in range(ROUNDS):
         short = acceleration(line, widths, speeds, width_s) > limit_mps2
@@ -142,7 +142,10 @@ _SPAN = 3 * (_BOX - 1) + 1
 
 
 def _envelope(need: Array) -> Array:
-    """Return the smallest widths that change by at most `SLOPE`, and are sufficient within the filter's reach."""
+    """Return the smallest widths that change by at most `SLOPE`, and are sufficient within the filter's reach.
+
+    With both signs turned: the largest widths that are nowhere too large.
+    """
     ramp = SLOPE * STEP_M * np.arange(len(need))
     ahead = np.maximum.accumulate(need + ramp) - ramp
     back = np.maximum.accumulate(need[::-1] + ramp) - ramp

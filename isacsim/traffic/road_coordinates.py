@@ -34,7 +34,7 @@ class RoundedTrack:
 def rounded_track(recording: Recording, track: Track, settings: RoundingSettings) -> RoundedTrack:
     """Return the positions of a track with the corners of its road rounded.
 
-    The positions are not yet smoothed in time. A recording without lanes has no centre lines, and its tracks are returned
+    The positions are not yet smoothed in time. A recording without lanes has no centre lines; its tracks are returned
     as they are.
     """
     unchanged = RoundedTrack(track.x, track.y, np.zeros(len(track)))
