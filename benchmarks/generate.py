@@ -59,7 +59,7 @@ def _one_episode() -> dict[str, Any]:
         around = Surroundings(recording)
         labels = label(recording, study.labels, around)
     with _timed(stages, "candidates"):
-        available = candidates(recording, labels, study.pairs, study.record, around)
+        available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
         chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
         samples, _ = make_samples(study, scenario, recording, chosen)

@@ -67,6 +67,8 @@ def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[
         print_line(console, overridden(source, scenario.overridden))
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
+    if scenario.corners:
+        print_line(console, f"warning: {scenario.corners}")
     return {**dataclasses.asdict(scenario), "folder": str(scenario.folder)}
 
 

@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 
 from isacsim.errors import InputError
+from isacsim.traffic.motion import CAR_MPS2, CAR_MPS3
 from isacsim.traffic.recording import Recording
 from labeling.detectors.lane_change import LaneChangeDetector
 from labeling.detectors.protocol import Detector, VehicleView, vehicle_view
@@ -32,8 +33,6 @@ from labeling.road.surroundings import Surroundings
 
 Origin = Literal["natural", "stimulated"]
 
-CAR_MPS2, CAR_MPS3 = 9.0, 25.0
-"""The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
 MIN_TRACK_S = 1.0
 """Shorter tracks are skipped: no event fits in."""
 COMMAND_REACH_S = 1.0
@@ -140,7 +139,11 @@ def _check(name: str, detector: Detector, view: VehicleView, events: Sequence[Ev
 
 
 def beyond_car(motion: RoadMotion) -> bool:
-    """Return whether a vehicle ever accelerates by more than 9 m/s2, or changes that by more than 25 m/s3."""
+    """Return whether a vehicle ever accelerates by more than 9 m/s2, or changes that by more than 25 m/s3.
+
+    Motion along and across the road counts, the bends of the road do not: they are counted in the plane, and for the
+    records only (`labeling.samples.candidates`).
+    """
     step_s = float(motion.times[1] - motion.times[0])
     jerk = np.hypot(slope(motion.a, step_s), slope(motion.aq, step_s))
     return bool(np.hypot(motion.a, motion.aq).max() > CAR_MPS2 or jerk.max() > CAR_MPS3)

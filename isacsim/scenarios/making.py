@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from isacsim.errors import InputError
+from isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isacsim.scenarios.demand import DemandSettings, make_demand
+from isacsim.scenarios.reference_line import RoundingSettings
 from isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
 from isacsim.scenarios.sumo_files import has_demand, is_lefthand, one_line, parse, refuse_document_type, write_lines
@@ -40,7 +42,8 @@ class NewScenario:
     """A scenario that was made.
 
     sites, edges: how many sites it has, and along how many edges. made_demand: whether its demand was made too.
-    overridden: options of the user's configuration that are not passed to SUMO.
+    overridden: options of the user's configuration that are not passed to SUMO. corners: the places on these edges at
+    which the road bends too sharply for its speed limit; None where there are none.
     """
 
     folder: Path
@@ -48,22 +51,29 @@ class NewScenario:
     edges: int
     made_demand: bool
     overridden: tuple[str, ...] = ()
+    corners: SharpCorners | None = None
 
 
 def add_sites(
-    where: str, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int = 0
+    where: str,
+    out: Path,
+    placement: PlacementSettings,
+    demand: DemandSettings,
+    seed: int = 0,
+    corner_shift_m: float = CORNER_SHIFT_M,
 ) -> NewScenario:
     """Make a scenario in the folder `out`, with sites along the roads that its traffic uses.
 
     where: a scenario without sites, or a network alone; demand is made where there is none. The new configuration
-    names the user's files where they are, and nothing is written beside them. seed: of the demand.
+    names the user's files where they are, and nothing is written beside them. seed: of the demand. corner_shift_m:
+    corners of the road that are rounded by more than this are reported, m.
     Raises InputError where something cannot be read, and where `out` is not empty.
     """
     scenario = load_without_sites(where)
     if scenario.sites:
         raise InputError(f"{where} has {len(scenario.sites)} sites already: use it without `network sites`")
     with _new_folder(out) as folder:
-        return _complete(scenario, folder, out, placement, demand, seed)
+        return _complete(scenario, folder, out, placement, demand, seed, corner_shift_m)
 
 
 def import_map(
@@ -73,10 +83,12 @@ def import_map(
     placement: PlacementSettings,
     demand: DemandSettings,
     seed: int = 0,
+    corner_shift_m: float = CORNER_SHIFT_M,
 ) -> NewScenario:
     """Make a scenario in the folder `out` from an OpenStreetMap file: network, demand and sites.
 
-    box: west, south, east, north, degrees; the whole map when absent. seed: of the demand.
+    box: west, south, east, north, degrees; the whole map when absent. seed: of the demand. corner_shift_m: as in
+    `add_sites`.
     Raises InputError where netconvert cannot read the map, and where `out` is not empty.
     """
     if not source.is_file():
@@ -95,11 +107,17 @@ def import_map(
                 f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
         bare = Scenario(out.name, network, (), (), origin, lanes, (), lefthand=is_lefthand(network))
-        return _complete(bare, folder, out, placement, demand, seed)
+        return _complete(bare, folder, out, placement, demand, seed, corner_shift_m)
 
 
 def _complete(
-    scenario: Scenario, folder: Path, out: Path, placement: PlacementSettings, demand: DemandSettings, seed: int
+    scenario: Scenario,
+    folder: Path,
+    out: Path,
+    placement: PlacementSettings,
+    demand: DemandSettings,
+    seed: int,
+    corner_shift_m: float,
 ) -> NewScenario:
     """Write configuration, sites and, where there is none, demand into a folder, which will be renamed to `out`."""
     routes = [*scenario.demand]
@@ -128,7 +146,9 @@ def _complete(
     }
     lines = [f'    <{name} value="{value}"/>' for name, value in options.items() if value]
     write_lines(folder / f"{out.name}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
-    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden)
+    limits = speed_limits(scenario.network)
+    corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)
+    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners)
 
 
 def _relative(file: Path, folder: Path) -> str:

@@ -35,7 +35,7 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
     """
     around = Surroundings(recording)
     labels = label(recording, study.labels, around)
-    available = candidates(recording, labels, study.pairs, study.record, around)
+    available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
     samples, fixes = make_samples(study, scenario, recording, chosen)
     dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}

@@ -9,8 +9,10 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
+from isacsim.arrays import Array
 from isacsim.seeding import stream
 from isacsim.settings import Settings
+from isacsim.traffic.motion import MotionSettings, beyond_car
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
@@ -72,7 +74,8 @@ class Candidates:
 
     Reasons: `tv_kind`, `no_uv`, `ambiguous`, `commit_outside_record` (the record ends before the maneuver is decided),
     `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
-    and the marks of events, such as `passed_did_not_return` and `unresolved`.
+    `beyond_car` (the TV or the UV accelerates in the plane as no car can), and the marks of events, such as
+    `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -85,21 +88,42 @@ def candidates(
     pairs: PairSettings,
     record: RecordSettings,
     surroundings: Surroundings | None = None,
+    motion: MotionSettings | None = None,
 ) -> Candidates:
-    """Return the candidate samples of a recording. surroundings: of the recording, if already at hand."""
+    """Return the candidate samples of a recording.
+
+    surroundings: of the recording, if already at hand. motion: how the states of the records are conditioned. When
+    absent, motion in the plane is not looked at, and no event is left out as `beyond_car`.
+    """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
+    plane = None if motion is None else _PlaneLimits(recording, motion)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
     samples: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for event in labels.events:
-        candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record)
+        candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record, plane)
         if isinstance(candidate, Candidate):
             samples.append(candidate)
         else:
             left_out[candidate] += 1
     return Candidates(tuple(samples), dict(sorted(left_out.items())))
+
+
+class _PlaneLimits:
+    """When the vehicles of a recording accelerate in the plane as no car can; worked out once for each vehicle."""
+
+    def __init__(self, recording: Recording, motion: MotionSettings) -> None:
+        self._recording = recording
+        self._motion = motion
+        self._times: dict[str, Array] = {}
+
+    def exceeded(self, vehicle: str, start: float, end: float) -> bool:
+        """Return whether a vehicle does so between two times, s."""
+        if vehicle not in self._times:
+            self._times[vehicle] = beyond_car(self._recording, self._recording.tracks[vehicle], self._motion)
+        return bool(((self._times[vehicle] >= start) & (self._times[vehicle] <= end)).any())
 
 
 def _candidate(
@@ -109,6 +133,7 @@ def _candidate(
     vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
+    plane: _PlaneLimits | None,
 ) -> Candidate | str:
     """Return the sample of an event, or the reason why there is none."""
     recording = surroundings.recording
@@ -132,6 +157,9 @@ def _candidate(
     event = for_pair(surroundings, labels, event, pair.uv)
     if event.mark is not None:
         return event.mark
+    end = start + record.duration_s
+    if plane is not None and any(plane.exceeded(vehicle, start, end) for vehicle in (event.vehicle, pair.uv)):
+        return "beyond_car"
     return Candidate(
         tv=event.vehicle,
         uv=pair.uv,

@@ -185,3 +185,19 @@ def test_labels_carry_their_settings() -> None:
     labels = label(record(ROAD, Drive("tv", speed=BRAKE)), LabelSettings())
     assert isinstance(labels, Labels)
     assert labels.settings.preset == "isac-2"
+
+
+def test_a_record_beyond_a_car_in_the_plane_is_left_out_for_the_tv_and_for_the_uv() -> None:
+    recording = record(ROAD, Drive("tv", speed=BRAKE), lead(speed=BRAKE))
+    for vehicle in ("tv", "uv"):
+        track = recording.tracks[vehicle]
+        shaken = np.where((np.arange(len(track)) // 100) % 2 == 0, 0.0, 0.25)  # steps of the lane's centre line, 1 Hz
+        tracks = {**recording.tracks, vehicle: replace(track, y=track.y + shaken)}
+        labels, plane = (
+            label(replace(recording, tracks=tracks), LabelSettings()),
+            motion.MotionSettings(max_shift_m=0.0),
+        )
+        offered_all = candidates(replace(recording, tracks=tracks), labels, PAIRS, RECORD)
+        kept = candidates(replace(recording, tracks=tracks), labels, PAIRS, RECORD, motion=plane)
+        assert len(offered_all.samples) > len(kept.samples) == 0
+        assert kept.left_out["beyond_car"] == len(offered_all.samples)
