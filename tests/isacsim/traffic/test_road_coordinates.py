@@ -167,7 +167,10 @@ def test_velocity_is_the_derivative_of_position_and_acceleration_that_of_velocit
 
 def test_speed_does_not_step_where_a_lane_is_longer_than_its_shape() -> None:
     """The same road in two lanes; SUMO gives the second one a length that is 4 % too large."""
-    (first, track), (second, beyond) = drive(polygon([0.0]), 30.0), drive(polygon([0.0]), 30.0, length=1.04)
+    (first, track), (second, beyond) = (
+        drive(polygon([0.0], 150.0), 30.0),
+        drive(polygon([0.0], 150.0), 30.0, length=1.04),
+    )
     ahead = 300.0 * np.exp(0.3j)
     shape = second.lanes[0].shape + np.array([ahead.real, ahead.imag])
     lanes = (first.lanes[0], replace(second.lanes[0], id="next_0", edge="next", shape=shape))
