@@ -95,19 +95,19 @@ class Bench:
         return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]))
 
     def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
-        """Mean and spread over runs, each measured by itself, and the windows that they were measured on."""
-        for one in runs:
-            if (one.path.name, ends) not in self.alone:
-                self.alone[one.path.name, ends] = self.evaluate([one], f"evaluated/{one.path.name}", ends)
-        found = [self.alone[one.path.name, ends] for one in runs]
-        return {"windows": found[0].n, **summary(found).model_dump(mode="json")}
+        """Return mean and spread over runs, each measured by itself, and how many windows they were measured on."""
+        for run in runs:
+            if (run.path.name, ends) not in self.alone:
+                self.alone[run.path.name, ends] = self.evaluate([run], f"evaluated/{run.path.name}", ends)
+        results = [self.alone[run.path.name, ends] for run in runs]
+        return {"windows": results[0].n, **summary(results).model_dump(mode="json")}
 
     def window_end_curves(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
         """`by_window_end` of each run, drawn in OUT/name/window_end.png."""
         measured = self._measured(
             runs, name, EvaluateSettings(ends_per_record=1, window_end_curve=WindowEndCurveSettings())
         )
-        return [each.model_dump(mode="json", include={"name", "by_window_end"}) for each in measured.runs]
+        return [result.model_dump(mode="json", include={"name", "by_window_end"}) for result in measured.runs]
 
     def _measured(self, runs: Sequence[Run], name: str, settings: EvaluateSettings) -> EvaluationResult:
         evaluation = evaluate_records(runs[0], self.records, self.made_of, self.out / name, settings, runs[1:])
@@ -178,7 +178,7 @@ def _predictors(measured: EvaluationResult) -> dict[str, Any]:
     keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
     return {
         "predictors": measured.model_dump(mode="json")["over_training_seeds"],
-        "unknown": [each.model_dump(mode="json", include=keys) for each in measured.runs],
+        "unknown": [result.model_dump(mode="json", include=keys) for result in measured.runs],
     }
 
 
