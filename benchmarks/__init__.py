@@ -7,14 +7,13 @@ A speed is a ratio, and both of its sides are measured in the same run. Nothing 
 import importlib
 from typing import Any
 
-from isacsim.errors import InputError
+from isacsim.registry import Registry
 
-NAMES = ("echo", "traffic", "generate", "train", "infer")
+BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in ("echo", "traffic", "generate", "train", "infer")})
+"""Modules with a function `run`, by the name that `cosim bench` takes."""
 
 
 def run(name: str) -> dict[str, Any]:
     """Run a benchmark and return its result. Raises InputError if there is none of that name."""
-    if name not in NAMES:
-        raise InputError(f"bench {name}: there is none of that name; choose one of {', '.join(NAMES)}")
-    result: dict[str, Any] = importlib.import_module(f"benchmarks.{name}").run()
+    result: dict[str, Any] = importlib.import_module(BENCHES[name]).run()
     return result

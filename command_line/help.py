@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from typing import Any
 
 from typer.core import TyperArgument, TyperCommand, TyperOption
@@ -29,29 +30,24 @@ class HelpfulCommand(TyperCommand):
         super().format_help(ctx, formatter)
 
 
-def _default(model: str, field: str) -> Callable[[], str]:
-    """Return what looks up the default of a settings field; model: `module:Class`."""
-
-    def lookup() -> str:
-        module, _, name = model.partition(":")
-        settings = getattr(__import__(module, fromlist=[name]), name)
-        return f"{settings.model_fields[field].default:g}"
-
-    return lookup
+def _default(settings: str, field: str) -> Callable[[], str]:
+    """Return what looks up the default of a field of a settings class, given as `module:Class`."""
+    return lambda: f"{_imported(settings).model_fields[field].default:g}"
 
 
-def _registered(place: str) -> Callable[[], str]:
-    """Return what looks up the names of a registry; place: `module:REGISTRY`."""
+def _registered(registry: str) -> Callable[[], str]:
+    """Return what looks up the names of a registry, given as `module:REGISTRY`."""
+    return lambda: ", ".join(_imported(registry))
 
-    def lookup() -> str:
-        module, _, name = place.partition(":")
-        return ", ".join(getattr(__import__(module, fromlist=[name]), name))
 
-    return lookup
+def _imported(place: str) -> Any:
+    """Return the object at `module:name`."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
-    "benches": _registered("benchmarks:NAMES"),
+    "benches": _registered("benchmarks:BENCHES"),
     "estimators": _registered("isacsim.radio.estimators:ESTIMATORS"),
     "fusion_methods": _registered("isacsim.tracking.fusion_methods:FUSION_METHODS"),
     "height_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "height_m"),

@@ -101,7 +101,7 @@ BAD = {
     "network sites siteless -o new --spacing 3": "arguments: spacing_m",
     "network sites siteless -o new --vehicles 0": "arguments: vehicles",
     "network sites siteless": "Missing option '-o'",
-    "bench flight": "bench flight: there is none of that name",
+    "bench trian": "unknown bench 'trian': did you mean train? choose one of echo, traffic",
     "train full -o new": "full: not a dataset",
     "evaluate empty --data empty": "empty: not a run",
 }
