@@ -358,7 +358,7 @@ def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert cosim.main([*command, "-o", str(tmp_path / "road"), "--box", "9.9,51.9,10.1,52.1"]) == 0
     said = capfd.readouterr()
     found = json.loads(said.out)
-    assert set(found) == {"folder", "sites", "edges", "made_demand", "overridden"}
+    assert set(found) == {"folder", "sites", "edges", "made_demand", "overridden", "corners"}
     assert found["made_demand"] is True
     assert len(load(tmp_path / "road").sites) == found["sites"] > 4
     assert "demand was made" in said.err

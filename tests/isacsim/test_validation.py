@@ -88,7 +88,7 @@ def test_every_kind_of_fault_has_words_of_its_own(fault: str) -> None:
 
 
 def test_a_fault_of_several_keys_together_needs_no_key(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^my\.toml: sweep: snr is of the sites"):
+    with pytest.raises(InputError, match=r"^my\.toml: sweep: snr applies to the sites only"):
         checked(Study, {"sweep": {"snr": ["5"], "sensors": ["truth"]}}, "my.toml")
 
 
