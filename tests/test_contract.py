@@ -66,10 +66,10 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "map.osm").write_text(MAP)
     (folder / "scripted").mkdir()
     study = small_study(seeds={"first": 1, "last": 4})
-    made = generate(study, folder / "data", InlineEngine(), source=ScriptedSource(folder / "scripted"))
+    dataset = generate(study, folder / "data", InlineEngine(), source=ScriptedSource(folder / "scripted"))
     shutil.rmtree(folder / "scripted")
     trained = TrainSettings(model="trees", optimiser=OptimiserSettings(threads=1))
-    train(made, folder / "run", trained)
+    train(dataset, folder / "run", trained)
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
     with claim_study(folder / "results", read_study(folder / "study.toml")):
         pass
@@ -125,20 +125,20 @@ def check(folder: Path, words: Sequence[str]) -> None:
             warnings.simplefilter("ignore", kind)
         warnings.showwarning = lambda message, *_, **__: print(f"Warning: {message}", file=err)
         code = cosim.main(words)
-    said = err.getvalue()
+    printed = err.getvalue()
     command = " ".join(words[:2]) if words[:1] == ["network"] else "".join(words[:1])
     met[f"{command if len(command) < 20 else '(other)'} {code}"] += 1
-    assert "Traceback" not in said, said
-    assert "Warning: " not in said, said
-    assert code in (0, 1, 2), (code, said)
+    assert "Traceback" not in printed, printed
+    assert "Warning: " not in printed, printed
+    assert code in (0, 1, 2), (code, printed)
     if code == 1:
-        assert said.splitlines()[-1] == f"cosim: {BEGUN}"
+        assert printed.splitlines()[-1] == f"cosim: {BEGUN}"
     if code == 2:
         assert out.getvalue() == ""
-        assert said.startswith("cosim: ")
-        assert len(said.splitlines()) == 1, said
-        assert said[:-1].isprintable(), said
-        assert len(said) < 2000, said[:2000]
+        assert printed.startswith("cosim: ")
+        assert len(printed.splitlines()) == 1, printed
+        assert printed[:-1].isprintable(), printed
+        assert len(printed) < 2000, printed[:2000]
         assert files(folder) == before
 
 
@@ -174,7 +174,7 @@ def studies(inputs: Path) -> st.SearchStrategy[bytes]:
         changed(short).map(lambda content: toml(content).encode(errors="surrogatepass")),
         garbled(text),
         st.binary(max_size=40),
-        st.text(max_size=60).map(lambda found: found.encode(errors="surrogatepass")),
+        st.text(max_size=60).map(lambda text: text.encode(errors="surrogatepass")),
         st.sampled_from([100, 1000, 50_000]).map(lambda depth: b"dataset = " + b"[" * depth + b"1" + b"]" * depth),
         st.sampled_from([100, 2000]).map(lambda depth: b"a" + b".a" * depth + b" = 1"),
         st.sampled_from([100, 20_000]).map(lambda depth: b"dataset = " + b"{a = " * depth + b"1" + b"}" * depth),
@@ -275,7 +275,7 @@ READERS = {
 def changes_of(file: str, content: bytes) -> st.SearchStrategy[bytes]:
     """Changes that leave the file what it is by its form."""
     if file.endswith(".json"):
-        return changed(json.loads(content)).map(lambda found: json.dumps(found).encode())
+        return changed(json.loads(content)).map(lambda value: json.dumps(value).encode())
     return garbled(content) if file.endswith((".parquet", ".skops", ".npz")) else attribute_changed(content)
 
 

@@ -19,7 +19,7 @@ import typer
 import cosim
 from command_line.arguments import one_of
 from isacsim.errors import InputError
-from isacsim.scenarios.scenario import bundled, load
+from isacsim.scenarios.scenario import bundled
 from isacsim.scenarios.site_placement import PlacementSettings
 
 ROOT = Path(cosim.__file__).parent
@@ -114,12 +114,12 @@ def test_bad_input_is_one_line_and_exit_2(
     monkeypatch.chdir(bad)
     before = sorted(bad.rglob("*"))
     assert cosim.main(line.split()) == 2
-    said = capfd.readouterr()
-    assert said.out == ""
-    assert said.err.startswith("cosim: ")
-    assert said.err.endswith("\n")
-    assert said.err.count("\n") == 1
-    assert BAD[line] in said.err
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("cosim: ")
+    assert printed.err.endswith("\n")
+    assert printed.err.count("\n") == 1
+    assert BAD[line] in printed.err
     assert sorted(bad.rglob("*")) == before
 
 
@@ -201,7 +201,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert done.returncode == 0, done.stderr
     (folder / "results.json").write_text(done.stdout.splitlines()[-1])
-    (folder / "said.txt").write_text(done.stderr)
+    (folder / "printed.txt").write_text(done.stderr)
     return folder / "results" / "tiny"
 
 
@@ -212,10 +212,10 @@ def test_a_study_runs_from_a_network_to_a_report(tiny: Path) -> None:
     assert result["macro_f1"] == metrics["macro_f1"]
     for name in ("index.html", "record.png", "confusion.png", "loss.png"):
         assert (tiny / "report" / name).stat().st_size > 1000
-    said = (tiny.parents[1] / "said.txt").read_text()
-    assert "results/tiny/report/index.html" in said
-    assert "macro-F1" in said
-    assert "Traceback" not in said
+    printed = (tiny.parents[1] / "printed.txt").read_text()
+    assert "results/tiny/report/index.html" in printed
+    assert "macro-F1" in printed
+    assert "Traceback" not in printed
 
 
 def test_the_python_example_of_the_readme_runs(
@@ -236,12 +236,12 @@ def test_a_finished_study_answers_again(
     monkeypatch.chdir(tiny.parents[1])
     shards = {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")}
     assert cosim.main(["run", "tiny.toml", "--json", "--quiet"]) == 0
-    said = capfd.readouterr()
+    printed = capfd.readouterr()
     before = json.loads((tiny.parents[1] / "results.json").read_text())
-    after = json.loads(said.out.splitlines()[-1])
+    after = json.loads(printed.out.splitlines()[-1])
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
     assert {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")} == shards
-    assert [line for line in said.err.splitlines() if not line.startswith("warning: too few seeds")] == []
+    assert [line for line in printed.err.splitlines() if not line.startswith("warning: too few seeds")] == []
 
 
 def test_another_study_in_the_same_folder_is_refused(
@@ -254,14 +254,14 @@ def test_another_study_in_the_same_folder_is_refused(
 
 def test_inspect_says_what_is_in_it(tiny: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert cosim.main(["inspect", str(tiny / "dataset"), "--verify", "--json"]) == 0
-    said = capfd.readouterr()
-    found = json.loads(said.out)
-    assert found["verified"] is True
-    assert found["samples"] == sum(found["by_intention"].values()) == sum(found["by_origin"].values()) > 20
-    for name, number in found["by_intention"].items():
-        assert sum(found["by_intention_and_origin"][name].values()) == number
-    assert found["seeds"] == {"motorway": [1, 2, 3]}
-    assert "hard_brake" in said.err
+    printed = capfd.readouterr()
+    result = json.loads(printed.out)
+    assert result["verified"] is True
+    assert result["samples"] == sum(result["by_intention"].values()) == sum(result["by_origin"].values()) > 20
+    for name, number in result["by_intention"].items():
+        assert sum(result["by_intention_and_origin"][name].values()) == number
+    assert result["seeds"] == {"motorway": [1, 2, 3]}
+    assert "hard_brake" in printed.err
 
 
 def test_inspect_verify_notices_damage(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -271,9 +271,9 @@ def test_inspect_verify_notices_damage(tiny: Path, tmp_path: Path, capfd: pytest
     content[len(content) // 2] ^= 1
     shard.write_bytes(content)
     assert cosim.main(["inspect", str(tmp_path / "data"), "--verify"]) == 2
-    said = capfd.readouterr().err
-    assert shard.name in said
-    assert said.count("\n") == 1
+    printed = capfd.readouterr().err
+    assert shard.name in printed
+    assert printed.count("\n") == 1
 
 
 SENSE_BAD = {
@@ -296,93 +296,26 @@ def test_sensing_by_wrong_settings_is_one_line_and_exit_2(
 ) -> None:
     out = tmp_path / "out"
     assert cosim.main(["sense", str(tiny / "dataset"), "-o", str(out), *options.split()]) == 2
-    said = capfd.readouterr().err
-    assert said.count("\n") == 1
-    assert SENSE_BAD[options] in said
+    printed = capfd.readouterr().err
+    assert printed.count("\n") == 1
+    assert SENSE_BAD[options] in printed
     assert not out.exists()
 
 
 def test_a_dataset_is_sensed_anew(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     command = ["sense", str(tiny / "dataset"), "-o", str(tmp_path / "truth"), "--sensor", "truth", "--json"]
     assert cosim.main([*command, "--jobs", "1"]) == 0
-    said = capfd.readouterr()
-    found = json.loads(said.out)
+    printed = capfd.readouterr()
+    result = json.loads(printed.out)
     assert cosim.main(["inspect", str(tiny / "dataset"), "--json", "--quiet"]) == 0
     before = json.loads(capfd.readouterr().out)
-    assert found["sensors"] == {"truth": found["samples"]}
+    assert result["sensors"] == {"truth": result["samples"]}
     assert before["sensors"] == {"isac": before["samples"]}
-    assert {key: found[key] for key in ("samples", "by_intention", "seeds")} == {
+    assert {key: result[key] for key in ("samples", "by_intention", "seeds")} == {
         key: before[key] for key in ("samples", "by_intention", "seeds")
     }
-    assert "sensors: truth" in said.err
+    assert "sensors: truth" in printed.err
     assert cosim.main(["inspect", str(tmp_path / "truth"), "--verify", "--quiet"]) == 0
-
-
-def test_sites_are_placed_along_a_users_network(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """What the user's configuration says of outputs and steps is told once, and not followed."""
-    user = bad / "siteless"
-    config = user / "motorway.sumocfg"
-    config.write_text(
-        config.read_text().replace(
-            "</configuration>",
-            '<time><step-length value="1"/></time><output><fcd-output value="big.xml"/></output></configuration>',
-        )
-    )
-    before = {path: path.read_bytes() for path in user.iterdir()}
-    made = bad / "made"
-    assert cosim.main(["network", "sites", str(user), "-o", str(made), "--spacing", "300", "--json"]) == 0
-    said = capfd.readouterr()
-    found = json.loads(said.out)
-    assert found["folder"] == str(made)
-    assert found["made_demand"] is False
-    assert found["overridden"] == ["fcd-output", "step-length"]
-    assert said.err.count("these options are ignored: fcd-output, step-length") == 1
-    scenario = load(made)
-    assert len(scenario.sites) == found["sites"] > 10
-    assert scenario.overridden == ()
-    assert {path: path.read_bytes() for path in user.iterdir()} == before
-
-
-def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """A motorway of 2.5 km with an exit: as a whole, and by a box in which there is nothing."""
-    nodes = "".join(f'<node id="{k + 1}" lat="52.0" lon="{10 + 0.004 * k}" version="1"/>' for k in range(10))
-    nodes += '<node id="20" lat="51.995" lon="10.024" version="1"/>'
-    ways = ""
-    for way, refs, kind, lanes in ((100, range(1, 11), "motorway", 3), (101, (5, 20), "motorway_link", 1)):
-        through = "".join(f'<nd ref="{node}"/>' for node in refs)
-        tags = {"highway": kind, "lanes": lanes, "oneway": "yes"}.items()
-        said_of = "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags)
-        ways += f'<way id="{way}" version="1">{through}{said_of}</way>'
-    (tmp_path / "map.osm").write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{ways}</osm>')
-    command = ["network", "import", str(tmp_path / "map.osm"), "--vehicles", "30", "--json"]
-    assert cosim.main([*command, "-o", str(tmp_path / "road"), "--box", "9.9,51.9,10.1,52.1"]) == 0
-    said = capfd.readouterr()
-    found = json.loads(said.out)
-    assert set(found) == {"folder", "sites", "edges", "made_demand", "overridden", "corners"}
-    assert found["made_demand"] is True
-    assert len(load(tmp_path / "road").sites) == found["sites"] > 4
-    assert "demand was made" in said.err
-    assert cosim.main([*command, "-o", str(tmp_path / "sea"), "--box", "3,54,4,55"]) == 2
-    assert capfd.readouterr().err.startswith(f"cosim: netconvert cannot make a network of {tmp_path / 'map.osm'}")
-    assert not (tmp_path / "sea").exists()
-
-
-def test_a_map_without_roads_that_connect_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    nodes = "".join(f'<node id="{k}" lat="52.0" lon="{10 + 0.004 * k}" version="1"/>' for k in (1, 2))
-    way = '<way id="9" version="1"><nd ref="1"/><nd ref="2"/><tag k="highway" v="motorway"/></way>'
-    lone = tmp_path / "lone.osm"
-    lone.write_text(f'<?xml version="1.0"?><osm version="0.6">{nodes}{way}</osm>')
-    assert cosim.main(["network", "import", str(lone), "-o", str(tmp_path / "out")]) == 2
-    assert capfd.readouterr().err == f"cosim: {lone} has no connected roads for cars: give another map\n"
-
-
-def test_a_bare_network_becomes_a_scenario_by_its_seed(bad: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    network = str(bad / "siteless" / "motorway.net.xml")
-    for name, seed in (("a", "1"), ("b", "1"), ("c", "2")):
-        assert cosim.main(["network", "sites", network, "-o", str(bad / name), "--seed", seed, "--json"]) == 0
-        assert json.loads(capfd.readouterr().out)["made_demand"] is True
-    demand = {name: (bad / name / f"{name}.rou.xml").read_bytes() for name in "abc"}
-    assert demand["a"] == demand["b"] != demand["c"]
 
 
 def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -390,8 +323,8 @@ def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.Ca
     assert cosim.main(["train", str(tiny / "dataset"), "-o", str(run), "--epochs", "1", "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["run"] == str(run)
     assert cosim.main(["evaluate", str(run), "--data", str(tiny / "dataset"), "--json", "--quiet"]) == 0
-    found = json.loads(capfd.readouterr().out)
-    assert {"n", "accuracy", "macro_f1", "per_class_f1", "confusion", "auroc_unknown", "by_lead_time"} <= set(found)
+    result = json.loads(capfd.readouterr().out)
+    assert {"n", "accuracy", "macro_f1", "per_class_f1", "confusion", "auroc_unknown", "by_lead_time"} <= set(result)
     assert (run / "evaluation" / "metrics.json").is_file()
 
 
@@ -404,10 +337,10 @@ def test_runs_compared_by_hand_one_with_an_intention_held_out(
     capfd.readouterr()
     command = ["evaluate", runs[1], "--data", data, "--against", runs[0], "--json", "--quiet"]
     assert cosim.main(command) == 0
-    found = json.loads(capfd.readouterr().out)
-    assert found["held_out"]["intention"] == "overtake"
-    assert "held_out" not in found["compared"][0]
-    assert "paired_difference" in found["compared"][0]
+    result = json.loads(capfd.readouterr().out)
+    assert result["held_out"]["intention"] == "overtake"
+    assert "held_out" not in result["compared"][0]
+    assert "paired_difference" in result["compared"][0]
     assert cosim.main(["train", data, "-o", str(tmp_path / "no"), "--held-out", "following"]) == 2
     assert "held_out" in capfd.readouterr().err
 
@@ -420,10 +353,10 @@ def test_an_interrupted_generate_keeps_what_is_finished(tmp_path: Path) -> None:
     while not list(tmp_path.glob("data/shards/motorway-*")) and time.monotonic() < deadline:
         time.sleep(0.2)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
+    _, printed = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert said.splitlines()[-1].startswith("cosim: interrupted")
-    assert "Traceback" not in said
+    assert printed.splitlines()[-1].startswith("cosim: interrupted")
+    assert "Traceback" not in printed
     first = (tmp_path / "data/shards/motorway-1.parquet").stat().st_mtime_ns
     resumed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert resumed.returncode == 0, resumed.stderr

@@ -1,4 +1,4 @@
-"""What is said of wrong settings: our own words, on one line, with the key's path and the nearest right spelling."""
+"""The messages about wrong settings: our own words, on one line, with the key's path and the nearest right spelling."""
 
 from __future__ import annotations
 
@@ -80,11 +80,11 @@ FAULTS: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_kind_of_fault_has_words_of_its_own(fault: str) -> None:
-    content, said = FAULTS[fault]
+    content, message = FAULTS[fault]
     named = {} if fault == "missing" else {"name": "m"}
     with pytest.raises(InputError) as error:
         checked(Mast, {**named, **content}, "mast.toml")
-    assert str(error.value) == f"mast.toml: {said}"
+    assert str(error.value) == f"mast.toml: {message}"
 
 
 def test_a_fault_of_several_keys_together_needs_no_key(tmp_path: Path) -> None:
@@ -93,20 +93,20 @@ def test_a_fault_of_several_keys_together_needs_no_key(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("{", "is not valid JSON"),
         ("[]", "must be a table of keys and values, not []"),
         ('{"name": "m", "lamp": 1}', "lamp: unknown key; remove it or fix its spelling"),
     ],
 )
-def test_a_damaged_file_of_ours_is_reported_in_the_same_words(tmp_path: Path, content: str, said: str) -> None:
+def test_a_damaged_file_of_ours_is_reported_in_the_same_words(tmp_path: Path, content: str, message: str) -> None:
     path = tmp_path / "mast.json"
     assert read_json(Mast, path) is None
     path.write_text(content)
     with pytest.raises(InputError) as error:
         read_json(Mast, path)
-    assert str(error.value) == f"{path}: {said}; the file is damaged or was written by another version"
+    assert str(error.value) == f"{path}: {message}; the file is damaged or was written by another version"
 
 
 WHOLE = json.loads(Study().model_dump_json())
@@ -119,13 +119,13 @@ def test_no_text_of_pydantic_is_shown(content: dict[str, Any]) -> None:
     try:
         Study.model_validate(content)
     except ValidationError as error:
-        said = first_fault(error, Study)
+        message = first_fault(error, Study)
         theirs = error.errors()[0]
-        assert "\n" not in said
-        assert said.startswith(" ".join(".".join(map(str, theirs["loc"])).split()))
+        assert "\n" not in message
+        assert message.startswith(" ".join(".".join(map(str, theirs["loc"])).split()))
         if theirs["type"] != "value_error":
-            assert theirs["msg"] not in said
-        assert not any(phrase in said for phrase in PHRASES)
+            assert theirs["msg"] not in message
+        assert not any(phrase in message for phrase in PHRASES)
 
 
 @settings(max_examples=50, deadline=None)

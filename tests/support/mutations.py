@@ -50,9 +50,9 @@ odd_values: st.SearchStrategy[Any] = st.one_of(
 
 def paths(content: Any, above: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     """Where every value of nested plain values stands."""
-    own = [above] if above else []
+    here = [above] if above else []
     children = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
-    return [*own, *(path for key, value in children for path in paths(value, (*above, key)))]
+    return [*here, *(path for key, value in children for path in paths(value, (*above, key)))]
 
 
 @st.composite

@@ -314,7 +314,7 @@ def test_a_sensor_that_another_package_offers_senses_a_dataset(
     assert len(sensed) == len(dataset)
     assert position_error_m(sensed) == pytest.approx(5, abs=1e-3)
     assert sensed_anew(small_study(), estimate(small_study()), "shifted").cpu_s > 0
-    assert [way.sensor for way in sensings(SweepAxes(sensors=("shifted",)))] == ["shifted"]
+    assert [sensing.sensor for sensing in sensings(SweepAxes(sensors=("shifted",)))] == ["shifted"]
 
 
 def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:

@@ -143,9 +143,9 @@ def on_roads() -> Records:
     names = records.table["sample_id"].tolist()
     lanes = {}
     for name, states in zip(names, records.tv.astype(float), strict=True):
-        way = states[2:4, :40].mean(axis=1)
-        way /= np.hypot(*way)
-        lanes[name] = LaneMap.of([Line(states[:2, 0] + np.outer([-50, 250], way))])
+        direction = states[2:4, :40].mean(axis=1)
+        direction /= np.hypot(*direction)
+        lanes[name] = LaneMap.of([Line(states[:2, 0] + np.outer([-50, 250], direction))])
     table = records.table.assign(scenario=names)
     return dataclasses.replace(records, table=table, lane_maps=lanes.__getitem__)
 
