@@ -300,17 +300,20 @@ def network_sites(
     output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))
 
 
-@app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench train --json"))
+@app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench --all --json"))
 def bench(
-    what: Annotated[str, typer.Argument(metavar="NAME", help="What to measure: {benches}.")],
+    what: Annotated[str | None, typer.Argument(metavar="NAME", help="What to measure: {benches}.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="Run all of them and show one table of ratios.")] = False,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
     """Measure speeds as ratios against a stated reference, both in one run; takes minutes."""
-    from benchmarks import run as run_bench
+    import benchmarks
 
-    result = run_bench(what)
-    output.console_of(quiet).print_json(data=result)
+    console = output.console_of(quiet)
+    benchmarks.check_choice(what, every)
+    result = benchmarks.run_all(output.feedback_of(console)) if what is None else benchmarks.run(what)
+    output.show_bench(result, console)
     output.print_json(as_json, result)
 
 

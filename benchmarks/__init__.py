@@ -7,13 +7,39 @@ A speed is a ratio, and both of its sides are measured in the same run. Nothing 
 import importlib
 from typing import Any
 
+from benchmarks.ratios import as_json, machine, rows
+from isacsim.errors import InputError
+from isacsim.feedback import SILENT, Feedback
 from isacsim.registry import Registry
 
 BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in ("echo", "traffic", "generate", "train", "infer")})
-"""Modules with a function `run`, by the name that `cosim bench` takes."""
+"""Modules with a function `run` and the ratios that sum its result up, `RATIOS`, by the name `cosim bench` takes."""
 
 
 def run(name: str) -> dict[str, Any]:
     """Run a benchmark and return its result. Raises InputError if there is none of that name."""
     result: dict[str, Any] = importlib.import_module(BENCHES[name]).run()
     return result
+
+
+def run_all(feedback: Feedback = SILENT) -> dict[str, Any]:
+    """Run every benchmark, one after the other.
+
+    Returns `machine`, `table` (a row a ratio: `bench`, `ratio`, `measures`, `bound_by`) and `results`, each
+    benchmark's own result by its name.
+    """
+    results: dict[str, Any] = {}
+    table = []
+    with feedback.bar("measuring") as move:
+        for done, name in enumerate(BENCHES):
+            move(done, len(BENCHES), name)
+            results[name] = run(name)
+            table += rows(name, importlib.import_module(BENCHES[name]).RATIOS, results[name])
+        move(len(BENCHES), len(BENCHES), "")
+    return {"machine": machine(), "table": as_json(table), "results": results}
+
+
+def check_choice(name: str | None, every: bool) -> None:
+    """Raise InputError unless either one benchmark or all of them are chosen."""
+    if (name is None) != every:
+        raise InputError(f"give either the name of a benchmark ({', '.join(BENCHES)}) or --all")

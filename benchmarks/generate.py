@@ -24,6 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import scaling
 from benchmarks.echo import record_s
+from benchmarks.ratios import Ratio
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.simulation import record
 from labeling.dataset.dataset import Episode, write_shard
@@ -35,6 +36,11 @@ from labeling.samples.candidates import candidates
 
 SCENARIO = "motorway"
 SEED = 1
+RATIOS = (
+    Ratio(("ratio",), "samples a second of two workers over one", "the two cores"),
+    Ratio(("traffic_over_episode",), "simulation's share of an episode's time", "SUMO's own stepping"),
+    Ratio(("labels_over_traffic",), "labels and candidates over the simulation", "motion relative to the road"),
+)
 
 
 def run() -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.ratios import Ratio
 from benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
 from models.data.windows import WindowSettings, in_frame
 from models.predictors.aligned import AlignedPredictor
@@ -26,6 +27,9 @@ from models.predictors.protocol import WindowShape
 from models.settings import TrainSettings
 
 ROUNDS, BATCH = 15, 64
+RATIOS = (
+    Ratio(("ratio",), "time of a window with every LSTM output a token over pooled tokens", "the LSTMs' 880 steps"),
+)
 
 
 def run() -> dict[str, Any]:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.ratios import Ratio
 from isacsim.scenarios.scenario import load
 from isacsim.seeding import stream
 from isacsim.traffic.director import Director, ManeuverSettings
@@ -30,6 +31,10 @@ SEED = 1
 MEASURED_S = 60.0
 ROUNDS = 3
 KINDS = ("bare", "recording", "recording_and_maneuvers")
+RATIOS = (
+    Ratio(("ratio",), "stepping with every state recorded over bare stepping", "SUMO writing 100 states a second"),
+    Ratio(("ratio_with_maneuvers",), "the same with the director's commands", "TraCI calls for each vehicle"),
+)
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,19 @@
 """Speed of training ASI-BIP: pooled tokens against a literal reading of the paper.
 
 - pooled: the network of `models.predictors.asi_bip` with its defaults.
-- literal: every LSTM output is a token, with PyTorch's default dropout, also of attention weights: what a module
-  written straight from the paper does.
+- literal: every LSTM output is a token, as in the paper, without dropout of attention weights; PyTorch then computes
+  the attention in one fused step.
+- literal_pytorch: the same with PyTorch's default dropout, also of attention weights, as in a module written straight
+  from the paper. The dropout rules the fused step out.
 - patched: pooled, and one step of the LSTMs takes 25 ms of samples side by side (10 of the TV, 5 of the UV), an
   extension that is not in the paper.
 - bfloat16: pooled, with the LSTMs in bfloat16.
 
 A step is a whole one: cut the windows, forward, focal loss, backward, optimiser, in batches of 32 windows of 2.2 s.
-Epochs of 4,800 windows are extrapolated from a few steps. The networks take turns, so that other load on the machine
-slows all of them. The number of threads is the default of training.
+The ratio is that against the faster literal network. Epochs of 4,800 windows are extrapolated from a few steps. The
+networks take turns, so that other load on the machine slows all of them. The number of threads is the default of
+training. `waiting` is the result of `benchmarks.waiting`: the step beside other work, with idle threads that spin and
+that sleep.
 
 Run: python -m benchmarks.train
 """
@@ -25,6 +29,8 @@ import numpy as np
 import pandas as pd
 import torch
 
+from benchmarks import waiting
+from benchmarks.ratios import Ratio
 from models.data.windows import Ends, Records, WindowSettings, cut
 from models.fit_settings import OptimiserSettings
 from models.networks.losses import focal_loss
@@ -35,36 +41,48 @@ THREADS = OptimiserSettings().threads
 TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
 CLASSES = 6
 ROUNDS = 2
-STEPS = {"pooled": 4, "literal": 1, "patched": 8, "bfloat16": 4}
+STEPS = {"pooled": 4, "literal": 1, "literal_pytorch": 1, "patched": 8, "bfloat16": 4}
 """Steps of each network that a round times."""
 PYTORCH_DROPOUT = 0.1
 NETWORKS = {
     "pooled": AsiBipSettings(),
-    "literal": AsiBipSettings(tokens="literal", dropout=PYTORCH_DROPOUT, attention_dropout=PYTORCH_DROPOUT),
+    "literal": AsiBipSettings(tokens="literal"),
+    "literal_pytorch": AsiBipSettings(tokens="literal", dropout=PYTORCH_DROPOUT, attention_dropout=PYTORCH_DROPOUT),
     "patched": AsiBipSettings(tv_patch=10, uv_patch=5),
     "bfloat16": AsiBipSettings(lstm_bfloat16=True),
 }
+RATIOS = (
+    Ratio(("ratio",), "training step with every LSTM output a token over pooled tokens", "the LSTMs' 880 steps"),
+    Ratio(("ratio_pytorch",), "the same with dropout of attention weights", "the LSTMs' 880 steps"),
+    Ratio(("waiting", "alone", "ratio"), "step alone: sleeping over spinning threads", "waking threads"),
+    Ratio(
+        ("waiting", "beside_two_busy_processes", "ratio"),
+        "step beside two busy processes: sleeping over spinning threads",
+        "the share of the cores",
+    ),
+)
 
 
 def run() -> dict[str, Any]:
-    """Return `ratio` (literal over pooled), `epoch_s` of each network, and how they were measured."""
+    """Return `ratio`, `ratio_pytorch`, `epoch_s` of each network, `waiting`, and how they were measured."""
     threads = torch.get_num_threads()
     torch.set_num_threads(THREADS)
     try:
-        return _measured()
+        return {**_measured(), "waiting": waiting.run()}
     finally:
         torch.set_num_threads(threads)
 
 
 def _measured() -> dict[str, Any]:
     steps = {name: stepping(network) for name, network in NETWORKS.items()}
-    for name in steps.keys() - {"literal"}:
+    for name in steps.keys() - {"literal", "literal_pytorch"}:
         steps[name]()
     rounds = [{name: _seconds(step, STEPS[name]) for name, step in steps.items()} for _ in range(ROUNDS)]
     step_s = {name: float(np.median([seconds[name] for seconds in rounds])) for name in steps}
     return {
-        "ratio": round(float(np.median([seconds["literal"] / seconds["pooled"] for seconds in rounds])), 2),
-        "ratio_of": "seconds of a literal training step with PyTorch's default dropout over those of a pooled one",
+        "ratio": _ratio(rounds, "literal"),
+        "ratio_of": "seconds of a literal training step, attention fused, over those of a pooled one",
+        "ratio_pytorch": _ratio(rounds, "literal_pytorch"),
         "epoch_s": {name: round(seconds * EPOCH / BATCH, 1) for name, seconds in step_s.items()},
         "step_s": {name: round(seconds, 4) for name, seconds in step_s.items()},
         "settings": {
@@ -75,6 +93,11 @@ def _measured() -> dict[str, Any]:
         },
         "steps_timed": {name: ROUNDS * count for name, count in STEPS.items()},
     }
+
+
+def _ratio(rounds: list[dict[str, float]], network: str) -> float:
+    """Return the time of a network's step over that of the pooled network, the median over the rounds."""
+    return round(float(np.median([seconds[network] / seconds["pooled"] for seconds in rounds])), 2)
 
 
 def stepping(settings: AsiBipSettings) -> Callable[[], None]:

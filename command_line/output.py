@@ -89,3 +89,13 @@ def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None
     for line in report.verdict(result):
         print_line(console, line)
     print_line(console, f"figures and report: {page}")
+
+
+def show_bench(result: dict[str, Any], console: Console) -> None:
+    """Show the result of one benchmark, or the table of all of them."""
+    if "table" not in result:
+        console.print_json(data=result)
+        return
+    from benchmarks.ratios import Row, as_markdown
+
+    print_line(console, as_markdown([Row(**row) for row in result["table"]], result["machine"]))
