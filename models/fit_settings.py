@@ -37,6 +37,14 @@ class OptimiserSettings(Settings):
     clip_norm: float = Field(1.0, ge=0, description="gradients are scaled down to this norm; 0 turns clipping off")
     patience: int = Field(12, ge=1, description="epochs without a better validation macro-F1 before training stops")
     threads: int = Field(2, ge=1, description="CPU threads; the last digits of a result depend on it")
+    accelerator: Literal["auto", "cpu", "gpu"] = Field(
+        "auto",
+        description="where networks are trained; auto: on a GPU if there is one. The last digits depend on it",
+    )
+    devices: int = Field(1, ge=1, description="processors or GPUs that share each batch of a network's training")
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = Field(
+        "32-true", description="number format in which networks are trained; predictions are always in float32"
+    )
 
 
 class LossSettings(Settings):

@@ -6,7 +6,7 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,8 @@ def fit_network(
     are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
     can be written.
     """
-    data = WindowData(training, validation, settings)
+    # Networks do not look at lanes, and the lookup of lane maps cannot be sent to other processes.
+    data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
     network.fit_scale(*data.first_windows())
     alpha = inverse_frequency(training.label, network.n_classes) if settings.loss.class_weights else None
     best = _run_epochs(NetworkModule(network, settings, alpha), data, folder, feedback)
@@ -90,7 +91,9 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
     last = checkpoints / "last.ckpt"
     with _quiet():
         trainer = lightning.Trainer(
-            accelerator="cpu", max_epochs=optimiser.epochs, callbacks=callbacks,
+            accelerator=optimiser.accelerator, devices=optimiser.devices,
+            strategy="ddp_spawn" if optimiser.devices > 1 else "auto", precision=optimiser.precision,
+            max_epochs=optimiser.epochs, callbacks=callbacks,
             gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
             plugins=[Checkpoints()],

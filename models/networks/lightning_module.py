@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,9 @@ class WindowData(lightning.LightningDataModule):
     def _loader(
         self, records: Records, windows: Callable[[], LabelledEnds], n: int, variation: Variation | None = None
     ) -> DataLoader[Batch]:
-        return DataLoader(WindowBatches(records, windows, n, self.settings, variation), batch_size=None)
+        assert self.trainer is not None
+        share = Share(self.trainer.global_rank, self.trainer.world_size)
+        return DataLoader(WindowBatches(records, windows, n, self.settings, variation, share), batch_size=None)
 
     def _varied(self, k: int, windows: Windows, label: IntArray) -> tuple[Windows, IntArray]:
         """Return the k-th batch of the current epoch, augmented."""
@@ -122,11 +125,26 @@ class WindowData(lightning.LightningDataModule):
         return augmented(windows, label, self.settings.augment, rng)
 
 
+@dataclass(frozen=True)
+class Share:
+    """The part of each batch that one of several devices works on: rows `rank`, `rank + count`, ..."""
+
+    rank: int = 0
+    count: int = 1
+
+    def of(self, batch: Batch) -> Batch:
+        """Return the part of a batch. A device whose part would be empty takes a row of another one."""
+        if self.count == 1:
+            return batch
+        rows = torch.arange(self.rank % len(batch[2]), len(batch[2]), self.count)
+        return batch[0][rows], batch[1][rows], batch[2][rows]
+
+
 class WindowBatches(IterableDataset[Batch]):
     """Batches of windows with their labels, cut one after the other.
 
     windows: returns ends and labels; it is called whenever an iteration starts. n: how many they are.
-    variation: is applied to every batch, if given.
+    variation: is applied to every batch, if given. share: the part of each batch that is returned.
     """
 
     def __init__(
@@ -136,9 +154,10 @@ class WindowBatches(IterableDataset[Batch]):
         n: int,
         settings: FitSettings,
         variation: Variation | None,
+        share: Share,
     ) -> None:
         self.records, self.windows, self.n, self.settings = records, windows, n, settings
-        self.variation = variation
+        self.variation, self.share = variation, share
 
     def __len__(self) -> int:
         return math.ceil(self.n / self.settings.optimiser.batch)
@@ -149,7 +168,7 @@ class WindowBatches(IterableDataset[Batch]):
         for k, (windows, part) in enumerate(zip(parts, np.split(label, range(size, len(label), size)), strict=True)):
             if self.variation is not None:
                 windows, part = self.variation(k, windows, part)
-            yield torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), torch.from_numpy(part)
+            yield self.share.of((torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), torch.from_numpy(part)))
 
 
 class NetworkModule(lightning.LightningModule):
@@ -176,7 +195,7 @@ class NetworkModule(lightning.LightningModule):
                 loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
         else:
             loss = self._loss(logits, label)
-        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label))
+        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label), sync_dist=self._is_shared)
         return loss
 
     def validation_step(self, batch: Batch, _: int) -> None:
@@ -184,8 +203,9 @@ class NetworkModule(lightning.LightningModule):
         logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
         joint = logits["joint"]
         self.f1(joint, label)
-        self.log("validation_loss", self._loss(logits, label), batch_size=len(label))
-        self.log("validation_accuracy", (joint.argmax(1) == label).float().mean(), batch_size=len(label))
+        accuracy = (joint.argmax(1) == label).float().mean()
+        for name, value in (("validation_loss", self._loss(logits, label)), ("validation_accuracy", accuracy)):
+            self.log(name, value, batch_size=len(label), sync_dist=self._is_shared)
         self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
 
     def configure_optimizers(self) -> Any:
@@ -207,6 +227,11 @@ class NetworkModule(lightning.LightningModule):
         schedule = torch.optim.lr_scheduler.LambdaLR(adam, factor)
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
+    @property
+    def _is_shared(self) -> bool:
+        """Whether several devices share each batch."""
+        return self.trainer.world_size > 1
+
     def _loss(self, logits: dict[str, Tensor], label: Tensor) -> Tensor:
         return self.network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)
 
@@ -223,6 +248,8 @@ class History(Callback):
         row = {name: float(value) for name, value in trainer.callback_metrics.items()}
         row["learning_rate"] = float(trainer.optimizers[0].param_groups[0]["lr"])
         self.rows.append({"epoch": float(trainer.current_epoch), **row})
+        if not trainer.is_global_zero:
+            return
         table = pd.DataFrame(self.rows).astype({"epoch": int})
         replace_file(self.path, lambda path: table.to_csv(path, index=False))
 
@@ -254,6 +281,8 @@ class EpochProgress(Callback):
 
     def on_train_start(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
         """Open the bar."""
+        if not trainer.is_global_zero:
+            return
         assert trainer.max_epochs is not None
         batches = int(trainer.num_training_batches)
         self.done, self.total = trainer.current_epoch * batches, trainer.max_epochs * batches

@@ -16,6 +16,8 @@ from isacsim.errors import InputError
 from labeling.intentions import Intention
 from models.data.windows import Records, cut, draw_ends
 from models.networks import fitting
+from models.networks.lightning_module import Share
+from models.predictors.asi_bip import AsiBipSettings
 from models.predictors.trees import TreesPredictor
 from models.report.evaluation_figures import read_history
 from models.run import Run, load_run
@@ -241,3 +243,40 @@ def test_cosine_rises_and_falls_to_nothing(network_run: Run) -> None:
     rates = pd.read_csv(network_run.path / "history.csv")["learning_rate"].to_numpy()
     assert rates[0] > rates[1] > rates[2]
     assert rates[2] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_two_devices_share_each_batch_and_learn_the_same(records: Records, tmp_path: Path) -> None:
+    """Two processes stand for two devices. Without dropout, they differ by rounding and the weighting of classes."""
+    history = {}
+    for devices in (1, 2):
+        optimiser = SMALL_RUN.optimiser.model_copy(update={"accelerator": "cpu", "devices": devices})
+        network = SMALL_RUN.of(AsiBipSettings).model_copy(update={"dropout": 0.0})
+        loss = SMALL_RUN.loss.model_copy(update={"class_weights": False})
+        settings = SMALL_RUN.model_copy(update={"optimiser": optimiser, "asi_bip": network, "loss": loss})
+        run = train_records(records, MADE_OF, tmp_path / str(devices), settings)
+        history[devices] = pd.read_csv(run.path / "history.csv")
+    assert len(history[2]) == len(history[1]) == 3
+    np.testing.assert_allclose(history[2]["train_loss"], history[1]["train_loss"], rtol=0.02)
+    np.testing.assert_allclose(history[2]["validation_loss"], history[1]["validation_loss"], rtol=0.02)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("rows", [1, 2, 7])
+def test_the_shares_of_the_devices_make_up_the_batch(count: int, rows: int) -> None:
+    batch = torch.rand(rows, 6, 4), torch.rand(rows, 6, 2), torch.arange(rows)
+    shares = [Share(rank, count).of(batch) for rank in range(count)]
+    assert all(len(label) for _, _, label in shares)
+    assert {int(label) for share in shares for label in share[2]} == set(range(rows))
+    if rows >= count:
+        assert sum(len(label) for _, _, label in shares) == rows
+    for tv, uv, label in shares:
+        assert torch.equal(tv, batch[0][label])
+        assert torch.equal(uv, batch[1][label])
+
+
+def test_a_training_in_bfloat16_answers_in_float32(records: Records, tmp_path: Path) -> None:
+    optimiser = SMALL_RUN.optimiser.model_copy(update={"precision": "bf16-mixed", "epochs": 1})
+    run = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"optimiser": optimiser}))
+    assert {value.dtype for value in run.predictor.network.parameters()} == {torch.float32}
+    assert np.isfinite(run.predictor(windows_of(records, run)).logits).all()
