@@ -47,6 +47,8 @@ STORED_CARD = """
 "prelude": 0.8515625}}
 """
 """The card of an ensemble of SMALL_RUN, as the version before the registry of predictors wrote it."""
+LATER_OPTIMISER_KEYS = {"accelerator": "auto", "devices": 1, "precision": "32-true"}
+"""Keys that the stored card does not have yet, with their defaults, in order."""
 FILES = {"weights.pt", "trees.skops", "preludes.skops", "reference.npz", "history.csv"}
 
 
@@ -73,7 +75,9 @@ def test_a_stored_run_opens_and_answers(stored: Path, records: Records, network_
 def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Path) -> None:
     card = read_card(stored)
     assert card is not None
-    assert json.dumps(card.model_dump(mode="json")) == json.dumps(json.loads(STORED_CARD))
+    expected = json.loads(STORED_CARD)
+    expected["settings"]["optimiser"] |= LATER_OPTIMISER_KEYS
+    assert json.dumps(card.model_dump(mode="json")) == json.dumps(expected)
 
 
 def test_a_card_without_later_keys_opens(stored: Path, tmp_path: Path) -> None:
