@@ -14,15 +14,19 @@ def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(benchmarks.train, "BATCH", 2)
     monkeypatch.setattr(benchmarks.train, "EPOCH", 20)
     networks = benchmarks.train.NETWORKS
-    assert networks["literal"].tokens == "literal"
-    assert networks["literal"].attention_dropout == networks["literal"].dropout == 0.1
+    assert networks["literal"].tokens == networks["literal_pytorch"].tokens == "literal"
+    assert networks["literal"].attention_dropout == 0.0
+    assert networks["literal_pytorch"].attention_dropout == networks["literal_pytorch"].dropout == 0.1
+    seconds = {"alone": {"ratio": 1.5}, "beside_two_busy_processes": {"ratio": 0.3}}
+    monkeypatch.setattr(benchmarks.train.waiting, "run", lambda: seconds)
     small = {name: network.model_copy(update=SMALL) for name, network in networks.items()}
     monkeypatch.setattr(benchmarks.train, "NETWORKS", small)
     result = benchmarks.train.run()
     assert set(result["epoch_s"]) == set(result["step_s"]) == set(networks)
     for name in networks:
         assert result["epoch_s"][name] == pytest.approx(10 * result["step_s"][name], abs=0.06)
-    assert result["ratio"] > 0
+    assert [ratio.of(result) > 0 for ratio in benchmarks.train.RATIOS] == [True] * 4
+    assert result["waiting"] == seconds
 
 
 def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,4 +38,5 @@ def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
     result = benchmarks.infer.run()
     assert set(result["window_ms"]) == set(result["window_ms_of_a_batch"]) == set(stood_in)
     assert all(value > 0 for value in result["window_ms"].values())
+    assert [ratio.of(result) > 0 for ratio in benchmarks.infer.RATIOS] == [True]
     assert result["parameters"]["castformer"] == small["castformer"].network.parameter_count
