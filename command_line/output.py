@@ -83,10 +83,11 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
 
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from models.report import report
+    from models.report.score_table import table
+    from models.report.verdict import verdict
 
-    console.print(report.table(result))
-    for line in report.verdict(result):
+    console.print(table(result))
+    for line in verdict(result):
         print_line(console, line)
     print_line(console, f"figures and report: {page}")
 

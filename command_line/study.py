@@ -13,6 +13,7 @@ from command_line.progress import ConsoleFeedback, print_line
 from labeling.dataset.dataset import Dataset
 from labeling.generation.engine import Engine
 from models.report import report
+from models.report.score_table import headline_scores
 from models.studies import sweep_table
 from models.studies.cost_estimate import estimate_study
 from models.studies.single import run_study
@@ -40,6 +41,8 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
         "dataset": str(folder / "dataset"),
         "run": str(folder / "run"),
         "report": str(folder / "report"),
+        "before_commit": headline_scores(metrics),
+        "floor_before_commit": headline_scores(metrics.compared[0]),
         "accuracy": metrics.accuracy,
         "macro_f1": metrics.macro_f1,
         "floor_macro_f1": metrics.compared[0].macro_f1,

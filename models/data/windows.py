@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 LaneMaps = Callable[[str], LaneMap]
 """Returns the lanes of a scenario, given its name."""
 
-COLUMNS = ("sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db")
+COLUMNS = (
+    "sample_id", "scenario", "seed", "label", "origin", "t_start", "t_onset", "t_commit", "snr_db", "n_sites",
+)  # fmt: skip
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
 START_SHARE = 0.05

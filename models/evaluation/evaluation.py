@@ -1,4 +1,4 @@
-"""Measures runs on the windows of a dataset and writes `metrics.json`."""
+"""Measures runs on the windows of a dataset; writes `metrics.json`, and `predictions.parquet` beside it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ from isacsim.files import claim, write_json
 from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
-from models.evaluation import metrics, repeats, unknown
-from models.evaluation.predictions import Predictions, predict, unseen
+from models.evaluation import commit, metrics, repeats, unknown
+from models.evaluation.prediction_table import write_predictions
+from models.evaluation.predictions import Predictions, ends_at_lead, predict, unseen
 from models.evaluation.repeats import Measured
 from models.evaluation.results import (
     METRICS_FILE,
-    Calibration,
     ComparedResult,
     DatasetOrigin,
     EvaluationResult,
     MadeBy,
-    ManeuverScores,
     MeasuredWindows,
     RunResult,
-    WindowEndScores,
 )
+from models.evaluation.score_results import Calibration, ManeuverScores, WindowEndScores
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
 from models.run import Run
 from models.scores import open_set
@@ -51,10 +50,21 @@ class Evaluation:
     measured: tuple[Measured, ...]
 
 
+@dataclass(frozen=True)
+class SharedEnds:
+    """Ends of the windows on which all compared runs are measured.
+
+    drawn: those of the evaluation. at_leads: ends at a fixed time before the commit, by that time, s.
+    """
+
+    drawn: Ends
+    at_leads: Mapping[float, Ends]
+
+
 def evaluate(
     run: Run, dataset: Dataset, out: str | Path, settings: EvaluateSettings | None = None, against: Sequence[Run] = ()
 ) -> Evaluation:
-    """Measure a run on the seeds of a dataset that it was not trained or chosen on, and write metrics.json.
+    """Measure a run on the seeds of a dataset that it was not trained or chosen on; write metrics.json and predictions.
 
     out: folder to write. against: runs to compare with on the same windows, e.g. floors, each with its paired
     difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`.
@@ -79,6 +89,7 @@ def evaluate_records(
     with claim(Path(out), METRICS_FILE, "evaluation"):
         evaluation = _evaluate([run, *against], records, DatasetOrigin.model_validate(made_of), settings)
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
+        write_predictions(evaluation.measured, Path(out))
     return evaluation
 
 
@@ -89,19 +100,26 @@ def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, sett
     if settings.end_after_s is not None:
         windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
     ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
+    at_leads = {lead_s: ends_at_lead(records, windows, lead_s) for lead_s in settings.leads_s}
+    shared = SharedEnds(ends, {lead_s: at_lead for lead_s, at_lead in at_leads.items() if len(at_lead)})
     names = _distinct_names(runs)
-    measured = [measure(run, name, records, ends, settings) for run, name in zip(runs, names, strict=True)]
+    measured = [measure(run, name, records, shared, settings) for run, name in zip(runs, names, strict=True)]
     repeated = len(repeats.grouped(measured)) < len(measured)
     result = EvaluationResult(
         **dict(measured[0].result),
         compared=[
-            ComparedResult(**dict(other.result), paired_difference=repeats.difference(measured[:1], [other]))
+            ComparedResult(
+                **dict(other.result),
+                paired_difference=repeats.difference(measured[:1], [other]),
+                paired_difference_before_commit=repeats.difference_before_commit(measured[:1], [other]),
+            )
             for other in measured[1:]
         ],
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,
+            leads_s=settings.leads_s,
             seed=settings.seed,
             window_end_curve=settings.window_end_curve,
         ),
@@ -115,33 +133,53 @@ def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, sett
     return Evaluation(result, tuple(measured))
 
 
-def measure(run: Run, name: str, records: Records, ends: Ends, settings: EvaluateSettings) -> Measured:
+def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> Measured:
     """Return a run's predictions on the windows with those ends, and all its metrics.
 
     name: of the run in the result.
     """
-    predictions, classes = predict(run, records, ends), run.card.classes
-    scores = open_set.of_run(run)
-    values = {score_name: score(predictions.outputs) for score_name, score in scores.items()}
-    known, chosen = predictions.known, values[run.card.unknown_score]
-    label, predicted, logits = predictions.label[known], predictions.predicted[known], predictions.outputs.logits[known]
-    unknown_scores = unknown.following_scores(predictions, values)
-    pair = (int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE))
+    predictions = predict(run, records, ends.drawn)
+    at_leads = {lead_s: predict(run, records, at_lead) for lead_s, at_lead in ends.at_leads.items()}
     curve = settings.window_end_curve
-    result = RunResult(
-        model=run.card.settings.model,
+    at_ends = {} if curve is None else predict_at_ends(run, records, curve)
+    result = run_result(run, name, predictions, at_leads)
+    if curve is not None:
+        result = result.model_copy(update={"by_window_end": window_end_scores(run, at_ends)})
+    return Measured(run, predictions, result, at_leads, at_ends)
+
+
+def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[float, Predictions]) -> RunResult:
+    """Return all metrics of a run but the window-end curve.
+
+    name: of the run in the result. at_leads: predictions on windows that end at a fixed time before the commit, by that
+    time, s.
+    """
+    card, known, classes = run.card, predictions.known, run.card.classes
+    values = {score_name: score(predictions.outputs) for score_name, score in open_set.of_run(run).items()}
+    chosen, unknown_scores = values[card.unknown_score], unknown.following_scores(predictions, values)
+    label, predicted, logits = predictions.label[known], predictions.predicted[known], predictions.outputs.logits[known]
+    groups, low, high = metrics.summary_interval(label, predicted, predictions.group[known], len(classes))
+    pair = (int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE))
+    return RunResult(
+        model=card.settings.model,
         name=name,
         classes=classes,
         **dict(metrics.summary(label, predicted, classes)),
+        groups=groups,
+        macro_f1_low=low,
+        macro_f1_high=high,
+        before_commit=commit.before_commit(predictions, at_leads, classes),
+        after_commit=commit.after_commit(predictions, classes),
+        five_classes=commit.five_classes(predictions, classes),
         maneuvers=metrics.maneuver_scores(metrics.confusion(label, predicted, len(classes))),
         maneuvers_with_background=maneuvers_with_background(run, predictions, chosen),
         overtake_against_left=metrics.pair_confusion(logits, label, classes, pair),
         n_unknown=int(predictions.unknown.sum()),
-        auroc_unknown=unknown_scores[run.card.unknown_score].auroc,
-        unknown_score=run.card.unknown_score,
+        auroc_unknown=unknown_scores[card.unknown_score].auroc,
+        unknown_score=card.unknown_score,
         unknown_scores=unknown_scores,
         held_out=unknown.held_out_scores(predictions, values),
-        calibration=calibration(logits, label, run.card.temperature),
+        calibration=calibration(logits, label, card.temperature),
         by_lead_time=metrics.by_lead_time(
             predictions.lead_s[known],
             label,
@@ -150,9 +188,7 @@ def measure(run: Run, name: str, records: Records, ends: Ends, settings: Evaluat
             unknown.separation_of_rows(chosen[known], chosen[predictions.unknown]),
         ),
         by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, len(classes)),
-        by_window_end=None if curve is None else window_end_curve(run, records, curve, scores[run.card.unknown_score]),
     )
-    return Measured(run, predictions, result)
 
 
 def maneuvers_with_background(run: Run, predictions: Predictions, score: Array) -> ManeuverScores:
@@ -171,15 +207,12 @@ def maneuvers_with_background(run: Run, predictions: Predictions, score: Array) 
     return metrics.maneuver_scores(metrics.confusion(label[rows], predicted[rows], background + 1), background)
 
 
-def window_end_curve(
-    run: Run, records: Records, settings: WindowEndCurveSettings, score: open_set.Score
-) -> list[WindowEndScores]:
-    """Return scores with every window ending at the same time after onset or commit, for each of the settings' ends.
+def predict_at_ends(run: Run, records: Records, settings: WindowEndCurveSettings) -> dict[float, Predictions]:
+    """Return a run's predictions with every window ending at the same time, by that time in s after onset or commit.
 
     Only records that hold a window with that end take part; an end that no record holds is left out.
-    score: the run's own open-set score.
     """
-    points = []
+    at_ends = {}
     for end_s in settings.ends_s:
         windows = WindowSettings.model_validate(
             {
@@ -189,9 +222,15 @@ def window_end_curve(
             }
         )
         first, last = end_bounds(records, windows)
-        if not (last >= first).any():
-            continue
-        predictions = predict(run, records, draw_ends(records, windows, "sweep"))
+        if (last >= first).any():
+            at_ends[end_s] = predict(run, records, draw_ends(records, windows, "sweep"))
+    return at_ends
+
+
+def window_end_scores(run: Run, at_ends: Mapping[float, Predictions]) -> list[WindowEndScores]:
+    """Return the points of the window-end curve; at_ends: what `predict_at_ends` returned."""
+    score, points = open_set.chosen(run), []
+    for end_s, predictions in at_ends.items():
         known, value = predictions.known, score(predictions.outputs)
         summary = metrics.summary(predictions.label[known], predictions.predicted[known], run.card.classes)
         separation = unknown.separation(value[known], value[predictions.unknown])

@@ -13,8 +13,10 @@ import numpy.typing as npt
 from sklearn.metrics import roc_auc_score
 
 from isacsim.arrays import Array, IntArray
-from isacsim.seeding import stream
-from models.evaluation.results import (
+from models.evaluation.intervals import jackknife_half_width
+from models.evaluation.score_results import (
+    ClassifiedWindows,
+    ClassScores,
     Interval,
     LeadTimeBin,
     ManeuverScores,
@@ -31,7 +33,7 @@ LEAD_BIN_S = 0.2
 SNR_BIN_DB = 2.0
 """Width of a bin of SNR, dB."""
 LEAST_IN_BIN = 5
-"""A class with fewer true windows in a bin is left out of its macro-F1: one window would weigh as much as a class."""
+"""A class with fewer true windows is left out of a macro-F1: one window would weigh as much as a whole class."""
 
 BoolArray = npt.NDArray[np.bool_]
 Counts = npt.NDArray[np.int64] | npt.NDArray[np.float64]
@@ -62,9 +64,7 @@ def macro_f1(counts: Counts, least: int = 1) -> Array:
 
     NaN where no class has that many.
     """
-    f1 = np.where(counts.sum(axis=-1) >= least, f1_scores(counts), np.nan)
-    n = np.isfinite(f1).sum(axis=-1)
-    return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
+    return _mean_f1(counts, counts.sum(axis=-1) >= least)
 
 
 def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> Summary:
@@ -80,6 +80,57 @@ def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> S
         per_class_f1=dict(zip(classes, map(_number, f1_scores(counts)), strict=True)),
         confusion=counts.tolist(),
     )
+
+
+def classified(
+    label: IntArray, predicted: IntArray, groups: npt.NDArray[np.object_] | IntArray, classes: tuple[str, ...]
+) -> ClassifiedWindows:
+    """Return accuracy, macro-F1 with its interval, and scores by class.
+
+    label, predicted: class numbers, (n,). groups: scenario seed of each window, (n,). classes: names of the G classes.
+    A class with fewer than LEAST_IN_BIN windows is left out of the macro-F1.
+    """
+    counts = _by_group(label, predicted[None], groups, len(classes))[0]
+    total = counts.sum(axis=0)
+    kept = total.sum(axis=1) >= LEAST_IN_BIN
+    value, low, high = macro_f1_interval(counts, LEAST_IN_BIN)
+    f1 = f1_scores(total)
+    return ClassifiedWindows(
+        n=len(label),
+        groups=len(counts),
+        accuracy=_accuracy(label, predicted),
+        macro_f1=value,
+        macro_f1_low=low,
+        macro_f1_high=high,
+        macro_f1_over=[name for name, in_mean in zip(classes, kept, strict=True) if in_mean],
+        per_class={
+            name: ClassScores(n=int(n), recall=float(hit / n) if n else None, f1=_number(f1[k]))
+            for k, (name, n, hit) in enumerate(zip(classes, total.sum(axis=1), np.diagonal(total), strict=True))
+        },
+    )
+
+
+def summary_interval(
+    label: IntArray, predicted: IntArray, groups: npt.NDArray[np.object_] | IntArray, n_classes: int
+) -> tuple[int, float | None, float | None]:
+    """Return the number of scenario seeds and the interval of the macro-F1 of `summary`, clipped to 0 and 1."""
+    counts = _by_group(label, predicted[None], groups, n_classes)[0]
+    _, low, high = macro_f1_interval(counts)
+    return len(counts), low, high
+
+
+def macro_f1_interval(counts: Counts, least: int = 1) -> tuple[float | None, float | None, float | None]:
+    """Return the macro-F1 over the classes with at least `least` windows, with its 95 % interval over groups.
+
+    counts: confusion matrices of g groups, (g, G, G). The bounds are None with fewer than two groups.
+    """
+    total = counts.sum(axis=0)
+    kept = total.sum(axis=1) >= least
+    if not kept.any():
+        return None, None, None
+    value = _mean_f1(total, kept)
+    half_width = jackknife_half_width(_mean_f1(total - counts, kept))
+    return _number(value), _number(np.maximum(value - half_width, 0.0)), _number(np.minimum(value + half_width, 1.0))
 
 
 def maneuver_scores(counts: Counts, background: int | None = None) -> ManeuverScores:
@@ -104,7 +155,7 @@ def maneuver_scores(counts: Counts, background: int | None = None) -> ManeuverSc
 
 
 def pair_confusion(logits: Array, label: IntArray, classes: tuple[str, ...], pair: tuple[int, int]) -> PairScores:
-    """Return how well two intentions are told from each other, on windows of these two only.
+    """Return how well two intentions are distinguished, on windows of these two only.
 
     logits: (n, G). label: class numbers, (n,). classes: names of the G classes. pair: numbers of the two intentions.
     Each window is predicted as the likelier of the two, whatever the other logits are.
@@ -189,29 +240,44 @@ def paired_difference(
     second: IntArray,
     groups: npt.NDArray[np.object_] | IntArray,
     classes: tuple[str, ...],
-    draws: int = 2000,
+    least: int = 1,
 ) -> PairedDifference:
     """Return the F1 of the first predictor minus that of the second on the same windows, with 95 % intervals.
 
     label: class numbers, (n,). first, second: predictions (n,), or (k, n) of k trainings, whose mean scores are then
-    compared. groups: scenario seed of each window, (n,). classes: names of the G classes. draws: of the bootstrap.
+    compared. groups: scenario seed of each window, (n,). classes: names of the G classes. least: a class with fewer
+    windows is left out of the macro-F1.
 
-    The interval is a bootstrap over scenario seeds, each drawn with all its windows, because windows of the same
-    traffic are not independent. It does not cover what another training would change; see `spread` for that.
+    The interval is that of `jackknife_half_width` over scenario seeds, because windows of the same traffic are not
+    independent. It does not cover what another training would change; see `spread` for that.
     """
-    names, group = np.unique(groups.astype(str), return_inverse=True)
-    g = len(names)
-    weights = np.concatenate([np.ones((1, g)), stream("bootstrap", g).multinomial(g, np.full(g, 1 / g), draws)])
-    macro, per_class = np.zeros(draws + 1), np.zeros((draws + 1, len(classes)))
-    for sign, predicted in ((1, first), (-1, second)):
-        counts = _grouped_confusion(label, np.atleast_2d(predicted), group, g, len(classes))
-        drawn = np.einsum("dg,kgij->dkij", weights, counts)
-        macro += sign * macro_f1(drawn).mean(axis=1)
-        per_class += sign * f1_scores(drawn).mean(axis=1)
+    counts = [_by_group(label, np.atleast_2d(predicted), groups, len(classes)) for predicted in (first, second)]
+    totals = [of_predictor.sum(axis=1) for of_predictor in counts]
+    kept = totals[0][0].sum(axis=1) >= least
+
+    def difference(values: Callable[[Array], Array], without: bool) -> Array:
+        """Return the difference of a score, over all groups (...), or without each group in turn, (g, ...)."""
+        means = [
+            values(total[:, None] - of_predictor if without else total).mean(axis=0)
+            for total, of_predictor in zip(totals, counts, strict=True)
+        ]
+        return np.asarray(means[0] - means[1])
+
+    def of_class(name: str, k: int) -> Interval:
+        # A group in which the class neither occurs nor is predicted says nothing about its F1.
+        informed = np.any([c[..., k, :].sum(axis=(0, 2)) + c[..., :, k].sum(axis=(0, 2)) > 0 for c in counts], axis=0)
+        return _interval(
+            difference(lambda c: f1_scores(c)[..., k], without=False),
+            difference(lambda c: f1_scores(c)[..., k], without=True)[informed],
+        )
+
     return PairedDifference(
-        groups=g,
-        macro_f1=_interval(macro),
-        per_class_f1={name: _interval(per_class[:, k]) for k, name in enumerate(classes)},
+        groups=counts[0].shape[1],
+        macro_f1=_interval(
+            difference(lambda c: _mean_f1(c, kept), without=False),
+            difference(lambda c: _mean_f1(c, kept), without=True),
+        ),
+        per_class_f1={name: of_class(name, k) for k, name in enumerate(classes)},
     )
 
 
@@ -233,12 +299,25 @@ def _binned_macro_f1(label: IntArray, predicted: IntArray, n_classes: int) -> fl
     return _number(macro_f1(confusion(label, predicted, n_classes), LEAST_IN_BIN))
 
 
-def _grouped_confusion(label: IntArray, predicted: IntArray, group: IntArray, n_groups: int, n_classes: int) -> Array:
-    """Return confusion matrices (k, n_groups, G, G) of predictions (k, n); group: number of each window's group."""
-    counts = np.zeros((len(predicted), n_groups, n_classes, n_classes))
+def _by_group(
+    label: IntArray, predicted: IntArray, groups: npt.NDArray[np.object_] | IntArray, n_classes: int
+) -> Array:
+    """Return confusion matrices (k, g, G, G) of predictions (k, n) in each of the g groups.
+
+    groups: name of each window's group, (n,).
+    """
+    names, group = np.unique(groups.astype(str), return_inverse=True)
+    counts = np.zeros((len(predicted), len(names), n_classes, n_classes))
     for k, of_training in enumerate(predicted):
         np.add.at(counts[k], (group, label, of_training), 1)
     return counts
+
+
+def _mean_f1(counts: Counts, kept: BoolArray) -> Array:
+    """Return the mean F1, (...), of matrices (..., G, G) over the kept classes, a mask (..., G), with a true sample."""
+    f1 = np.where(kept, f1_scores(counts), np.nan)
+    n = np.isfinite(f1).sum(axis=-1)
+    return np.asarray(np.where(n > 0, np.nansum(f1, axis=-1) / np.maximum(n, 1), np.nan))
 
 
 def _number(value: float | np.floating | Array) -> float | None:
@@ -246,8 +325,11 @@ def _number(value: float | np.floating | Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _interval(difference: Array) -> Interval:
-    """Return the difference, which comes first, with the interval of the draws that follow it, (draws + 1,)."""
-    drawn = difference[1:][np.isfinite(difference[1:])]
-    low, high = np.quantile(drawn, [0.025, 0.975]) if len(drawn) else (np.nan, np.nan)
-    return Interval(difference=_number(difference[0]), low=_number(low), high=_number(high))
+def _interval(difference: Array, left_out: Array) -> Interval:
+    """Return a difference with its interval; left_out: the same without each group in turn, (g,)."""
+    half_width = jackknife_half_width(left_out)
+    return Interval(
+        difference=_number(difference),
+        low=_number(np.maximum(difference - half_width, -1.0)),
+        high=_number(np.minimum(difference + half_width, 1.0)),
+    )

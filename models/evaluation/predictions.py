@@ -11,12 +11,14 @@ import numpy.typing as npt
 from isacsim.arrays import Array, IntArray
 from isacsim.errors import InputError
 from labeling.intentions import KNOWN, Intention
-from models.data.windows import Ends, Records, batches
+from models.data.windows import Ends, Records, WindowSettings, batches, end_bounds
 from models.predictors.protocol import Outputs
 from models.run import Run
 
 BATCH = 64
 """Windows that are predicted at once."""
+TOLERANCE_S = 1e-6
+"""Times that differ by less are equal but for rounding, s."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,9 @@ class Predictions:
     end_s: end of the window, s of simulation time, (n,).
     lead_s: commit minus end of the window, s, (n,).
     snr_db: mean per-element SNR of the window's record, dB, (n,).
+    after_onset_s: end of the window minus onset, s, (n,).
+    origin: whether the maneuver is natural, a reaction or commanded, (n,).
+    n_sites: number of sites that sensed the record, (n,).
     left_out: the intention that was left out of the run's training, if any.
     """
 
@@ -39,6 +44,9 @@ class Predictions:
     end_s: Array
     lead_s: Array
     snr_db: Array
+    after_onset_s: Array
+    origin: npt.NDArray[np.object_]
+    n_sites: IntArray
     left_out: Intention | None = None
 
     @property
@@ -57,9 +65,35 @@ class Predictions:
         return np.asarray(self.label == (-1 if self.left_out is None else int(self.left_out)))
 
     @property
+    def before_commit(self) -> npt.NDArray[np.bool_]:
+        """Known windows that end at or after the onset and before the commit, a mask (n,)."""
+        return np.asarray(self.known & (self.after_onset_s > -TOLERANCE_S) & (self.lead_s > TOLERANCE_S))
+
+    @property
+    def after_commit(self) -> npt.NDArray[np.bool_]:
+        """Known windows that end at or after the commit, a mask (n,)."""
+        return np.asarray(self.known & (self.lead_s <= TOLERANCE_S))
+
+    @property
     def predicted(self) -> IntArray:
         """The likeliest intention of each window, (n,)."""
         return np.asarray(self.outputs.logits.argmax(axis=1), dtype=np.int64)
+
+
+def ends_at_lead(records: Records, windows: WindowSettings, lead_s: float) -> Ends:
+    """Return the ends of the windows that end `lead_s` before the commit, one for each record that holds such a window.
+
+    Records of known intentions only; windows that would end before the onset are left out. The end is the nearest
+    sample of the UV.
+    """
+    fixed = WindowSettings.model_validate(
+        {**windows.model_dump(), "relative_to": "commit", "end_after_s": (-lead_s, -lead_s)}
+    )
+    step, last = end_bounds(records, fixed)
+    onset_s = (records.table["t_onset"] - records.table["t_start"]).to_numpy(dtype=np.float64)
+    usable = (last >= step) & (step / records.uv_rate_hz > onset_s - TOLERANCE_S) & np.isin(records.label, KNOWN)
+    rows = np.flatnonzero(usable)
+    return Ends(rows, step[rows])
 
 
 def predict(run: Run, records: Records, ends: Ends) -> Predictions:
@@ -84,6 +118,9 @@ def predict(run: Run, records: Records, ends: Ends) -> Predictions:
         end_s=end_s,
         lead_s=table["t_commit"].to_numpy(dtype=np.float64) - end_s,
         snr_db=table["snr_db"].to_numpy(dtype=np.float64),
+        after_onset_s=end_s - table["t_onset"].to_numpy(dtype=np.float64),
+        origin=table["origin"].to_numpy(dtype=object),
+        n_sites=table["n_sites"].to_numpy(dtype=np.int64),
         left_out=run.card.settings.left_out,
     )
 

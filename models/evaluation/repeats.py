@@ -1,25 +1,32 @@
-"""The same predictor trained with several seeds: mean and spread of its scores, and comparisons of such groups."""
+"""One predictor trained with several seeds: mean and spread of its scores, and comparisons of such groups."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from models.evaluation import metrics
 from models.evaluation.predictions import Predictions
-from models.evaluation.results import PairedDifference, PairSpreads, PredictorResult, RunResult, ScoreSpreads
+from models.evaluation.results import PredictorResult, RunResult
+from models.evaluation.score_results import PairedDifference, PairSpreads, ScoreSpreads
 from models.run import Run
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A run, its predictions on the windows that all runs of a comparison share, and its metrics."""
+    """A run, its predictions on the windows that all runs of a comparison share, and its metrics.
+
+    at_leads: predictions on windows that end at a fixed time before the commit, by that time, s.
+    at_ends: predictions of the window-end curve, by the end of the windows, s.
+    """
 
     run: Run
     predictions: Predictions
     result: RunResult
+    at_leads: Mapping[float, Predictions] = field(default_factory=dict)
+    at_ends: Mapping[float, Predictions] = field(default_factory=dict)
 
 
 def same_but_for_seed(first: Run, second: Run) -> bool:
@@ -54,6 +61,7 @@ def over_training_seeds(measured: Sequence[Measured]) -> list[PredictorResult]:
             training_seeds=[member.run.card.settings.seed for member in group],
             **dict(summary([member.result for member in group])),
             paired_difference=None if group is first else difference(first, group),
+            paired_difference_before_commit=None if group is first else difference_before_commit(first, group),
         )
         for group in groups
     ]
@@ -65,6 +73,7 @@ def summary(results: Sequence[RunResult]) -> ScoreSpreads:
     return ScoreSpreads(
         accuracy=metrics.spread([result.accuracy for result in results]),
         macro_f1=metrics.spread([result.macro_f1 for result in results]),
+        before_commit_macro_f1=metrics.spread([result.before_commit_macro_f1 for result in results]),
         auroc_unknown=metrics.spread([result.auroc_unknown for result in results]),
         per_class_f1={
             name: metrics.spread([result.per_class_f1[name] for result in results]) for name in results[0].classes
@@ -78,9 +87,29 @@ def summary(results: Sequence[RunResult]) -> ScoreSpreads:
 
 def difference(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
     """Return `metrics.paired_difference` of two groups, on windows of intentions that all of them were trained on."""
+    return _difference(first, second, np.ones(len(first[0].predictions.label), dtype=bool))
+
+
+def difference_before_commit(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
+    """Return the same on the windows that end before the commit."""
+    return _difference(first, second, first[0].predictions.before_commit, metrics.LEAST_IN_BIN)
+
+
+def _difference(
+    first: Sequence[Measured], second: Sequence[Measured], rows: metrics.BoolArray, least: int = 1
+) -> PairedDifference:
+    """Return the paired difference on some of the windows, a mask (n,).
+
+    least: a class with fewer windows is left out of the macro-F1.
+    """
     predictions = first[0].predictions
-    known = np.all([member.predictions.known for member in (*first, *second)], axis=0)
+    known = rows & np.all([member.predictions.known for member in (*first, *second)], axis=0)
     predicted = [np.stack([member.predictions.predicted[known] for member in group]) for group in (first, second)]
     return metrics.paired_difference(
-        predictions.label[known], predicted[0], predicted[1], predictions.group[known], first[0].run.card.classes
+        predictions.label[known],
+        predicted[0],
+        predicted[1],
+        predictions.group[known],
+        first[0].run.card.classes,
+        least,
     )

@@ -1,5 +1,6 @@
 """What an evaluation measured, typed: the content of `metrics.json`.
 
+Every figure in it can be recomputed from `predictions.parquet` beside it (`models.evaluation.prediction_table`).
 A score is None (`null` in the file) where it is undefined, for example the F1 of an intention without a true window.
 Parts that do not apply to an evaluation, such as `held_out` where no intention was held out, are absent from the file.
 Scores are between 0 and 1. Windows are those of scenario seeds that no compared run was trained or chosen on.
@@ -10,218 +11,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from pydantic import Field, JsonValue, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, JsonValue, model_validator
 
 from isacsim.settings import Settings, read_json
 from models.data.windows import WindowSettings
+from models.evaluation.score_results import (
+    AfterCommit,
+    BeforeCommit,
+    Calibration,
+    FiveClassScores,
+    HeldOutScores,
+    LeadTimeBin,
+    ManeuverScores,
+    PairedDifference,
+    PairScores,
+    PairSpreads,
+    ResultWithOptionalParts,
+    Separation,
+    SnrBin,
+    Spread,
+    WindowEndScores,
+)
 from models.evaluation.settings import WindowEndCurveSettings, with_current_key
 from models.run import RunCard
 
 METRICS_FILE = "metrics.json"
-ScoreName = Literal["macro_f1", "accuracy", "auroc_unknown"]
+ScoreName = Literal["before_commit_macro_f1", "macro_f1", "accuracy", "auroc_unknown"]
 """The scores that sum up a run in one number."""
-
-
-class ResultWithOptionalParts(Settings):
-    """A result of which some parts are absent from the file, rather than null, where they do not apply."""
-
-    optional_parts: ClassVar[frozenset[str]] = frozenset()
-
-    @model_serializer(mode="wrap")
-    def _leave_out_absent_parts(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        content: dict[str, object] = serialise(self)
-        return {key: value for key, value in content.items() if value is not None or key not in self.optional_parts}
-
-
-class Summary(Settings):
-    """How well n windows were classified.
-
-    n: number of windows.
-    accuracy: share of windows classified correctly.
-    macro_f1: mean F1 over the classes that have a true window.
-    per_class_f1: F1 of each class, by its name.
-    confusion: number of windows, G x G, rows true and columns predicted.
-    """
-
-    n: int
-    accuracy: float | None
-    macro_f1: float | None
-    per_class_f1: dict[str, float | None]
-    confusion: list[list[int]]
-
-
-class ManeuverScores(Settings):
-    """Macro-averaged precision and recall over maneuvers, and their harmonic mean. Source: CaSTFormer, Eq. (13)."""
-
-    precision: float | None
-    recall: float | None
-    f1: float | None
-
-
-class PairScores(Settings):
-    """How well two intentions are told from each other, on windows of these two only.
-
-    intentions: names of the first and the second intention.
-    n: number of windows.
-    accuracy: share of windows for which the likelier of the two was the true one.
-    confusion: number of windows, 2 x 2, rows true and columns predicted.
-    auroc: area under the ROC curve of the second against the first, by the difference of their logits.
-    """
-
-    intentions: list[str]
-    n: int
-    accuracy: float | None
-    confusion: list[list[int]]
-    auroc: float | None
-
-
-class Separation(Settings):
-    """How well a score separates windows of known intentions from unknown ones.
-
-    auroc: area under the ROC curve, known against unknown.
-    fpr_at_95_recall: share of the unknown windows that pass the threshold which 95 % of the known windows pass.
-    """
-
-    auroc: float | None
-    fpr_at_95_recall: float | None
-
-
-class HeldOutScores(Settings):
-    """How well the intention left out of training is separated from the known ones.
-
-    intention: its name.
-    n: number of its windows.
-    unknown_scores: separation by each open-set score, by the score's name.
-    """
-
-    intention: str
-    n: int
-    unknown_scores: dict[str, Separation]
-
-
-class Calibration(Settings):
-    """Expected calibration error of the probabilities of known windows.
-
-    error: of the probabilities as trained.
-    temperature: what logits are divided by, chosen on the validation seeds.
-    error_with_temperature: of the probabilities after that division.
-    """
-
-    error: float
-    temperature: float
-    error_with_temperature: float
-
-
-class LeadTimeBin(Settings):
-    """Scores of the windows whose lead time (commit minus end of the window) lies in one bin.
-
-    from_s, to_s: bounds of the bin, s, the lower one included.
-    n: number of known windows.
-    accuracy, macro_f1: on those windows.
-    auroc_unknown, fpr_at_95_recall: separation of those windows from all windows of `following`, which has no commit.
-    """
-
-    from_s: float
-    to_s: float
-    n: int
-    accuracy: float | None
-    macro_f1: float | None
-    auroc_unknown: float | None
-    fpr_at_95_recall: float | None
-
-    @property
-    def middle_s(self) -> float:
-        """Middle of the bin, s."""
-        return (self.from_s + self.to_s) / 2
-
-
-class SnrBin(Settings):
-    """Scores of the known windows of records whose mean per-element SNR lies in one bin.
-
-    from_db, to_db: bounds of the bin, dB, the lower one included.
-    n: number of windows.
-    accuracy, macro_f1: on those windows.
-    """
-
-    from_db: float
-    to_db: float
-    n: int
-    accuracy: float | None
-    macro_f1: float | None
-
-
-class WindowEndScores(Settings):
-    """Scores when every window ends at the same time relative to onset or commit: one point of the window-end curve.
-
-    end_s: end of the windows, s after that instant.
-    n: number of known windows; records that cannot hold such a window take no part.
-    accuracy, macro_f1, per_class_f1: on those windows.
-    auroc_unknown, fpr_at_95_recall: separation of those windows from windows of `following` with the same end.
-    """
-
-    end_s: float
-    n: int
-    accuracy: float | None
-    macro_f1: float | None
-    per_class_f1: dict[str, float | None]
-    auroc_unknown: float | None
-    fpr_at_95_recall: float | None
-
-
-class Interval(Settings):
-    """A difference with the bounds of its 95 % interval."""
-
-    difference: float | None
-    low: float | None
-    high: float | None
-
-
-class PairedDifference(Settings):
-    """Scores of one predictor minus those of another on the same windows.
-
-    groups: number of scenario seeds over which the interval is bootstrapped.
-    macro_f1: difference in macro-F1.
-    per_class_f1: difference in F1 of each intention, by its name.
-    """
-
-    groups: int
-    macro_f1: Interval
-    per_class_f1: dict[str, Interval]
-
-    @property
-    def has_interval(self) -> bool:
-        """Whether `low` and `high` mean anything: a bootstrap over a single scenario seed draws only that seed."""
-        return self.groups > 1
-
-
-class Spread(Settings):
-    """Mean and spread of a score over trainings.
-
-    mean: over the trainings that have the score.
-    sd: sample standard deviation (n - 1); None with fewer than two trainings.
-    n: number of trainings that have the score.
-    """
-
-    mean: float | None
-    sd: float | None
-    n: int
-
-
-class PairSpreads(Settings):
-    """Spread of the scores of `PairScores`."""
-
-    accuracy: Spread
-    auroc: Spread
-
-
-class ScoreSpreads(Settings):
-    """Mean and spread of a predictor's scores over its training seeds; keys as in `RunResult`."""
-
-    accuracy: Spread
-    macro_f1: Spread
-    auroc_unknown: Spread
-    per_class_f1: dict[str, Spread]
-    overtake_against_left: PairSpreads
 
 
 class PredictorResult(ResultWithOptionalParts):
@@ -229,32 +45,45 @@ class PredictorResult(ResultWithOptionalParts):
 
     name: of the predictor.
     training_seeds: training seed of each run.
-    accuracy, macro_f1, auroc_unknown, per_class_f1, overtake_against_left: as in `ScoreSpreads`.
+    accuracy, macro_f1, before_commit_macro_f1, auroc_unknown, per_class_f1, overtake_against_left: as in
+    `ScoreSpreads`.
     paired_difference: mean scores of the first predictor minus those of this one; absent for the first.
+    paired_difference_before_commit: the same on the windows before the commit.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = frozenset({"paired_difference"})
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"paired_difference", "paired_difference_before_commit"})
 
     name: str
     training_seeds: list[int]
     accuracy: Spread
     macro_f1: Spread
+    before_commit_macro_f1: Spread | None = None
     auroc_unknown: Spread
     per_class_f1: dict[str, Spread]
     overtake_against_left: PairSpreads
     paired_difference: PairedDifference | None = None
+    paired_difference_before_commit: PairedDifference | None = None
 
 
 class RunResult(ResultWithOptionalParts):
     """All metrics of one run.
 
+    The first block of scores is on all windows of known intentions, wherever they end: the windows of the papers. Those
+    that end before the commit, which alone are predictions, are in `before_commit`. Files of earlier versions lack
+    `groups`, the bounds, `before_commit`, `after_commit` and `five_classes`.
+
     model: the predictor, as `training.model` names it.
     name: of the run in tables and figures; unique among the runs that are compared.
     classes: names of the known intentions, in the order of the confusion matrix.
-    n, accuracy, macro_f1, per_class_f1, confusion: as in `Summary`, on windows of known intentions.
+    n, accuracy, macro_f1, per_class_f1, confusion: as in `Summary`.
+    groups: number of scenario seeds that the windows come from.
+    macro_f1_low, macro_f1_high: 95 % interval of `macro_f1` over scenario seeds; absent with fewer than two.
+    before_commit: prediction: scores of the windows that end before the commit, and at fixed times before it.
+    after_commit: recognition: scores of the windows that end after the commit.
+    five_classes: scores with overtake and left lane change as one intention.
     maneuvers: precision, recall and F1 on windows of known intentions.
     maneuvers_with_background: the same with `following` as background; rejected windows count as background.
-    overtake_against_left: how well a left lane change and an overtake are told apart.
+    overtake_against_left: how well a left lane change and an overtake are distinguished.
     n_unknown: number of windows of `following`.
     auroc_unknown: separation of `following` by the run's own open-set score.
     unknown_score: name of that score, chosen on the validation seeds.
@@ -266,7 +95,12 @@ class RunResult(ResultWithOptionalParts):
     by_window_end: the window-end curve; absent where it was not measured.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = frozenset({"held_out", "by_window_end"})
+    optional_parts: ClassVar[frozenset[str]] = frozenset(
+        {
+            "held_out", "by_window_end", "groups", "macro_f1_low", "macro_f1_high", "before_commit", "after_commit",
+            "five_classes",
+        }
+    )  # fmt: skip
 
     model: str
     name: str
@@ -276,6 +110,12 @@ class RunResult(ResultWithOptionalParts):
     macro_f1: float | None
     per_class_f1: dict[str, float | None]
     confusion: list[list[int]]
+    groups: int | None = None
+    macro_f1_low: float | None = None
+    macro_f1_high: float | None = None
+    before_commit: BeforeCommit | None = None
+    after_commit: AfterCommit | None = None
+    five_classes: FiveClassScores | None = None
     maneuvers: ManeuverScores
     maneuvers_with_background: ManeuverScores
     overtake_against_left: PairScores
@@ -289,29 +129,47 @@ class RunResult(ResultWithOptionalParts):
     by_snr: list[SnrBin]
     by_window_end: list[WindowEndScores] | None = None
 
+    @property
+    def before_commit_macro_f1(self) -> float | None:
+        """Macro-F1 of the windows before the commit; None where that was not measured."""
+        return None if self.before_commit is None else self.before_commit.macro_f1
+
     def score(self, name: ScoreName) -> float | None:
         """Return one of the scores that sum up a run."""
-        return {"macro_f1": self.macro_f1, "accuracy": self.accuracy, "auroc_unknown": self.auroc_unknown}[name]
+        scores: dict[ScoreName, float | None] = {
+            "before_commit_macro_f1": self.before_commit_macro_f1,
+            "macro_f1": self.macro_f1,
+            "accuracy": self.accuracy,
+            "auroc_unknown": self.auroc_unknown,
+        }
+        return scores[name]
 
 
 class ComparedResult(RunResult):
     """Metrics of a run that the evaluated one is compared with.
 
-    paired_difference: scores of the evaluated run minus those of this one, on the windows that both know.
+    paired_difference: scores of the evaluated run minus those of this one, on the windows of
+    intentions that both were trained on.
+    paired_difference_before_commit: the same on those that end before the commit; absent in files of earlier versions.
     """
 
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"paired_difference_before_commit"}
+
     paired_difference: PairedDifference
+    paired_difference_before_commit: PairedDifference | None = None
 
 
 class MeasuredWindows(WindowSettings):
     """The windows of an evaluation: those of the run, with the range of ends that was measured.
 
     ends_per_record: fixed windows of each record.
+    leads_s: lead times of `before_commit.by_lead`, s; empty in files of earlier versions.
     seed: of the window ends.
     window_end_curve: settings of `by_window_end`; None where it was not measured. Formerly `sweep`.
     """
 
     ends_per_record: int
+    leads_s: tuple[float, ...] = ()
     seed: int
     window_end_curve: WindowEndCurveSettings | None
 

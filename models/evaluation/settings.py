@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -30,6 +30,9 @@ class EvaluateSettings(Settings):
     """Which windows a predictor is measured on."""
 
     ends_per_record: int = Field(4, ge=1, description="fixed windows of each record")
+    leads_s: tuple[Annotated[float, Field(gt=0)], ...] = Field(
+        (0.25, 0.5, 1.0, 1.5, 2.0), description="measure windows that end at exactly these times before the commit, s"
+    )
     seed: int = Field(0, description="seed of the window ends")
     end_after_s: tuple[float, float] | None = Field(
         None, description="range of window ends, s; when absent, the range used in training"
@@ -45,9 +48,9 @@ class EvaluateSettings(Settings):
 
 
 def with_current_key(content: object) -> object:
-    """Return settings as plain values with `sweep`, the former name of `window_end_curve`, renamed.
+    """Rename the key `sweep`, the former name of `window_end_curve`, in settings given as plain values.
 
-    Study files and results written under the former name stay readable. Anything else is returned as it is.
+    Study files and results written under the former name stay readable. Anything else is returned unchanged.
     """
     if not isinstance(content, Mapping) or "sweep" not in content or "window_end_curve" in content:
         return content

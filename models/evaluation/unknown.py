@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from isacsim.arrays import Array
 from models.evaluation.metrics import BoolArray
 from models.evaluation.predictions import Predictions
-from models.evaluation.results import HeldOutScores, Separation
+from models.evaluation.score_results import HeldOutScores, Separation
 from models.scores import open_set
 
 

@@ -12,7 +12,9 @@ from isacsim.settings import Settings
 from models.predictors.aligned import AlignedPredictor
 from models.predictors.asi_bip import AsiBipPredictor, TvAlonePredictor, UvAlonePredictor
 from models.predictors.castformer import CastformerPredictor
+from models.predictors.embedding_trees import EmbeddingTreesPredictor
 from models.predictors.ensemble import EnsemblePredictor
+from models.predictors.inception_time import InceptionTimePredictor
 from models.predictors.minirocket import MinirocketPredictor
 from models.predictors.protocol import Predictor
 from models.predictors.rule import RulePredictor
@@ -28,6 +30,8 @@ OWN: Mapping[str, type[Predictor]] = {
     "castformer": CastformerPredictor,
     "ensemble": EnsemblePredictor,
     "trees": TreesPredictor,
+    "embedding-trees": EmbeddingTreesPredictor,
+    "inception-time": InceptionTimePredictor,
     "rule": RulePredictor,
     "minirocket": MinirocketPredictor,
 }

@@ -73,10 +73,7 @@ class TreesPredictor(Predictor):
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)
-        logits = np.asarray(self.trees.decision_function(features))
-        if logits.ndim == 1:  # Of two classes, scikit-learn gives the log-odds of the second.
-            logits = np.stack([np.zeros_like(logits), logits], axis=1)
-        return Outputs(among_known(logits, self.trees.classes_), features.astype(np.float64))
+        return Outputs(tree_logits(self.trees, features), features.astype(np.float64))
 
     @classmethod
     def cost_s(cls, workload: Workload, settings: FitSettings) -> float:
@@ -84,6 +81,14 @@ class TreesPredictor(Predictor):
         windows = workload.training * trees.ends_per_record
         statistics_s = STATISTICS_S * workload.scale * (windows + workload.tested)
         return statistics_s + windows * BINNED_WINDOW_S + BINNED_S + trees.rounds * ROUND_S
+
+
+def tree_logits(trees: HistGradientBoostingClassifier, features: Float32Array) -> Array:
+    """Return the logits of all known intentions, (n, G), for features (n, F)."""
+    logits = np.asarray(trees.decision_function(features))
+    if logits.ndim == 1:  # Of two classes, scikit-learn gives the log-odds of the second.
+        logits = np.stack([np.zeros_like(logits), logits], axis=1)
+    return among_known(logits, trees.classes_)
 
 
 def statistics(windows: Windows) -> Float32Array:
@@ -104,7 +109,7 @@ def _of_stream(states: Float32Array) -> Array:
 def fit_trees(
     features: Float32Array, label: IntArray, settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
-    """Fit trees to statistics (n, 120) with labels (n,), classes weighted by inverse frequency."""
+    """Fit trees to features (n, F) with labels (n,), classes weighted by inverse frequency."""
     trees = HistGradientBoostingClassifier(
         max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
         l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,

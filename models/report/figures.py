@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
 from isacsim.files import replace_file
-from models.evaluation.results import LeadTimeBin, WindowEndScores
+from models.evaluation.score_results import LeadTimeBin, WindowEndScores
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#6b7280",

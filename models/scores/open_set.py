@@ -1,6 +1,15 @@
-"""Unknown scores: how well a window fits the known intentions, and how well that separates the unknown class.
+"""Open-set scores: how well a window fits the known intentions, and how well that separates the unknown class.
 
-Every score is higher for known intentions. None is fitted to samples of the unknown class.
+Every score is higher for known intentions, and none is fitted to windows of `following`, the unknown class. Two things
+still tell a run about mere driving, and a result has to name them:
+
+- `prelude` is a detector, trained on windows that end before the onset of the training records' maneuvers, where the
+  vehicle merely drives. It recognises driving like that, which `following` resembles. It does not recognise novelty.
+- Which score a run uses is chosen by its AUROC on the validation seeds, `following` of these seeds included
+  (`models.training.training`). The scores of the test seeds are not looked at.
+
+Scores that saw no driving at all are in WITHOUT_DRIVING (unless the network was trained with outlier exposure). Compare
+other work with these, first of all with `msp`.
 """
 
 from __future__ import annotations
@@ -22,10 +31,14 @@ Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
 """The `knn` score is the distance to the neighbour of this rank."""
-SCORES = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude")
-"""Names of the scores; `prelude` is that of the reject option."""
+WITHOUT_DRIVING = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis")
+"""Names of the scores that are computed from windows of maneuvers alone."""
+PRE_ONSET_DETECTOR = "prelude"
+"""Name of the reject option's score: trees that were trained on pre-onset windows of the training records."""
+SCORES = (*WITHOUT_DRIVING, PRE_ONSET_DETECTOR)
+"""Names of all scores."""
 PLAIN = "msp"
-"""The score that is always reported, and used if there is nothing to choose on."""
+"""The score of the papers, always reported, and used if there is nothing to choose on."""
 
 
 def scores(
@@ -34,8 +47,9 @@ def scores(
     """Return all SCORES, by name.
 
     reference: features (n, F) and labels (n,) of training windows, for `knn` and `mahalanobis`. reject_option: trees of
-    `models.predictors.reject_option`; without them there is no `prelude`. Sources: Hendrycks & Gimpel 2017 (msp), Liu
-    et al. 2020 (energy), Sun et al. 2022 (knn), Lee et al. 2018 (mahalanobis).
+    `models.predictors.reject_option`; without them the score `prelude` is absent.
+    Sources: Hendrycks & Gimpel 2017 (msp), Liu et al. 2020 (energy), Sun et al. 2022 (knn), Lee et al. 2018
+    (mahalanobis).
     """
     features, label = reference[0].astype(np.float64), reference[1]
     by_name: dict[str, Score] = {
@@ -48,7 +62,9 @@ def scores(
     }
     if reject_option is not None:
         # The trees were trained on float32 features, and split between such values.
-        by_name["prelude"] = lambda out: np.asarray(reject_option.decision_function(out.features.astype(np.float32)))
+        by_name[PRE_ONSET_DETECTOR] = lambda out: np.asarray(
+            reject_option.decision_function(out.features.astype(np.float32))
+        )
     return by_name
 
 

@@ -24,7 +24,7 @@ from isacsim.seeding import stream
 from isacsim.settings import Settings
 from models.data.clips import Clip, ClipBatch, batch, load_clips
 from models.evaluation import metrics
-from models.evaluation.results import Spread
+from models.evaluation.score_results import Spread
 from models.predictors.castformer import CastformerCore, CastformerSettings, castformer_loss
 
 

@@ -77,6 +77,7 @@ def cell_s(study: Study, model: str, samples: int) -> float:
     settings, evaluation, record = study.training.for_predictor(model), study.evaluation, study.dataset.record
     split, scale = settings.split, settings.windows.window_s * (record.tv_rate_hz + record.uv_rate_hz) / INSTANTS
     training = (1 - split.validation - split.test) * split.training_share * samples
-    ends = evaluation.ends_per_record + (len(evaluation.window_end_curve.ends_s) if evaluation.window_end_curve else 0)
+    ends = evaluation.ends_per_record + len(evaluation.leads_s)
+    ends += len(evaluation.window_end_curve.ends_s) if evaluation.window_end_curve else 0
     tested = split.test * samples * ends * (1 + len(study.axes.test_on))
     return PREDICTORS[model].cost_s(Workload(training, split.validation * samples, tested, scale), settings)

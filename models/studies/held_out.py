@@ -21,13 +21,8 @@ from labeling.intentions import KNOWN
 from models.data.windows import Records
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.metrics import spread
-from models.evaluation.results import (
-    DatasetOrigin,
-    EvaluationResult,
-    MeasuredWindows,
-    ResultWithOptionalParts,
-    Separation,
-)
+from models.evaluation.results import DatasetOrigin, EvaluationResult, MeasuredWindows
+from models.evaluation.score_results import ResultWithOptionalParts, Separation
 from models.evaluation.settings import EvaluateSettings
 from models.report.evaluation_figures import draw_figures
 from models.report.figures import spoken

@@ -12,10 +12,12 @@ class TrainingScores(Settings):
     """Scores of one training of a cell.
 
     training_seed: its seed.
+    before_commit_macro_f1: macro-F1 of the windows before the commit.
     macro_f1, accuracy, auroc_unknown: as in `metrics.json`.
     """
 
     training_seed: int
+    before_commit_macro_f1: float | None
     macro_f1: float | None
     accuracy: float | None
     auroc_unknown: float | None
@@ -27,11 +29,17 @@ class SweepRow(Settings):
     network, sensor, snr, model: the cell; snr is None for the study's own channel and for other sensors than the sites.
     tested_on: network whose test seeds were measured.
     trainings: number of trainings, one for each training seed.
+    test_seeds: number of scenario seeds that the windows come from.
     windows: number of windows of known intentions.
-    macro_f1, accuracy, auroc_unknown: mean over the trainings, None where none has the score.
-    macro_f1_sd, accuracy_sd, auroc_unknown_sd: sample standard deviation, None with fewer than two trainings.
-    ahead_of_floor: mean macro-F1 minus that of the floor on the same windows; None for the floor itself.
-    low, high: bounds of the 95 % interval of that difference; None with a single test seed.
+    before_commit_windows: number of those that end before the commit.
+    before_commit_macro_f1: macro-F1 of those, mean over the trainings.
+    macro_f1, accuracy, auroc_unknown: of all windows, mean over the trainings; None where none has the score.
+    before_commit_macro_f1_sd, macro_f1_sd, accuracy_sd, auroc_unknown_sd: sample standard deviation; None with fewer
+    than two trainings.
+    before_commit_ahead_of_floor: mean macro-F1 before the commit minus that of the floor on the same windows; None for
+    the floor itself.
+    before_commit_low, before_commit_high: bounds of the 95 % interval of that difference; None with a single test seed.
+    ahead_of_floor, low, high: the same on all windows.
     report: folder of the evaluation, relative to that of the sweep.
     runs: scores of each training.
     """
@@ -42,13 +50,20 @@ class SweepRow(Settings):
     model: str
     tested_on: str
     trainings: int
+    test_seeds: int | None
     windows: int
+    before_commit_windows: int | None
+    before_commit_macro_f1: float | None
+    before_commit_macro_f1_sd: float | None
     macro_f1: float | None
     macro_f1_sd: float | None
     accuracy: float | None
     accuracy_sd: float | None
     auroc_unknown: float | None
     auroc_unknown_sd: float | None
+    before_commit_ahead_of_floor: float | None
+    before_commit_low: float | None
+    before_commit_high: float | None
     ahead_of_floor: float | None
     low: float | None
     high: float | None
@@ -63,6 +78,7 @@ class SweepRow(Settings):
     def score(self, name: ScoreName) -> tuple[float | None, float | None]:
         """Return mean and standard deviation of a score."""
         return {
+            "before_commit_macro_f1": (self.before_commit_macro_f1, self.before_commit_macro_f1_sd),
             "macro_f1": (self.macro_f1, self.macro_f1_sd),
             "accuracy": (self.accuracy, self.accuracy_sd),
             "auroc_unknown": (self.auroc_unknown, self.auroc_unknown_sd),

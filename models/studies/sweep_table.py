@@ -13,7 +13,8 @@ from rich.table import Table
 
 from isacsim.files import replace_file, write_json
 from models.evaluation.metrics import spread
-from models.evaluation.results import EvaluationResult, PairedDifference, RunResult, ScoreName
+from models.evaluation.results import ComparedResult, EvaluationResult, PredictorResult, RunResult, ScoreName
+from models.evaluation.score_results import Interval, PairedDifference
 from models.report import html_page
 from models.report.figures import CYCLE, figure
 from models.report.report import PAGE
@@ -22,11 +23,16 @@ from models.studies.sweep_results import SweepResult, SweepRow, TrainingScores
 
 TABLE_JSON, TABLE_CSV, REPORT, FIGURE = "table.json", "table.csv", "report", "macro_f1.png"
 HEADINGS: dict[ScoreName, str] = {
-    "macro_f1": "macro-F1", "accuracy": "accuracy", "auroc_unknown": "AUROC of following",
+    "before_commit_macro_f1": "macro-F1 before commit", "macro_f1": "macro-F1, all windows", "accuracy": "accuracy",
+    "auroc_unknown": "AUROC of following",
 }  # fmt: skip
 """The scores that have a mean and a standard deviation over the training seeds."""
-AHEAD = "over trees (95 %)"
-ON_TERMINAL: tuple[ScoreName, ...] = ("macro_f1", "accuracy")
+AHEAD = "over trees before commit (95 %)"
+ON_TERMINAL: tuple[ScoreName, ...] = ("before_commit_macro_f1", "macro_f1", "accuracy")
+
+
+DRAWN: ScoreName = "before_commit_macro_f1"
+"""The score in the figure."""
 
 
 def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) -> SweepRow:
@@ -36,9 +42,10 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
     report: folder of that evaluation.
     """
     runs = [run for run in result.runs if run.model == cell.model]
-    macro_f1, accuracy, auroc = (spread([run.score(name) for run in runs]) for name in HEADINGS)
-    difference = _difference_to_floor(result) if len(runs) < len(result.runs) else None
-    bounds = difference.macro_f1 if difference is not None and difference.has_interval else None
+    early, macro_f1, accuracy, auroc = (spread([run.score(name) for run in runs]) for name in HEADINGS)
+    floor = _compared_floor(result) if len(runs) < len(result.runs) else None
+    ahead = _macro_f1(floor.paired_difference if floor else None)
+    early_ahead = _macro_f1(floor.paired_difference_before_commit if floor else None)
     return SweepRow(
         network=cell.network,
         sensor=cell.sensing.sensor,
@@ -46,16 +53,23 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
         model=cell.model,
         tested_on=tested_on,
         trainings=len(runs),
+        test_seeds=result.groups,
         windows=result.n,
+        before_commit_windows=None if result.before_commit is None else result.before_commit.n,
+        before_commit_macro_f1=early.mean,
+        before_commit_macro_f1_sd=early.sd,
         macro_f1=macro_f1.mean,
         macro_f1_sd=macro_f1.sd,
         accuracy=accuracy.mean,
         accuracy_sd=accuracy.sd,
         auroc_unknown=auroc.mean,
         auroc_unknown_sd=auroc.sd,
-        ahead_of_floor=None if difference is None else difference.macro_f1.difference,
-        low=None if bounds is None else bounds.low,
-        high=None if bounds is None else bounds.high,
+        before_commit_ahead_of_floor=early_ahead.difference,
+        before_commit_low=early_ahead.low,
+        before_commit_high=early_ahead.high,
+        ahead_of_floor=ahead.difference,
+        low=ahead.low,
+        high=ahead.high,
         report=report,
         runs=[_training_scores(card.settings.seed, run) for card, run in zip(result.made_by.runs, runs, strict=False)],
     )
@@ -90,7 +104,7 @@ def table(result: SweepResult) -> Table:
 
 
 def draw(rows: Sequence[SweepRow], path: Path) -> None:
-    """Draw mean and standard deviation of every cell's macro-F1: a line for each way of sensing, a colour a model."""
+    """Draw mean and deviation of every cell's score DRAWN: a line for each way of sensing, a colour for each model."""
     names = [name for name in _names(rows) if name != "model"]
     models = list(dict.fromkeys(row.model for row in rows))
     places = list(dict.fromkeys(", ".join(_labels(row, names)) for row in rows))
@@ -100,7 +114,8 @@ def draw(rows: Sequence[SweepRow], path: Path) -> None:
             # Predictors on one line stand a little apart.
             offset = 0.5 * ((k + 0.5) / len(models) - 0.5)
             of_model = [row for row in rows if row.model == model]
-            points = [(row.macro_f1, row.macro_f1_sd, row) for row in of_model if row.macro_f1 is not None]
+            scores = [(*row.score(DRAWN), row) for row in of_model]
+            points = [(mean, deviation, row) for mean, deviation, row in scores if mean is not None]
             axes.errorbar(
                 [mean for mean, _, _ in points],
                 [places.index(", ".join(_labels(row, names))) + offset for _, _, row in points],
@@ -108,20 +123,33 @@ def draw(rows: Sequence[SweepRow], path: Path) -> None:
                 fmt="o", ms=5, capsize=3, color=CYCLE[k % len(CYCLE)], label=model,
             )  # fmt: skip
         axes.set_yticks(range(len(places)), places)
-        axes.set(xlabel="macro-F1 on unseen seeds", ylim=(len(places) - 0.5, -0.5))
+        axes.set(xlabel="macro-F1 before the commit, on unseen seeds", ylim=(len(places) - 0.5, -0.5))
         drawn.legend(loc="outside upper right", ncols=len(models))
 
 
-def _difference_to_floor(result: EvaluationResult) -> PairedDifference | None:
-    """Return the difference of mean scores over training seeds, or of two single runs, to the floor."""
+def _compared_floor(result: EvaluationResult) -> PredictorResult | ComparedResult:
+    """Return the comparison with the floor: of mean scores over training seeds, or of two single runs."""
     if result.over_training_seeds is not None:
-        return result.over_training_seeds[-1].paired_difference
-    return result.compared[-1].paired_difference
+        return result.over_training_seeds[-1]
+    return result.compared[-1]
+
+
+def _macro_f1(paired: PairedDifference | None) -> Interval:
+    """Return the difference in macro-F1, without bounds where a single test seed gives none."""
+    if paired is None:
+        return Interval(difference=None, low=None, high=None)
+    if not paired.has_interval:
+        return Interval(difference=paired.macro_f1.difference, low=None, high=None)
+    return paired.macro_f1
 
 
 def _training_scores(seed: int, run: RunResult) -> TrainingScores:
     return TrainingScores(
-        training_seed=seed, macro_f1=run.macro_f1, accuracy=run.accuracy, auroc_unknown=run.auroc_unknown
+        training_seed=seed,
+        before_commit_macro_f1=run.before_commit_macro_f1,
+        macro_f1=run.macro_f1,
+        accuracy=run.accuracy,
+        auroc_unknown=run.auroc_unknown,
     )
 
 
@@ -147,32 +175,40 @@ def _score(row: SweepRow, name: ScoreName) -> str:
 
 
 def _ahead(row: SweepRow) -> str:
-    if row.ahead_of_floor is None:
+    if row.before_commit_ahead_of_floor is None:
         return "-"
-    interval = "" if row.low is None else f" ({row.low:+.3f} to {row.high:+.3f})"
-    return f"{row.ahead_of_floor:+.3f}{interval}"
+    bounds = row.before_commit_low, row.before_commit_high
+    interval = "" if None in bounds else f" ({bounds[0]:+.3f} to {bounds[1]:+.3f})"
+    return f"{row.before_commit_ahead_of_floor:+.3f}{interval}"
+
+
+def _count(number: int | None) -> str:
+    return "-" if number is None else str(number)
 
 
 def _page(result: SweepResult, report: Path) -> str:
     """Return the page as HTML; report: its folder."""
     rows, names = result.cells, _names(result.cells)
-    head = [*names, "trainings", "windows", *HEADINGS.values(), AHEAD, ""]
+    head = [*names, "trainings", "test seeds", "windows", "before commit", *HEADINGS.values(), AHEAD, ""]
     lines = [
         [
             *(html.escape(text) for text in _labels(row, names)),
-            str(row.trainings), str(row.windows),
+            *map(_count, (row.trainings, row.test_seeds, row.windows, row.before_commit_windows)),
             *(_score(row, name) for name in HEADINGS), _ahead(row),
             f'<a href="../{html.escape(row.report)}/{PAGE}">report</a>',
         ]
         for row in rows
     ]  # fmt: skip
     body = f"""<p>Measured on scenario seeds that were used neither for training nor for any choice, the same in all
-cells of a network. Scores are means over training seeds, ± their standard deviation. The difference to the macro-F1 of
-the trees is paired on the same windows; its interval is a bootstrap over scenario seeds.</p>
+cells of a network. Scores are means over training seeds, ± their standard deviation. Windows that end before the
+maneuver commits are predicted, the others only recognised. The difference to the macro-F1 of the trees is paired on the
+same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds.</p>
 {html_page.table(head, lines)}
 """
     if rows:
-        body += html_page.image(report / FIGURE, "Macro-F1 by cell; whiskers: standard deviation over training seeds.")
+        body += html_page.image(
+            report / FIGURE, "Macro-F1 before the commit by cell; whiskers: standard deviation over training seeds."
+        )
     if result.failed:
         reasons = "".join(
             f"<li>{html.escape(f'{failed.cell}, training seed {failed.training_seed}: {failed.reason}')}</li>"

@@ -90,6 +90,8 @@ def make_records(seeds: int = 8, per_class: int = 4, noise: float = 1.0) -> Reco
             )
     columns = ["sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db"]
     table = pd.DataFrame(rows, columns=columns)
+    table["origin"] = np.resize(["natural", "commanded", "commanded"], len(table))
+    table["n_sites"] = 4
     return Records(np.array(tv, np.float32), np.array(uv, np.float32), TV_RATE_HZ, UV_RATE_HZ, table)
 
 

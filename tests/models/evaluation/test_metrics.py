@@ -5,7 +5,7 @@ import pytest
 from sklearn.metrics import confusion_matrix, f1_score, precision_score, recall_score
 
 from models.evaluation import metrics
-from models.evaluation.results import Interval, Spread
+from models.evaluation.score_results import Interval, Spread
 
 CLASSES = ("a", "b", "c", "d")
 
@@ -65,23 +65,56 @@ def test_the_paired_difference_of_a_predictor_with_itself_is_nothing() -> None:
     assert result.macro_f1 == Interval(difference=0.0, low=0.0, high=0.0)
 
 
-def test_the_interval_is_the_bootstrap_over_groups() -> None:
+def test_the_interval_is_the_jackknife_over_groups() -> None:
     label, first = drawn(400)
     second = np.random.default_rng(9).integers(0, 4, 400)
     groups = np.arange(400) % 8
-    result = metrics.paired_difference(label, first, second, groups, CLASSES).macro_f1
+    result = metrics.paired_difference(label, first, second, groups, CLASSES)
 
-    def difference(rows: np.ndarray) -> float:
-        scores = [f1_score(label[rows], p[rows], average="macro") for p in (first, second)]
+    def difference(rows: np.ndarray, **options: object) -> float:
+        scores = [f1_score(label[rows], p[rows], **options) for p in (first, second)]
         return float(scores[0] - scores[1])
 
-    rng = np.random.default_rng(4)
-    loops = [
-        difference(np.concatenate([np.flatnonzero(groups == g) for g in rng.integers(0, 8, 8)])) for _ in range(400)
-    ]
-    assert result.difference == pytest.approx(difference(np.arange(400)))
-    assert result.low == pytest.approx(np.quantile(loops, 0.025), abs=0.02)
-    assert result.high == pytest.approx(np.quantile(loops, 0.975), abs=0.02)
+    by_class = {"average": "macro", "labels": [2]}
+    for interval, options in ((result.macro_f1, {"average": "macro"}), (result.per_class_f1["c"], by_class)):
+        without = np.array([difference(groups != g, **options) for g in range(8)])
+        error = np.sqrt(7 / 8 * ((without - without.mean()) ** 2).sum())
+        expected = difference(groups < 8, **options)
+        assert interval.difference == pytest.approx(expected)
+        assert interval.low == pytest.approx(expected - 2.364624 * error, abs=1e-6)
+        assert interval.high == pytest.approx(expected + 2.364624 * error, abs=1e-6)
+
+
+def test_groups_without_a_class_do_not_narrow_its_interval() -> None:
+    label, first = drawn(400)
+    second = np.random.default_rng(9).integers(0, 4, 400)
+    groups = np.arange(400) % 4
+    alone = metrics.paired_difference(label, first, second, groups, CLASSES)
+    # Ten more groups that hold the last class alone, and in which all of it is recognised by both.
+    more = np.full(10, 3)
+    padded = [np.concatenate([x, more]) for x in (label, first, second)]
+    result = metrics.paired_difference(*padded, np.concatenate([groups, 10 + np.arange(10)]), CLASSES)
+    assert result.groups == 14
+    assert result.per_class_f1["a"] == alone.per_class_f1["a"]
+
+
+def test_too_few_groups_for_an_interval_or_a_verdict() -> None:
+    label, first = drawn(200)
+    second = np.random.default_rng(9).integers(0, 4, 200)
+    results = [metrics.paired_difference(label, first, second, np.arange(200) % g, CLASSES) for g in (1, 2, 3)]
+    assert [result.groups for result in results] == [1, 2, 3]
+    assert [result.macro_f1.low is None for result in results] == [True, False, False]
+    assert [result.has_interval for result in results] == [False, True, True]
+    assert [result.allows_verdict for result in results] == [False, False, True]
+
+
+def test_the_difference_leaves_rare_classes_out_of_its_mean() -> None:
+    label = np.array([0] * 20 + [1] * 20 + [2] * 2)
+    first, second = label.copy(), np.where(label == 2, 0, label)
+    groups = np.arange(42) % 3
+    assert metrics.paired_difference(label, first, second, groups, CLASSES).macro_f1.difference > 0.3
+    gap = metrics.paired_difference(label, first, second, groups, CLASSES, least=5).macro_f1.difference
+    assert gap == pytest.approx((1 - 40 / 42) / 2)
 
 
 def test_several_trainings_are_compared_by_their_mean_scores() -> None:

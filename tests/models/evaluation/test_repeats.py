@@ -15,7 +15,7 @@ from models.evaluation.results import EvaluationResult
 from models.evaluation.settings import EvaluateSettings
 from models.report import figures
 from models.report.evaluation_figures import draw_figures
-from models.report.report import verdict
+from models.report.verdict import verdict
 from models.run import Run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -66,7 +66,8 @@ def test_mean_and_spread_over_training_seeds(result: EvaluationResult) -> None:
     assert network.macro_f1.mean == pytest.approx(result.compared[0].macro_f1)
     assert (network.macro_f1.sd, network.macro_f1.n) == (None, 1)
     content = result.model_dump(mode="json")["over_training_seeds"]
-    assert ["paired_difference" in group for group in content] == [False, True]
+    for key in ("paired_difference", "paired_difference_before_commit"):
+        assert [key in group for group in content] == [False, True]
 
 
 def test_the_verdict_sums_up_groups_with_their_spread(result: EvaluationResult) -> None:
@@ -74,11 +75,12 @@ def test_the_verdict_sums_up_groups_with_their_spread(result: EvaluationResult) 
     trees, network = result.over_training_seeds
     line, other = verdict(result)[-2:]
     assert line == (
-        f"boosted trees, 2 training seed(s): macro-F1 {trees.macro_f1.mean:.3f}, "
-        f"standard deviation {trees.macro_f1.sd:.3f}."
+        f"boosted trees, 2 training seed(s): macro-F1 before the commit {trees.before_commit_macro_f1.mean:.3f}, "
+        f"standard deviation {trees.before_commit_macro_f1.sd:.3f}."
     )
     assert other.startswith(
-        f"ASI-BIP, 1 training seed(s): macro-F1 {network.macro_f1.mean:.3f}; boosted trees minus it"
+        f"ASI-BIP, 1 training seed(s): macro-F1 before the commit {network.before_commit_macro_f1.mean:.3f}; "
+        "boosted trees minus it"
     )
 
 

@@ -13,7 +13,7 @@ import torch
 from isacsim.errors import InputError, OutputError
 from models.data.windows import Records
 from models.networks import fitting
-from models.networks.checkpoints import read_tensors, write_tensors
+from models.networks.checkpoints import Checkpoints, read_tensors, write_tensors
 from models.run import Run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -103,3 +103,28 @@ def test_a_damaged_or_foreign_checkpoint_is_refused_and_executes_nothing(
     assert not mark.exists()
     last.unlink()
     assert train_records(records, MADE_OF, run, SMALL_RUN).card.complete
+
+
+def test_two_trainings_of_a_network_give_the_same_bytes(records: Records, network_run: Run, tmp_path: Path) -> None:
+    """Every file of the run's folder, wherever that is; neither times nor paths reach a file."""
+    again = train_records(records, MADE_OF, tmp_path / "elsewhere" / "run", SMALL_RUN)
+    first, second = (
+        {str(path.relative_to(run.path)): path.read_bytes() for path in run.path.rglob("*") if path.is_file()}
+        for run in (network_run, again)
+    )
+    assert {"weights.pt", "checkpoints/last.ckpt", "checkpoints/best.ckpt", "history.csv", "preludes.skops"} <= set(
+        first
+    )
+    assert set(first) == set(second)
+    assert [name for name, content in first.items() if content != second[name]] == []
+
+
+def test_paths_in_a_checkpoint_are_relative_to_its_folder(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    kept = {"dirpath": str(first), "best": {str(first / "best.ckpt"): 0.5}, "other": f"{first}_too", "score": 0.5}
+    Checkpoints().save_checkpoint({"callbacks": {"keeper": kept}, "epoch": 3}, first / "last.ckpt")
+    assert str(first / "best.ckpt").encode() not in (first / "last.ckpt").read_bytes()
+    first.rename(second)
+    content = Checkpoints().load_checkpoint(second / "last.ckpt")
+    expected = {"dirpath": str(second), "best": {str(second / "best.ckpt"): 0.5}, "other": f"{first}_too", "score": 0.5}
+    assert content == {"callbacks": {"keeper": expected}, "epoch": 3}

@@ -123,8 +123,8 @@ def test_display_names_are_unique() -> None:
 
 
 def test_variants_share_the_section_of_the_first_one() -> None:
-    assert list(sections()) == ["asi_bip", "aligned", "castformer", "trees", "rule", "minirocket"]
-    assert sections("tv-alone") == sections("ensemble") == sections()
+    assert list(sections()) == ["asi_bip", "aligned", "castformer", "trees", "inception_time", "rule", "minirocket"]
+    assert sections("tv-alone") == sections("ensemble") == sections("embedding-trees") == sections()
 
 
 @pytest.mark.usefixtures("installed")

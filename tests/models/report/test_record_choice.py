@@ -28,6 +28,9 @@ def predictions_of(windows: list[Window], left_out: Intention | None = None) -> 
         end_s=ends.astype(float),
         lead_s=-ends.astype(float),
         snr_db=np.zeros(len(windows)),
+        after_onset_s=ends.astype(float),
+        origin=np.full(len(windows), "natural", dtype=object),
+        n_sites=np.full(len(windows), 4),
         left_out=left_out,
     )
 

@@ -12,11 +12,14 @@ from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
 from models.data.windows import Records
 from models.evaluation.evaluation import Evaluation, evaluate_records
-from models.evaluation.results import EvaluationResult, Interval, PairedDifference
+from models.evaluation.results import EvaluationResult
+from models.evaluation.score_results import Interval, PairedDifference
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
 from models.report.evaluation_figures import draw_figures
 from models.report.record_view import draw_record
-from models.report.report import record_view, table, verdict, write_page
+from models.report.report import record_view, write_page
+from models.report.score_table import table
+from models.report.verdict import verdict
 from models.run import Run
 from tests.support.made_up import MADE_OF
 
@@ -38,11 +41,12 @@ def result(evaluation: Evaluation) -> EvaluationResult:
 
 
 def with_difference(result: EvaluationResult, groups: int, difference: float, low: float, high: float):
-    """The result with another difference in macro-F1 to the compared run, by so many test seeds."""
+    """The result with another difference in macro-F1 before the commit to the compared run, by so many test seeds."""
     (other,) = result.compared
     gap = Interval(difference=difference, low=low, high=high)
     paired = PairedDifference(groups=groups, macro_f1=gap, per_class_f1=dict.fromkeys(result.classes, gap))
-    return result.model_copy(update={"compared": [other.model_copy(update={"paired_difference": paired})]})
+    compared = other.model_copy(update={"paired_difference_before_commit": paired})
+    return result.model_copy(update={"compared": [compared]})
 
 
 def printed(result: EvaluationResult) -> str:
@@ -52,24 +56,78 @@ def printed(result: EvaluationResult) -> str:
 
 
 def test_the_table_and_the_page_say_the_same(result: EvaluationResult, tmp_path: Path) -> None:
-    page = write_page(result, tmp_path).read_text()
+    page, text = write_page(result, tmp_path).read_text(), printed(result)
+    early = result.before_commit
+    assert early is not None
     for name in result.classes:
-        value = f"{result.per_class_f1[name]:.3f}"
-        row = next(line for line in printed(result).splitlines() if name.replace("_", " ") in line)
+        value = f"{early.per_class[name].f1:.3f}"
+        row = next(line for line in text.splitlines() if name.replace("_", " ") in line)
         assert value in row
-        assert f"<td>{name.replace('_', ' ')}</td><td>{value}</td>" in page
-    assert f"{result.macro_f1:.3f}" in printed(result)
+        assert f"{early.per_class[name].n} windows" in row
+        assert f"windows</td><td>{value}</td>" in page
+    for score in (early.macro_f1, result.after_commit.macro_f1, result.macro_f1, result.five_classes.macro_f1):
+        assert f"{score:.3f}" in text
+        assert f"{score:.3f}" in page
+    for at_lead in early.by_lead:
+        assert f"{at_lead.lead_s:g} s before: {at_lead.n} windows" in text
+
+
+def test_what_comes_first_is_prediction(result: EvaluationResult, tmp_path: Path) -> None:
+    """Before the commit, then after it, then all windows; scores that saw no driving before the detector that did."""
+    for text in (printed(result), write_page(result, tmp_path).read_text().partition("</div>")[2]):
+        order = [
+            text.index(words)
+            for words in (
+                "before the commit, 2 test seeds", "so long before the commit", "Recognition:", "as the papers count",
+                "maximum softmax probability (ASI-BIP paper: 0.6994)", "mahalanobis", "Detector trained on pre-onset",
+            )
+        ]  # fmt: skip
+        assert order == sorted(order)
+
+
+def test_a_class_that_commits_at_once_says_so(result: EvaluationResult, tmp_path: Path) -> None:
+    early = result.before_commit
+    delay = early.onset_to_commit["hard_accel"].model_copy(update={"median_s": 0.12, "at_once": True})
+    delays = {**early.onset_to_commit, "hard_accel": delay}
+    sudden = result.model_copy(update={"before_commit": early.model_copy(update={"onset_to_commit": delays})})
+    remark = "hard accel (commits 0.12 s after onset)"
+    assert remark in printed(sudden)
+    # In the table of all runs and in that by lead time.
+    assert write_page(sudden, tmp_path).read_text().count(remark) == 2
+    assert "commits" not in printed(result).replace("Prediction", "")
+
+
+def test_a_result_of_an_earlier_version_still_makes_a_page(result: EvaluationResult, tmp_path: Path) -> None:
+    new = ("before_commit", "after_commit", "five_classes", "groups", "macro_f1_low", "macro_f1_high")
+    (compared,) = result.compared
+    old = result.model_copy(
+        update={
+            **dict.fromkeys(new),
+            "compared": [compared.model_copy(update={**dict.fromkeys(new), "paired_difference_before_commit": None})],
+        }
+    )
+    assert f"{result.macro_f1:.3f}" in write_page(old, tmp_path).read_text()
+    assert "Prediction" not in printed(old)
+    assert "before the commit" not in verdict(old)[0]
 
 
 def test_the_verdict_names_the_winner_where_the_interval_leaves_no_doubt(result: EvaluationResult) -> None:
     name, other = result.name, result.compared[0].name
-    assert verdict(with_difference(result, 5, 0.04, 0.01, 0.07)) == [f"{name} is ahead of {other} by 0.040 macro-F1."]
+    assert verdict(with_difference(result, 5, 0.04, 0.01, 0.07)) == [
+        f"{name} is ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds)."
+    ]
     assert verdict(with_difference(result, 5, -0.04, -0.07, -0.01)) == [
-        f"{other} is ahead of {name} by 0.040 macro-F1."
+        f"{other} is ahead of {name} by 0.040 macro-F1 before the commit (5 test seeds)."
     ]
     assert verdict(with_difference(result, 5, 0.04, -0.01, 0.07)) == [
-        f"{name} is ahead of {other} by 0.040 macro-F1, but the interval includes 0."
+        f"{name} is ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds), but the interval includes 0."
     ]
+
+
+def test_two_test_seeds_allow_no_verdict(result: EvaluationResult) -> None:
+    (sentence,) = verdict(with_difference(result, 2, 0.04, 0.01, 0.07))
+    assert "is ahead" not in sentence
+    assert "2 test seeds are too few" in sentence
 
 
 def test_a_single_test_seed_says_nothing_about_the_difference(result: EvaluationResult, tmp_path: Path) -> None:
@@ -80,7 +138,7 @@ def test_a_single_test_seed_says_nothing_about_the_difference(result: Evaluation
     assert "+0.040 (no interval)" in printed(single)
     page = write_page(single, tmp_path).read_text()
     assert sentence in page
-    assert "bootstrap" not in page
+    assert "jackknife" not in page
     assert "+0.040 to" not in page
 
 

@@ -37,7 +37,7 @@ TINY = {
     "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     "trees": {"rounds": 4, "ends_per_record": 1},
 }
-EVALUATION = EvaluateSettings(ends_per_record=1).model_dump()
+EVALUATION = EvaluateSettings(ends_per_record=4).model_dump()
 SEEDS = {"north": 6, "south": 4}
 
 
@@ -108,7 +108,11 @@ def test_the_table_has_the_mean_and_spread_of_the_evaluations(swept: tuple[Sweep
         runs = [(card["settings"]["model"], card["settings"]["seed"]) for card in metrics["made_by"]["runs"]]
         assert runs == list(zip([row.model] * 2 + floors, [3, 4] * 2, strict=False))
         measured = [metrics, *metrics["compared"]]
-        for name in ("macro_f1", "accuracy", "auroc_unknown"):
+        assert row.test_seeds == metrics["groups"] == len(metrics["made_by"]["seeds"])
+        assert row.before_commit_windows == metrics["before_commit"]["n"]
+        for run in measured:
+            run["before_commit_macro_f1"] = run["before_commit"]["macro_f1"]
+        for name in ("before_commit_macro_f1", "macro_f1", "accuracy", "auroc_unknown"):
             a, b = (run[name] for run in measured[:2])
             assert row.score(name)[0] == pytest.approx((a + b) / 2)
             assert row.score(name)[1] == pytest.approx(abs(a - b) / np.sqrt(2))
@@ -116,6 +120,9 @@ def test_the_table_has_the_mean_and_spread_of_the_evaluations(swept: tuple[Sweep
             of_trees = np.mean([run["macro_f1"] for run in measured[2:]])
             assert row.ahead_of_floor == pytest.approx(row.macro_f1 - of_trees)
             assert row.low <= row.ahead_of_floor <= row.high
+            early_of_trees = np.mean([run["before_commit_macro_f1"] for run in measured[2:]])
+            assert row.before_commit_ahead_of_floor == pytest.approx(row.before_commit_macro_f1 - early_of_trees)
+            assert row.before_commit_low <= row.before_commit_ahead_of_floor <= row.before_commit_high
         else:
             assert row.ahead_of_floor is None
     assert json.loads((out / "table.json").read_text()) == result.model_dump(mode="json")
@@ -149,8 +156,10 @@ def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResul
     row = result.cells[3]
     assert line.split() == [
         "north", "truth", "asi-bip",
+        f"{row.before_commit_macro_f1:.3f}", f"±{row.before_commit_macro_f1_sd:.3f}",
         f"{row.macro_f1:.3f}", f"±{row.macro_f1_sd:.3f}", f"{row.accuracy:.3f}", f"±{row.accuracy_sd:.3f}",
-        f"{row.ahead_of_floor:+.3f}", f"({row.low:+.3f}", "to", f"{row.high:+.3f})",
+        f"{row.before_commit_ahead_of_floor:+.3f}",
+        f"({row.before_commit_low:+.3f}", "to", f"{row.before_commit_high:+.3f})",
     ]  # fmt: skip
 
 
@@ -161,11 +170,12 @@ def test_one_test_seed_gives_no_interval(swept: tuple[SweepResult, Path, Makers,
     assert evaluation.over_training_seeds is not None
     trees = evaluation.over_training_seeds[-1]
     assert trees.paired_difference is not None
-    single = trees.model_copy(update={"paired_difference": trees.paired_difference.model_copy(update={"groups": 1})})
+    names = ("paired_difference", "paired_difference_before_commit")
+    single = trees.model_copy(update={name: getattr(trees, name).model_copy(update={"groups": 1}) for name in names})
     evaluation = evaluation.model_copy(update={"over_training_seeds": [*evaluation.over_training_seeds[:-1], single]})
     row = sweep_table.row_of(TWO_WAYS.cells[3], "north", evaluation, "report")
     assert row.ahead_of_floor == result.cells[3].ahead_of_floor
-    assert row.low is row.high is None
+    assert row.low is row.high is row.before_commit_low is row.before_commit_high is None
 
 
 def test_a_finished_sweep_returns_its_result_and_does_nothing(swept: tuple[SweepResult, Path, Makers, str]) -> None:

@@ -1,0 +1,32 @@
+"""Intervals over scenario seeds that also cover where there are few seeds.
+
+Windows of the same traffic are not independent, so the scenario seed is the unit. A percentile bootstrap over a handful
+of seeds is too narrow; the delete-one jackknife with a t quantile is not (`tests/models/evaluation/test_intervals.py`
+simulates the coverage of both).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from isacsim.arrays import Array
+
+LEVEL = 0.95
+"""Coverage that the intervals are made for."""
+
+
+def jackknife_half_width(left_out: Array) -> Array:
+    """Return half the width of the LEVEL interval of a statistic over g independent groups.
+
+    left_out: (g, ...), the statistic of all groups but one, for each group in turn.
+    Returns the t quantile with g - 1 degrees of freedom times the jackknife standard error, (...); NaN where there are
+    fewer than two groups or the statistic is undefined without one of them.
+    Source: Efron & Tibshirani 1993, Eq. (11.5); Tukey 1958 for the t quantile.
+    """
+    count = len(left_out)
+    if count < 2:
+        return np.full(left_out.shape[1:], np.nan)
+    deviation = left_out - left_out.mean(axis=0)
+    standard_error = np.sqrt((count - 1) / count * (deviation**2).sum(axis=0))
+    return np.asarray(student_t.ppf((1 + LEVEL) / 2, count - 1) * standard_error)
