@@ -257,6 +257,7 @@ def network_import(
     box: Annotated[
         str | None, typer.Option(metavar="W,S,E,N", help="Part of the map: west, south, east, north, degrees.")
     ] = None,
+    left_hand: Annotated[bool, typer.Option("--left-hand", help="Let traffic keep left.")] = False,
     spacing: opt.Spacing = None,
     set_back: opt.SetBack = None,
     height: opt.Height = None,
@@ -270,7 +271,8 @@ def network_import(
     from isacsim.scenarios.making import import_map
 
     part = None if box is None else box_of(box)
-    new_scenario = import_map(source, out, part, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    placement = opt.placement_of(spacing, set_back, height, vehicles)
+    new_scenario = import_map(source, out, part, *placement, seed, lefthand=left_hand)
     output.print_json(as_json, output.show_scenario(new_scenario, str(source), output.console_of(quiet)))
 
 

@@ -15,7 +15,7 @@ from isacsim.arrays import Array
 from isacsim.scenarios.demand import drivers
 from isacsim.scenarios.scenario import read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import write_lines
+from isacsim.scenarios.sumo_files import is_lefthand, write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)
@@ -148,11 +148,17 @@ class Carriageway:
 
 
 def write_scenario(
-    folder: Path, plain: Plain, demand: Sequence[str], covered: Collection[str], options: Sequence[str] = ()
+    folder: Path,
+    plain: Plain,
+    demand: Sequence[str],
+    covered: Collection[str],
+    options: Sequence[str] = (),
+    stops: Sequence[str] = (),
 ) -> None:
-    """Write every file of a scenario folder: plain network, network, demand, sites, configuration.
+    """Write every file of a scenario folder: plain network, network, demand, stops, sites, configuration.
 
-    demand: lines of routes and flows. covered: edges that get sites. options: more options of netconvert.
+    demand: lines of routes and flows. covered: edges that get sites. options: more options of netconvert. stops: lines
+    of bus stops; without any, there is no file of them.
     """
     name = folder.name
     for kind, lines in (("nod", plain.nodes.values()), ("edg", plain.edges), ("con", plain.connections)):
@@ -172,14 +178,19 @@ def write_scenario(
     routes = [*drivers(np.random.default_rng(20250101)), *demand]
     write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
     lanes, _ = read_network(network)
-    write_lines(folder / "sites.add.xml", sites_file(place(lanes, covered, PlacementSettings())))
+    sites = place(lanes, covered, PlacementSettings(), is_lefthand(network))
+    write_lines(folder / "sites.add.xml", sites_file(sites))
+    additional = "sites.add.xml"
+    if stops:
+        write_lines(folder / "stops.add.xml", "<additional>\n  " + "\n  ".join(stops) + "\n</additional>\n")
+        additional = f"stops.add.xml,{additional}"
     write_lines(
         folder / f"{name}.sumocfg",
         f"""<configuration>
   <input>
     <net-file value="{name}.net.xml"/>
     <route-files value="{name}.rou.xml"/>
-    <additional-files value="sites.add.xml"/>
+    <additional-files value="{additional}"/>
   </input>
 </configuration>
 """,

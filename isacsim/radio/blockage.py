@@ -14,7 +14,9 @@ import numpy as np
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.panels import Panels
 from isacsim.seeding import stream
-from isacsim.traffic.recording import Recording, Track
+from isacsim.traffic.motion import MotionSettings, positions
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.road_coordinates import lane_headings
 
 CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0
@@ -42,13 +44,17 @@ class Blockers:
 
 
 def blockers_of(
-    recording: Recording, t_start: float, t_end: float, without: Collection[str], every_steps: int = 5
+    recording: Recording,
+    t_start: float,
+    t_end: float,
+    without: Collection[str],
+    motion: MotionSettings,
+    every_steps: int = 5,
 ) -> Blockers:
     """Collect the vehicles of a recording that were on the road between two times (s), except those named.
 
-    without: the target, and for the onboard radar its carrier. every_steps: recording steps between columns; the
-    default is 0.05 s, in which traffic moves 1.5 m. Positions are as recorded: their jitter of up to half a metre
-    does not matter here.
+    without: the target, and for the onboard radar its carrier. motion: how the positions of all vehicles of a record
+    are conditioned. every_steps: recording steps between columns; the default is 0.05 s, in which traffic moves 1.5 m.
     """
     steps = np.arange(round(t_start / recording.step_s), round(t_end / recording.step_s) + 1, every_steps)
     present = {
@@ -61,8 +67,10 @@ def blockers_of(
     for vehicle, track in enumerate(present.values()):
         row = steps - track.first_step
         on_road = (row >= 0) & (row < len(track))
-        x[vehicle, on_road], y[vehicle, on_road] = track.x[row[on_road]], track.y[row[on_road]]
-        heading[vehicle, on_road] = _along_lane(recording, track, row[on_road])
+        rows = row[on_road]
+        x[vehicle, on_road], y[vehicle, on_road] = positions(recording, track, steps[on_road], motion)
+        along = lane_headings(recording.lanes, track.lane[rows], track.lane_pos[rows])
+        heading[vehicle, on_road] = np.stack([along.real, along.imag], axis=1)
     return Blockers(
         ids=tuple(present),
         step_s=every_steps * recording.step_s,
@@ -73,18 +81,6 @@ def blockers_of(
         width_m=np.array([track.width_m for track in present.values()]),
         height_m=np.array([TRUCK_HEIGHT_M if t.kind in HIGH_KINDS else CAR_HEIGHT_M for t in present.values()]),
     )
-
-
-def _along_lane(recording: Recording, track: Track, row: IntArray) -> Array:
-    """Unit vector along a vehicle's lane where the vehicle is, (n, 2). row: of its track, (n,)."""
-    heading = np.zeros((len(row), 2))
-    for lane in np.unique(track.lane[row]):
-        on_lane = track.lane[row] == lane
-        steps = np.diff(recording.lanes[lane].shape, axis=0)
-        length = np.hypot(steps[:, 0], steps[:, 1])
-        segment = np.searchsorted(np.cumsum(length), track.lane_pos[row[on_lane]]).clip(max=len(steps) - 1)
-        heading[on_lane] = steps[segment] / length[segment, None]
-    return heading
 
 
 def blockage_db(

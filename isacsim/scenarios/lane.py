@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-from isacsim.arrays import Array
+import numpy as np
+
+from isacsim.arrays import Array, ComplexArray
 
 
 @dataclass(frozen=True)
@@ -23,3 +26,16 @@ class Lane:
     length_m: float
     shape: Array
     successors: tuple[str, ...]
+
+    @cached_property
+    def segments(self) -> tuple[Array, ComplexArray]:
+        """The straight segments of the centre line: where each ends, m along the lane, and its direction, both (k,).
+
+        Directions are complex unit vectors. SUMO stretches the shape of a lane to the lane's length. Segments without
+        extent are left out, so that a lane without any extent has none.
+        """
+        steps = np.diff(self.shape @ np.array([1.0, 1.0j]))
+        lengths = np.abs(steps)
+        steps, lengths = steps[lengths > 0], lengths[lengths > 0]
+        ends = np.cumsum(lengths)
+        return ends * (self.length_m / ends[-1] if len(ends) else 1.0), steps / lengths

@@ -84,11 +84,12 @@ def import_map(
     demand: DemandSettings,
     seed: int = 0,
     corner_shift_m: float = CORNER_SHIFT_M,
+    lefthand: bool = False,
 ) -> NewScenario:
     """Make a scenario in the folder `out` from an OpenStreetMap file: network, demand and sites.
 
     box: west, south, east, north, degrees; the whole map when absent. seed: of the demand. corner_shift_m: as in
-    `add_sites`.
+    `add_sites`. lefthand: whether traffic keeps left there; netconvert does not read that from the map.
     Raises InputError where netconvert cannot read the map, and where `out` is not empty.
     """
     if not source.is_file():
@@ -98,7 +99,7 @@ def import_map(
     refuse_document_type(source)
     with _new_folder(out) as folder:
         network = folder / f"{out.name}.net.xml"
-        _netconvert(source, network, box)
+        _netconvert(source, network, box, lefthand)
         try:
             lanes, origin = read_network(network)
         except NoRoadsError:
@@ -171,7 +172,7 @@ def _used_edges(files: tuple[Path, ...]) -> set[str]:
     return used
 
 
-def _netconvert(source: Path, network: Path, box: tuple[float, float, float, float] | None) -> None:
+def _netconvert(source: Path, network: Path, box: tuple[float, float, float, float] | None, lefthand: bool) -> None:
     """Write the network of a map. Raises InputError with netconvert's reason."""
     import sumo
 
@@ -181,6 +182,8 @@ def _netconvert(source: Path, network: Path, box: tuple[float, float, float, flo
     options = [*NETCONVERT_OPTIONS, f"--type-files={types}"]
     if box is not None:
         options.append(f"--keep-edges.in-geo-boundary={','.join(map(str, box))}")
+    if lefthand:
+        options.append("--lefthand")
     command = [str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), f"--osm-files={source}", f"--output-file={network}"]
     process = subprocess.run(
         [*command, *options], env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False

@@ -11,14 +11,16 @@ by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2
 
 from __future__ import annotations
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from isacsim.arrays import Array, ComplexArray
+from isacsim.arrays import Array, BoolArray, ComplexArray
 from isacsim.settings import Settings
 
 STEP_M = 0.5
@@ -61,54 +63,163 @@ class RoundingSettings(Settings):
 
 
 class Smoothing:
-    """Values at every `STEP_M` of a line, smoothed along it with kernels of any width up to the widest."""
+    """Values at every `STEP_M` of a line, smoothed along it with kernels of any width up to the widest.
 
-    def __init__(self, values: ComplexArray) -> None:
-        """values: shape (n,), n > 1. Beyond its ends, the signal is continued by point reflection."""
+    widths_m: of the kernels that are computed, standard deviations, m.
+    """
+
+    def __init__(self, values: ComplexArray, widths_m: Array = WIDTHS_M) -> None:
+        """values: shape (n,), n > 1. Beyond its ends, the signal is continued by point reflection.
+
+        widths_m: from 0 on, ascending; the last one limits how widely the line can be smoothed.
+        """
         self.values = values
-        pad = int(REACH * WIDTHS_M[-1] / STEP_M)
-        padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
-        count = fft.next_fast_len(len(padded))
-        # The kernel keeps a straight line, so that it can be taken off: the rest starts and ends at zero.
-        trend = np.linspace(padded[0], padded[-1], len(padded))
-        self._spectrum = fft.fft(padded - trend, count)
-        self._phase = -2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2
-        self._trend = trend[pad : pad + len(values)]
-        self._inner = slice(pad, pad + len(values))
-        self._level = cache(self._computed)
+        self.widths_m = widths_m
+        self._levels = np.empty((len(widths_m), len(values)), np.complex128)
+        self._levels[0] = values
+        self._computed = np.zeros(len(widths_m), bool)
+        self._computed[0] = True
 
-    def _computed(self, level: int) -> ComplexArray:
-        if level == 0:
-            return self.values
-        return np.asarray(
-            fft.ifft(self._spectrum * np.exp(self._phase * WIDTHS_M[level] ** 2))[self._inner] + self._trend
-        )
+    @cached_property
+    def _spectrum(self) -> _Spectrum:
+        return _Spectrum.of(self.values, float(self.widths_m[-1]))
+
+    def _level(self, level: int) -> ComplexArray:
+        """Return the values smoothed with one of the widths."""
+        if not self._computed[level]:
+            self._levels[level] = self._spectrum.smoothed(self.widths_m[level])
+            self._computed[level] = True
+        return np.asarray(self._levels[level])
 
     def at(self, widths_m: Array) -> ComplexArray:
         """Return the values smoothed with the width of each point, m, shape (n,): linear in the variance."""
-        result = np.empty(len(widths_m), np.complex128)
-        level = np.clip(np.searchsorted(WIDTHS_M, widths_m, side="right") - 1, 0, len(WIDTHS_M) - 2)
-        for k in np.unique(level):
-            mask = level == k
-            low, high = WIDTHS_M[k] ** 2, WIDTHS_M[k + 1] ** 2
-            share = (widths_m[mask] ** 2 - low) / (high - low)
-            here, wider = self._level(int(k))[mask], self._level(int(k) + 1)[mask]
-            result[mask] = here + share * (wider - here)
-        return result
+        last = len(self.widths_m) - 2
+        level = np.clip(np.searchsorted(self.widths_m, widths_m, side="right") - 1, 0, last)
+        for k in np.flatnonzero(np.bincount(level)):
+            self._level(int(k))
+            self._level(int(k) + 1)
+        low, high = self.widths_m[level] ** 2, self.widths_m[level + 1] ** 2
+        share = (widths_m**2 - low) / (high - low)
+        points = np.arange(len(widths_m))
+        here, wider = self._levels[level, points], self._levels[level + 1, points]
+        return np.asarray(here + share * (wider - here))
 
     def widest(self, max_shift_m: float) -> Array:
         """Return for each point the widest kernel that moves it by at most `max_shift_m`, m, shape (n,)."""
-        result = np.full(len(self.values), WIDTHS_M[-1])
+        result = np.full(len(self.values), self.widths_m[-1])
         open_, before = np.ones(len(self.values), bool), np.zeros(len(self.values))
-        for k in range(1, len(WIDTHS_M)):
+        for k in range(1, len(self.widths_m)):
             moved = np.abs(self._level(k) - self.values)
             ends = open_ & (moved > max_shift_m)
             share = (max_shift_m - before[ends]) / (moved[ends] - before[ends])
-            low, high = WIDTHS_M[k - 1] ** 2, WIDTHS_M[k] ** 2
+            low, high = self.widths_m[k - 1] ** 2, self.widths_m[k] ** 2
             result[ends] = np.sqrt(low + share * (high - low))
             open_ &= ~ends
             before = moved
         return result
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """The Fourier transform of a signal that is continued beyond its ends, and the straight line taken off before.
+
+    The kernel keeps a straight line, so that it can be taken off: the rest starts and ends at zero.
+    """
+
+    values: ComplexArray
+    exponents: Array
+    line: ComplexArray
+    inner: slice
+
+    @classmethod
+    def of(cls, values: ComplexArray, widest_m: float) -> Self:
+        pad = int(REACH * widest_m / STEP_M)
+        padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
+        count = fft.next_fast_len(len(padded))
+        line = np.linspace(padded[0], padded[-1], len(padded))
+        inner = slice(pad, pad + len(values))
+        exponents = -2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2
+        return cls(fft.fft(padded - line, count), exponents, line[inner], inner)
+
+    def smoothed(self, width_m: float) -> ComplexArray:
+        """Return the signal smoothed with a Gaussian kernel of this standard deviation, m."""
+        return np.asarray(fft.ifft(self.values * np.exp(self.exponents * width_m**2))[self.inner] + self.line)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of a line that is rounded.
+
+    start: number of its first point. line: the stretch, at every `STEP_M`. widths: of the kernel at each point, m.
+    """
+
+    start: int
+    line: Smoothing
+    widths: Array
+
+    @property
+    def span(self) -> slice:
+        """The points of the whole line that the stretch takes up."""
+        return slice(self.start, self.start + len(self.widths))
+
+    def smoothed(self, values: ComplexArray) -> ComplexArray:
+        """Return other values along the whole line, smoothed as the stretch is, shape of the stretch."""
+        return Smoothing(values[self.span], self.line.widths_m).at(self.widths)
+
+
+def stretches(
+    values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float
+) -> list[Stretch]:
+    """Return the stretches of a line that have to be rounded, so that a car can follow it.
+
+    values: at every `STEP_M` of the line, shape (n,). The other arguments are those of `rounding_widths`.
+    Only the surroundings of sharp points are looked at. Most of them need narrow kernels, which reach less far than the
+    widest one.
+    """
+    sharp = np.flatnonzero(~is_gentle(values, speeds, width_s, limit_mps2))
+    if not len(sharp):
+        return []
+    for widths_m in (WIDTHS_M[:NARROW], WIDTHS_M):
+        widest, in_time = float(widths_m[-1]), width_s * float(speeds.max())
+        enough = np.sqrt(max(widest**2 - in_time**2, 0.0)) - SLACK_M
+        if widths_m is not WIDTHS_M and enough <= 0.0:
+            continue
+        reach = int((REACH * widest + widest / SLOPE + SURROUNDINGS_M) / STEP_M)
+        rounded = []
+        for part in np.split(sharp, np.flatnonzero(np.diff(sharp) > 2 * reach) + 1):
+            start = max(int(part[0]) - reach, 0)
+            span = slice(start, int(part[-1]) + reach + 1)
+            line = Smoothing(values[span], widths_m)
+            widths = rounding_widths(line, speeds[span], width_s, limit_mps2, max_shift_m)
+            rounded.append(Stretch(start, line, widths))
+        if max(float(stretch.widths.max(initial=0.0)) for stretch in rounded) < enough:
+            break
+    return [stretch for stretch in rounded if stretch.widths.any()]
+
+
+def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:
+    """Return at which points a line clearly needs no rounding: a quick answer, which errs on the side of False.
+
+    values: at every `STEP_M` of the line, shape (n,). The other arguments are those of `rounding_widths`.
+    Instead of a Gaussian kernel, the bends are averaged by a box filter, applied three times, that is narrower. Points
+    of nearly equal speed are averaged with one width.
+    """
+    bend = np.zeros(len(values))
+    bend[1:-1] = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
+    gentle = speeds**2 * bend <= GENTLE * limit_mps2
+    if gentle.all():
+        return gentle
+    band = np.floor(np.log(np.maximum(speeds, LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
+    for k in np.unique(band):
+        kernel_points = width_s * LEAST_MPS * BAND**k / STEP_M
+        # Three boxes of n points have the variance (n^2 - 1) / 4.
+        points = int(np.sqrt(4.0 * kernel_points**2 + 1.0) + 1) // 2 * 2 - 1
+        mean = bend
+        for _ in range(3 if points > 1 else 0):
+            mean = uniform_filter1d(mean, points, mode="nearest")
+        rows = band == k
+        gentle[rows] = speeds[rows] ** 2 * mean[rows] <= GENTLE * limit_mps2
+    return gentle
 
 
 def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float) -> Array:
@@ -127,15 +238,27 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
     widths = need.copy()
     for _ in range(ROUNDS):
         short = acceleration(line, widths, speeds, width_s) > limit_mps2
-        short &= (widths < 0.98 * roof) & (need < WIDTHS_M[-1])
+        short &= (widths < 0.98 * roof) & (need < line.widths_m[-1])
         if not short.any():
             break
-        need[short] = np.clip(GROWTH * np.maximum(need, widths)[short], 1.0, WIDTHS_M[-1])
+        need[short] = np.clip(GROWTH * np.maximum(need, widths)[short], 1.0, line.widths_m[-1])
         widths = _blended(np.minimum(_envelope(need), roof))
     # The filters reach as far as the roof was lowered, so that no width exceeds the widest one at its own point.
     return np.minimum(widths, widest)
 
 
+NARROW = 14
+"""Number of the kernel widths that are tried first, from 0 to 14.3 m."""
+SLACK_M = 2.0
+"""A line whose kernels stay narrower than the widest one by this is rounded as if there were no widest one, m."""
+SURROUNDINGS_M = 15.0
+"""How far the sharp points that the quick estimate tells may lie from those that are sharp, m."""
+GENTLE = 0.7
+"""A line is gentle if the quick estimate of its acceleration is at most this share of the limit."""
+LEAST_MPS = 1.0
+"""At lower speeds than this, the quick estimate smooths nothing, m/s."""
+BAND = 1.25
+"""Ratio of the speeds that the quick estimate treats as equal."""
 _BOX = 2 * round(BLEND_M / STEP_M / 3) + 1
 _SPAN = 3 * (_BOX - 1) + 1
 """Points that the filter of the kernel widths takes at once, and in all: it is a box, three times."""
@@ -160,7 +283,7 @@ def _blended(widths: Array) -> Array:
 
 def acceleration(line: Smoothing, widths_m: Array, speeds: Array, width_s: float) -> Array:
     """Return the acceleration of a vehicle that follows the smoothed line at the given speeds, m/s2, shape (n,)."""
-    total = np.minimum(np.hypot(widths_m, width_s * speeds), WIDTHS_M[-1])
+    total = np.minimum(np.hypot(widths_m, width_s * speeds), line.widths_m[-1])
     path = line.at(total)
     bend = np.zeros(len(path))
     bend[1:-1] = np.abs(path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP_M**2

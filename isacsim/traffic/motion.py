@@ -9,15 +9,17 @@ acceleration are the filter's derivatives, so the three agree at every instant, 
 from __future__ import annotations
 
 import weakref
-from collections import OrderedDict
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import upfirdn
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, IntArray
 from isacsim.scenarios.reference_line import RoundingSettings
 from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import RoundedTrack, rounded_track
+from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
 
 CAR_MPS2, CAR_MPS3 = 9.0, 25.0
 """The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
@@ -25,15 +27,23 @@ REACH = 8.0
 """Half-width of the kernel in standard deviations. The weight beyond it is 1e-15."""
 
 
-RECENT = 64
-"""Tracks on rounded roads that are kept, because states of one vehicle are often needed several times."""
+LEAST_MPS = 1.0
+"""Below, a vehicle has no direction of travel, m/s."""
+COARSE_ROWS = 3
+"""Motion is looked at this often in the standard deviation of the kernel before it is looked at in full."""
+ALMOST = 0.75
+"""Share of a limit from which on motion that was looked at coarsely is looked at in full."""
+SAME_PHASE = 1e-9
+"""Instants whose places between two rows differ by less than this use the same weights, rows."""
 
 
 class MotionSettings(RoundingSettings):
     """How raw positions are conditioned."""
 
 
-def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | None = None) -> Array:
+def condition(
+    values: Array, step_s: float, width_s: float, order: int = 0, at_rows: Array | IntArray | None = None
+) -> Array:
     """Smooth an evenly sampled signal with a Gaussian kernel, or differentiate the smoothed signal in time.
 
     values: one every step_s seconds, shape (n,).
@@ -51,17 +61,36 @@ def condition(values: Array, step_s: float, width_s: float, order: int = 0, at_r
     if at_rows is None:
         smooth = gaussian_filter1d(padded, sigma, order=order, radius=reach)[reach : reach + len(values)]
     else:
-        nearest = np.rint(at_rows).astype(np.int64)
-        taps = np.arange(-reach, reach + 1)
-        u = ((at_rows - nearest)[:, None] - taps) / sigma
-        weights = np.exp(-0.5 * u**2)
-        weights /= weights.sum(axis=1, keepdims=True)
-        if order == 1:
-            weights *= -u / sigma
-        elif order == 2:
-            weights *= (u**2 - 1.0) / sigma**2
-        smooth = np.einsum("mk,mk->m", weights, padded[nearest[:, None] + taps + reach])
+        smooth = _at_rows(padded, np.asarray(at_rows), sigma, reach, order)
     return np.asarray(smooth / step_s**order + (base if order == 0 else 0.0))
+
+
+def _at_rows(padded: Array, at_rows: Array, sigma: float, reach: int, order: int) -> Array:
+    """Return padded values or their derivatives, smoothed, at fractions of rows (m,), per row; sigma, reach: in rows.
+
+    Instants at a fixed rate have few different places between two rows, and those of one place share their weights.
+    """
+    nearest = np.rint(at_rows).astype(np.int64)
+    phases, phase_of = np.unique(np.rint((at_rows - nearest) / SAME_PHASE), return_inverse=True)
+    windows = sliding_window_view(padded, 2 * reach + 1)
+    smooth = np.empty(len(at_rows))
+    for k, phase in enumerate(phases):
+        mask = phase_of == k
+        weights = _weights(float(phase) * SAME_PHASE, sigma, reach, order)
+        smooth[mask] = np.einsum("mk,k->m", windows[nearest[mask]], weights)
+    return smooth
+
+
+def _weights(phase: float, sigma: float, reach: int, order: int) -> Array:
+    """Return the weights of a Gaussian kernel or its derivatives, centred `phase` rows after the middle one."""
+    u = (phase - np.arange(-reach, reach + 1)) / sigma
+    weights = np.exp(-0.5 * u**2)
+    weights /= weights.sum()
+    if order == 1:
+        weights *= -u / sigma
+    elif order == 2:
+        weights *= (u**2 - 1.0) / sigma**2
+    return np.asarray(weights)
 
 
 def states(recording: Recording, track: Track, times: Array, settings: MotionSettings) -> Array:
@@ -87,30 +116,99 @@ def states(recording: Recording, track: Track, times: Array, settings: MotionSet
     )
 
 
-def beyond_car(recording: Recording, track: Track, settings: MotionSettings) -> Array:
-    """Return the times at which a vehicle's conditioned motion in the plane is beyond a car, s, shape (k,).
-
-    That is an acceleration over 9 m/s2, along and across together, or a change of it by over 25 m/s3.
-    """
-    rounded = on_rounded_road(recording, track, settings)
-    acceleration = np.stack(
-        [condition(values, recording.step_s, settings.width_s, 2) for values in (rounded.x, rounded.y)]
+def positions(recording: Recording, track: Track, steps: IntArray, settings: MotionSettings) -> Array:
+    """Return the conditioned positions of a vehicle at steps of the recording within its track, m, shape (2, n)."""
+    rounded, rows = on_rounded_road(recording, track, settings), steps - track.first_step
+    return np.stack(
+        [condition(values, recording.step_s, settings.width_s, 0, rows) for values in (rounded.x, rounded.y)]
     )
-    beyond = np.hypot(*acceleration) > CAR_MPS2
-    beyond[1:] |= np.hypot(*np.diff(acceleration, axis=1)) > CAR_MPS3 * recording.step_s
-    return np.asarray(recording.times(track)[beyond])
+
+
+@dataclass(frozen=True)
+class Excess:
+    """When a vehicle's conditioned motion in the plane exceeds limits, s of simulation time.
+
+    beyond_car: the acceleration exceeds 9 m/s2, along and across together, or changes by more than 25 m/s3, shape (k,).
+    across: the acceleration across the direction of travel exceeds the limit that was given, shape (m,).
+    """
+
+    beyond_car: Array
+    across: Array
+
+
+def excess(recording: Recording, track: Track, settings: MotionSettings, across_mps2: float | None = None) -> Excess:
+    """Return when a vehicle's conditioned motion in the plane exceeds the limits of a car, and a limit across.
+
+    across_mps2: limit of the acceleration across the direction of travel, m/s2; none when absent. Below `LEAST_MPS`, a
+    vehicle has no direction of travel.
+    """
+    rounded, step_s = on_rounded_road(recording, track, settings), recording.step_s
+    every = max(1, int(settings.width_s / step_s / COARSE_ROWS))
+    coarse = _coarse_acceleration(rounded, settings.width_s / step_s, every) / step_s**2
+    total = np.hypot(*coarse)
+    jerk = np.hypot(*np.diff(coarse, axis=1)) / (every * step_s)
+    none = np.empty(0)
+    times, beyond, across = recording.times(track), none, none
+    acceleration: Array | None = None
+    if total.max(initial=0.0) > ALMOST * CAR_MPS2 or jerk.max(initial=0.0) > ALMOST * CAR_MPS3:
+        acceleration = _derivative(rounded, step_s, settings.width_s, 2)
+        exceeds = np.hypot(*acceleration) > CAR_MPS2
+        exceeds[1:] |= np.hypot(*np.diff(acceleration, axis=1)) > CAR_MPS3 * step_s
+        beyond = times[exceeds]
+    if across_mps2 is not None:
+        rows = np.flatnonzero(total > ALMOST * across_mps2)
+        velocity = _derivative(rounded, step_s, settings.width_s, 1, rows * every)
+        if np.abs(across_travel(velocity, coarse[:, rows])).max(initial=0.0) > ALMOST * across_mps2:
+            acceleration = _derivative(rounded, step_s, settings.width_s, 2) if acceleration is None else acceleration
+            velocity = _derivative(rounded, step_s, settings.width_s, 1)
+            across = times[np.abs(across_travel(velocity, acceleration)) > across_mps2]
+    return Excess(beyond, across)
+
+
+def across_travel(velocity: Array, acceleration: Array) -> Array:
+    """Return the acceleration across the direction of travel, left positive, m/s2, shape (n,).
+
+    velocity, acceleration: in the plane, m/s and m/s2, shape (2, n). Zero at speeds below `LEAST_MPS`.
+    """
+    speed = np.hypot(*velocity)
+    turning = velocity[0] * acceleration[1] - velocity[1] * acceleration[0]
+    return np.asarray(np.where(speed > LEAST_MPS, turning, 0.0) / np.maximum(speed, LEAST_MPS))
+
+
+def _derivative(
+    rounded: RoundedTrack, step_s: float, width_s: float, order: int, rows: IntArray | None = None
+) -> Array:
+    """Return a derivative in time of the smoothed positions at some rows, or at all, shape (2, n)."""
+    return np.stack([condition(values, step_s, width_s, order, rows) for values in (rounded.x, rounded.y)])
+
+
+def _coarse_acceleration(rounded: RoundedTrack, sigma: float, every: int) -> Array:
+    """Return the acceleration at every `every`-th row, m per row squared, shape (2, n).
+
+    Conditioned motion changes little within a third of the kernel's standard deviation sigma, rows.
+    """
+    reach = int(np.ceil(REACH * sigma))
+    weights, first = _weights(0.0, sigma, reach, 2), -(-2 * reach // every)
+    # The kernel is centred on the first row if the padding before it makes up whole steps.
+    before = first * every - reach
+    padded = [
+        np.pad(values - values[0], (before, reach), mode="reflect", reflect_type="odd")
+        for values in (rounded.x, rounded.y)
+    ]
+    count = -(-len(rounded.x) // every)
+    return np.stack([upfirdn(weights, values, 1, every)[first : first + count] for values in padded])
 
 
 def on_rounded_road(recording: Recording, track: Track, settings: MotionSettings) -> RoundedTrack:
-    """Return the positions of a track with the corners of its road rounded, from the recent ones where possible."""
+    """Return the positions of a track with the corners of its road rounded.
+
+    What moves is worked out once for each track and kept as long as the track is.
+    """
     key = (id(track), settings.model_dump_json())
-    reference, rounded = _RECENT.pop(key, (None, None))
-    if rounded is None or reference is None or reference() is not track:
-        rounded = rounded_track(recording, track, settings)
-    _RECENT[key] = (weakref.ref(track), rounded)
-    if len(_RECENT) > RECENT:
-        _RECENT.popitem(last=False)
-    return rounded
+    if key not in _MOVED:
+        moved = moved_rows(recording, track, settings)
+        _MOVED[key] = moved, weakref.ref(track, lambda _: _MOVED.pop(key, None))
+    return RoundedTrack.of(track, _MOVED[key][0])
 
 
-_RECENT: OrderedDict[tuple[int, str], tuple[weakref.ref[Track], RoundedTrack]] = OrderedDict()
+_MOVED: dict[tuple[int, str], tuple[MovedRows, weakref.ref[Track]]] = {}

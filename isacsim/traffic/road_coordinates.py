@@ -8,18 +8,33 @@ track stays as it is, to the last bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
-from isacsim.arrays import Array, ComplexArray
+from isacsim.arrays import Array, ComplexArray, IntArray
 from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, Smoothing, rounding_widths
+from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, stretches
 from isacsim.traffic.recording import Recording, Track
 
 CHANGE_S, CHANGE_M = 3.0, 20.0
 """The reference line moves from one lane to the next over this time, s, or this distance, m, if that is longer, before
 and after the vehicle crosses the marking. Its own lateral acceleration is 0.5 m/s2 or less then."""
+
+
+@dataclass(frozen=True)
+class MovedRows:
+    """The rows of a track that rounding moves, shape (k,), and their positions x + iy on the rounded road, m, (k,)."""
+
+    rows: IntArray
+    position: ComplexArray
+
+
+UNMOVED = MovedRows(np.empty(0, np.int64), np.empty(0, np.complex128))
 
 
 @dataclass(frozen=True)
@@ -30,17 +45,26 @@ class RoundedTrack:
     y: Array
     shift_m: Array
 
+    @classmethod
+    def of(cls, track: Track, moved: MovedRows) -> Self:
+        """Return a track with some of its rows moved."""
+        if not len(moved.rows):
+            return cls(track.x, track.y, np.zeros(len(track)))
+        position = track.x + 1j * track.y
+        shift_m = np.zeros(len(track))
+        shift_m[moved.rows] = np.abs(moved.position - position[moved.rows])
+        position[moved.rows] = moved.position
+        return cls(np.ascontiguousarray(position.real), np.ascontiguousarray(position.imag), shift_m)
 
-def rounded_track(recording: Recording, track: Track, settings: RoundingSettings) -> RoundedTrack:
-    """Return the positions of a track with the corners of its road rounded.
 
-    The positions are not yet smoothed in time. A recording without lanes has no centre lines; its tracks are returned
-    as they are.
+def moved_rows(recording: Recording, track: Track, settings: RoundingSettings) -> MovedRows:
+    """Return the rows of a track that move when the corners of its road are rounded.
+
+    The positions are not yet smoothed in time. A recording without lanes has no centre lines; its tracks do not move.
     """
-    unchanged = RoundedTrack(track.x, track.y, np.zeros(len(track)))
     if not recording.lanes or len(track) < 3:
-        return unchanged
-    headings = lane_headings(recording.lanes, track)
+        return UNMOVED
+    headings = lane_headings(recording.lanes, track.lane, track.lane_pos)
     offset = _lateral_offset(track, recording.step_s)
     position = track.x + 1j * track.y
     reference = position - 1j * headings * offset
@@ -48,19 +72,22 @@ def rounded_track(recording: Recording, track: Track, settings: RoundingSettings
     along = _along_shift(track, recording.step_s, station, settings)
     grid = np.arange(0.0, station[-1], STEP_M)
     if len(grid) < 3:
-        return unchanged
-    line = Smoothing(_at(grid, station, reference))
-    speeds = np.interp(grid, station, track.speed)
-    widths = rounding_widths(line, speeds, settings.width_s, settings.lateral_mps2, settings.max_shift_m)
-    station = station + along
-    changed = (along != 0.0) | (np.interp(station, grid, widths) > 0.0)
-    if not changed.any():
-        return unchanged
-    normals = 1j * Smoothing(_at(grid, station - along, headings)).at(widths)
-    rounded = np.where(
-        changed, _at(station, grid, line.at(widths)) + offset * _at(station, grid, normals / np.abs(normals)), position
-    )
-    return RoundedTrack(rounded.real, rounded.imag, np.abs(rounded - position))
+        return UNMOVED
+    line, speeds = _at(grid, station, reference), np.interp(grid, station, track.speed)
+    bends = stretches(line, speeds, settings.width_s, settings.lateral_mps2, settings.max_shift_m)
+    if not bends and not along.any():
+        return UNMOVED
+    tangents, shifted = _at(grid, station, headings), station + along
+    widths = np.zeros(len(grid))
+    for bend in bends:
+        widths[bend.span] = bend.widths
+        line[bend.span] = bend.line.at(bend.widths)
+        tangents[bend.span] = bend.smoothed(tangents)
+    moves = (along != 0.0) | (np.interp(shifted, grid, widths) > 0.0)
+    # The grid ends up to a step before the track does.
+    rows = np.flatnonzero(moves & (shifted <= grid[-1]))
+    across = 1j * _at(shifted[rows], grid, tangents / np.abs(tangents))
+    return MovedRows(rows, _at(shifted[rows], grid, line) + offset[rows] * across)
 
 
 def _along_shift(track: Track, step_s: float, station: Array, settings: RoundingSettings) -> Array:
@@ -74,30 +101,34 @@ def _along_shift(track: Track, step_s: float, station: Array, settings: Rounding
     grid = np.arange(0.0, driven[-1], STEP_M)
     if len(grid) < 3:
         return np.zeros(len(track))
-    surplus = Smoothing(_at(grid, driven, (station - driven).astype(np.complex128)))
+    surplus = np.interp(grid, driven, station - driven).astype(np.complex128)
     speeds = np.interp(grid, driven, track.speed)
-    widths = rounding_widths(surplus, speeds, settings.width_s, settings.along_mps2, settings.max_shift_m)
-    return _at(driven, grid, surplus.at(widths) - surplus.values).real
+    shift = np.zeros(len(grid))
+    for stretch in stretches(surplus, speeds, settings.width_s, settings.along_mps2, settings.max_shift_m):
+        shift[stretch.span] = (stretch.line.at(stretch.widths) - stretch.line.values).real
+    return np.interp(driven, grid, shift) if shift.any() else np.zeros(len(track))
 
 
-def lane_headings(lanes: tuple[Lane, ...], track: Track) -> ComplexArray:
-    """Return the direction of the centre line at each row of a track, as a complex unit vector, shape (n,)."""
-    headings = np.full(len(track), np.nan, np.complex128)
-    for k in np.unique(track.lane):
-        rows = np.flatnonzero(track.lane == k)
-        shape = lanes[k].shape @ np.array([1.0, 1.0j])
-        steps = np.diff(shape)
-        steps = steps[np.abs(steps) > 0]
-        if len(steps):
-            ends = np.cumsum(np.abs(steps))
-            # SUMO stretches the shape of a lane to the lane's length.
-            at = np.searchsorted(ends, track.lane_pos[rows] * ends[-1] / lanes[k].length_m, side="right")
-            headings[rows] = (steps / np.abs(steps))[np.minimum(at, len(steps) - 1)]
-    known = np.flatnonzero(~np.isnan(headings))
-    if not len(known):
-        return np.ones(len(track), np.complex128)
-    # A lane without extent has no direction: that of the row before holds on.
-    return headings[known[np.maximum(np.searchsorted(known, np.arange(len(track)), side="right") - 1, 0)]]
+def lane_headings(lanes: Sequence[Lane], lane: npt.NDArray[np.integer[Any]], lane_pos: Array) -> ComplexArray:
+    """Return the direction of the centre line at places in lanes, as complex unit vectors, shape (n,).
+
+    lane: index of the lane of each place, shape (n,). lane_pos: position along that lane, m, shape (n,).
+    A lane without extent has no direction; there, the direction of the place before holds on.
+    """
+    headings = np.empty(len(lane), np.complex128)
+    starts = np.concatenate([[0], np.flatnonzero(lane[1:] != lane[:-1]) + 1, [len(lane)]])
+    before: complex | None = None
+    for start, stop in pairwise(starts.tolist()):
+        ends, directions = lanes[lane[start]].segments
+        if len(ends):
+            segment = np.searchsorted(ends[:-1], lane_pos[start:stop], side="right")
+            headings[start:stop] = directions[segment]
+            if before is None:
+                headings[:start] = headings[start]
+            before = complex(headings[stop - 1])
+        else:
+            headings[start:stop] = 1.0 if before is None else before
+    return headings
 
 
 def _lateral_offset(track: Track, step_s: float) -> Array:

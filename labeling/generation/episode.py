@@ -95,7 +95,7 @@ def make_samples(
     if study.sensing.channel.blockage:
         duration_s = study.record.duration_s
         blockers = [
-            blockers_of(recording, candidate.t_start, candidate.t_start + duration_s, {candidate.tv})
+            blockers_of(recording, candidate.t_start, candidate.t_start + duration_s, {candidate.tv}, study.motion)
             for candidate in chosen
         ]
     sensed = sensing.sense(np.stack(truth).astype(np.float64), rate_hz, scenario.sites, study.sensing, keys, blockers)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array
 from isacsim.seeding import stream
 from isacsim.settings import Settings
-from isacsim.traffic.motion import MotionSettings, beyond_car
+from isacsim.traffic.motion import Excess, MotionSettings, excess
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Origin, origin
@@ -39,6 +39,13 @@ class RecordSettings(Settings):
         0.5, ge=0.0, le=30.0, description="no other event of the TV from this long before onset, s"
     )
     alone_after_s: float = Field(2.4, ge=0.0, le=30.0, description="no other event of the TV until this long after, s")
+    across_mps2: float | None = Field(
+        4.0,
+        gt=0.0,
+        le=12.0,
+        description="most that the TV or the UV accelerates across its direction of travel outside a swerve, m/s2; "
+        "null: no limit",
+    )
 
     @model_validator(mode="after")
     def _holds_onset(self) -> Self:
@@ -74,8 +81,9 @@ class Candidates:
 
     Reasons: `tv_kind`, `no_uv`, `ambiguous`, `commit_outside_record` (the record ends before the maneuver is decided),
     `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
-    `beyond_car` (the TV or the UV accelerates in the plane as no car can), and the marks of events, such as
-    `passed_did_not_return` and `unresolved`.
+    `beyond_car` (the TV or the UV accelerates in the plane as no car can), `beyond_driver` (one of them accelerates
+    across its direction of travel by more than `RecordSettings.across_mps2` outside a swerve: the road is too sharp for
+    its speed), and the marks of events, such as `passed_did_not_return` and `unresolved`.
     """
 
     samples: tuple[Candidate, ...]
@@ -96,7 +104,7 @@ def candidates(
     absent, motion in the plane is not looked at, and no event is left out as `beyond_car`.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
-    plane = None if motion is None else _PlaneLimits(recording, motion)
+    plane = None if motion is None else _PlaneLimits(recording, labels, motion, record.across_mps2)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
@@ -111,19 +119,36 @@ def candidates(
     return Candidates(tuple(samples), dict(sorted(left_out.items())))
 
 
-class _PlaneLimits:
-    """When the vehicles of a recording accelerate in the plane as no car can; worked out once for each vehicle."""
+SWERVE_MARGIN_S = 0.5
+"""A vehicle still accelerates across this long before the onset and after the end of a swerve, s."""
 
-    def __init__(self, recording: Recording, motion: MotionSettings) -> None:
+
+class _PlaneLimits:
+    """When the vehicles of a recording exceed limits in the plane; worked out once for each vehicle."""
+
+    def __init__(self, recording: Recording, labels: Labels, motion: MotionSettings, across_mps2: float | None) -> None:
         self._recording = recording
         self._motion = motion
-        self._times: dict[str, Array] = {}
+        self._across_mps2 = across_mps2
+        self._swerves: dict[str, list[tuple[float, float]]] = {}
+        for swerve in labels.of(Intention.EVASIVE_SWERVE):
+            span = (swerve.onset - SWERVE_MARGIN_S, swerve.end + SWERVE_MARGIN_S)
+            self._swerves.setdefault(swerve.vehicle, []).append(span)
+        self._times: dict[str, Excess] = {}
 
-    def exceeded(self, vehicle: str, start: float, end: float) -> bool:
-        """Return whether a vehicle does so between two times, s."""
+    def exceeded(self, vehicle: str, start: float, end: float) -> str | None:
+        """Return the reason why a vehicle's motion between two times, s, is not used; None if there is none."""
         if vehicle not in self._times:
-            self._times[vehicle] = beyond_car(self._recording, self._recording.tracks[vehicle], self._motion)
-        return bool(((self._times[vehicle] >= start) & (self._times[vehicle] <= end)).any())
+            times = excess(self._recording, self._recording.tracks[vehicle], self._motion, self._across_mps2)
+            swerving = np.zeros(len(times.across), bool)
+            for onset, last in self._swerves.get(vehicle, ()):
+                swerving |= (times.across >= onset) & (times.across <= last)
+            self._times[vehicle] = Excess(times.beyond_car, times.across[~swerving])
+        times = self._times[vehicle]
+        for reason, at in (("beyond_car", times.beyond_car), ("beyond_driver", times.across)):
+            if ((at >= start) & (at <= end)).any():
+                return reason
+        return None
 
 
 def _candidate(
@@ -157,9 +182,10 @@ def _candidate(
     event = for_pair(surroundings, labels, event, pair.uv)
     if event.mark is not None:
         return event.mark
-    end = start + record.duration_s
-    if plane is not None and any(plane.exceeded(vehicle, start, end) for vehicle in (event.vehicle, pair.uv)):
-        return "beyond_car"
+    for vehicle in (event.vehicle, pair.uv):
+        reason = None if plane is None else plane.exceeded(vehicle, start, start + record.duration_s)
+        if reason is not None:
+            return reason
     return Candidate(
         tv=event.vehicle,
         uv=pair.uv,

@@ -22,8 +22,13 @@ SAME_WAY_COS = 0.5
 
 
 class CentreLine(Protocol):
-    """A lane: its centre line (n, 2), m, in the scenario's plane and in the direction of driving, and its width."""
+    """A lane: its centre line (n, 2), m, in the scenario's plane and in the direction of driving, its width and its id.
 
+    The id is SUMO's: the edge, an underscore, and the number of the lane, counted from the outermost one.
+    """
+
+    @property
+    def id(self) -> str: ...
     @property
     def shape(self) -> npt.NDArray[np.floating]: ...
     @property
@@ -48,13 +53,14 @@ class LaneMap:
     """Points along all centre lines.
 
     tree: of the m points. heading: direction of the lane at each point, unit vectors (m, 2). bend: its curvature,
-    positive to the left, 1/m, (m,). width_m: its width, (m,).
+    positive to the left, 1/m, (m,). width_m: its width, (m,). lefthand: whether traffic keeps left.
     """
 
     tree: cKDTree
     heading: Array
     bend: Array
     width_m: Array
+    lefthand: bool = False
 
     @classmethod
     def of(cls, lanes: Sequence[CentreLine]) -> Self:
@@ -62,7 +68,7 @@ class LaneMap:
         parts = [_points(np.asarray(lane.shape, dtype=np.float64)) for lane in lanes]
         points, heading, bend = (np.concatenate(side) for side in zip(*parts, strict=True))
         width = np.repeat([float(lane.width_m) for lane in lanes], [len(part[0]) for part in parts])
-        return cls(cKDTree(points), heading, bend, width)
+        return cls(cKDTree(points), heading, bend, width, keeps_left(lanes))
 
     def place(self, position: Array, velocity: Array) -> InLane:
         """Return the places of vehicles at positions (n, 2), m, with velocities (n, 2), m/s.
@@ -79,6 +85,21 @@ class LaneMap:
         turned = np.stack([heading[:, 0] - bend * past * heading[:, 1], heading[:, 1] + bend * past * heading[:, 0]], 1)
         turned /= np.hypot(turned[:, 0], turned[:, 1])[:, None]
         return InLane(_cross(heading, away) - bend * past**2 / 2, self.width_m[nearest], turned)
+
+
+def keeps_left(lanes: Sequence[CentreLine]) -> bool:
+    """Return whether traffic keeps left: the lanes of most edges are then numbered from left to right."""
+    by_id = {lane.id: np.asarray(lane.shape, dtype=np.float64) for lane in lanes}
+    lefts = rights = 0
+    for name, line in by_id.items():
+        edge, _, number = name.rpartition("_")
+        inner = by_id.get(f"{edge}_{int(number) + 1}") if number.isdecimal() else None
+        if inner is None:
+            continue
+        along, across = line[-1] - line[0], inner.mean(axis=0) - line.mean(axis=0)
+        side = along[0] * across[1] - along[1] * across[0]
+        lefts, rights = lefts + (side > 0), rights + (side < 0)
+    return rights > lefts
 
 
 def _points(line: Array) -> tuple[Array, Array, Array]:

@@ -17,7 +17,7 @@ from pydantic import Field
 from scipy.signal import savgol_filter
 from sklearn.metrics import f1_score
 
-from isacsim.arrays import Array, IntArray
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
 from isacsim.feedback import Feedback
 from isacsim.files import replace_file
@@ -63,8 +63,8 @@ class RuleSettings(Settings):
     level_s: float = Field(
         30.0,
         gt=0,
-        description="a left change is an overtake if the TV is level with the UV within this time, s; the labels "
-        "allow an overtake as long",
+        description="a change to the faster side is an overtake if the TV is level with the UV within this time, s; "
+        "the labels allow an overtake as long",
     )
     fit: bool = Field(False, description="scale the thresholds to the best macro-F1 on the training windows")
 
@@ -108,7 +108,8 @@ class Drive:
     accel, brake, swerve: greatest acceleration, deceleration and lateral acceleration in the window, m/s2. left, right:
     distances at the end of the window from the TV to the markings of the lane in which it began the window, m, negative
     once crossed. aside: its lateral speed at the end, m/s, positive to the left. level: time until it is level with the
-    UV, s, from front bumper to front bumper; infinite if the UV is not ahead in that lane, or not slower.
+    UV, s, from front bumper to front bumper; infinite if the UV is not ahead in that lane, or not slower. lefthand:
+    whether traffic keeps left and overtakes on the right.
     """
 
     accel: Array
@@ -118,6 +119,7 @@ class Drive:
     right: Array
     aside: Array
     level: Array
+    lefthand: BoolArray
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
@@ -157,23 +159,26 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
         right=half + offset,
         aside=aside[:, -1],
         level=level,
+        lefthand=np.array([on_map.lane_maps(name).lefthand for name in on_map.scenario.tolist()], dtype=bool),
     )
 
 
 def strengths(drives: Drive, settings: RuleSettings) -> Array:
     """Return how far each known intention is on the way to its threshold, (n, 6); 1 is at the threshold.
 
-    A lane change has at most 1, so that a hard maneuver beyond its threshold wins. Of a left change and an overtake one
-    has the whole strength, and the other less by the factor by which `level` is on the wrong side of its threshold.
+    A lane change has at most 1, so that a hard maneuver beyond its threshold wins. Overtakes begin with a change to the
+    faster side: the left, or the right where traffic keeps left. Of that change and an overtake, one has the whole
+    strength, and the other less by the factor by which `level` is on the wrong side of its threshold.
     """
     left = _crossing(drives.left, drives.aside, settings.line_crossing_s)
     right = _crossing(drives.right, -drives.aside, settings.line_crossing_s)
     soon = np.clip(settings.level_s / np.maximum(drives.level, LEAST), 0.5, 2.0)
+    no_overtake = np.minimum(1, 1 / soon)
     by_intention: dict[Intention, Array] = {
         Intention.HARD_BRAKE: drives.brake / settings.brake_mps2,
-        Intention.LEFT_LANE_CHANGE: left * np.minimum(1, 1 / soon),
-        Intention.RIGHT_LANE_CHANGE: right,
-        Intention.OVERTAKE: left * np.minimum(1, soon),
+        Intention.LEFT_LANE_CHANGE: np.where(drives.lefthand, left, left * no_overtake),
+        Intention.RIGHT_LANE_CHANGE: np.where(drives.lefthand, right * no_overtake, right),
+        Intention.OVERTAKE: np.where(drives.lefthand, right, left) * np.minimum(1, soon),
         Intention.HARD_ACCEL: drives.accel / settings.accel_mps2,
         Intention.EVASIVE_SWERVE: drives.swerve / settings.swerve_mps2,
     }

@@ -20,6 +20,7 @@ from isacsim.radio.cross_section import aspect_dbsm
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
+from isacsim.traffic.motion import MotionSettings, states
 from isacsim.traffic.recording import Recording, Track
 
 WAVEFORM = Waveform()
@@ -163,7 +164,8 @@ def test_blockers_come_from_a_recording() -> None:
         "tv": moving("tv", "passenger", 100, place),
     }
     recording = Recording("r", 1, 0.01, (lane,), tracks)
-    others = blockers_of(recording, 1.0, 3.0, {"tv"}, every_steps=10)
+    as_it_is = MotionSettings(max_shift_m=0.0)
+    others = blockers_of(recording, 1.0, 3.0, {"tv"}, as_it_is, every_steps=10)
     assert others.ids == ("truck", "car")
     assert others.step_s == pytest.approx(0.1)
     assert others.height_m.tolist() == [3.0, 1.6]
@@ -172,6 +174,12 @@ def test_blockers_come_from_a_recording() -> None:
     assert others.x[1, 5] == pytest.approx(80)
     assert others.heading[0, 0] == pytest.approx([1, 0])
     assert others.heading[0, -1] == pytest.approx([0, 1])
+    # On the rounded road they are where the target would be in their place.
+    rounded = blockers_of(recording, 1.0, 3.0, {"tv"}, MotionSettings(), every_steps=10)
+    times = np.linspace(1.0, 3.0, 21)
+    expected = states(recording, tracks["truck"], times, MotionSettings())[:2]
+    np.testing.assert_allclose([rounded.x[0], rounded.y[0]], expected, atol=1e-9)
+    assert 0.2 < np.hypot(rounded.x - others.x, rounded.y - others.y)[0].max() < 1.2
     # Absent vehicles hide nothing, and numpy does not complain about them.
     with np.errstate(all="raise"):
         number = np.array([[0, 1]])

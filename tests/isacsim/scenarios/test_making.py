@@ -11,7 +11,7 @@ from isacsim.errors import InputError
 from isacsim.panels import Panels
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.making import add_sites, import_map
-from isacsim.scenarios.scenario import load
+from isacsim.scenarios.scenario import bundled, load
 from isacsim.scenarios.site_placement import PlacementSettings, place
 from isacsim.scenarios.sumo_files import parse, without_outputs
 from isacsim.sensing import LEAST_SITES, ViewSettings, assign
@@ -98,6 +98,21 @@ def test_a_scenario_with_sites_and_an_output_folder_in_use_are_refused(tmp_path:
         add_sites(str(folder), folder, PlacementSettings(), DemandSettings())
 
 
+def test_a_map_of_a_country_that_drives_on_the_left_keeps_left(tmp_path: Path) -> None:
+    """The same lanes lie on the other side of the line in the map, and lane 0 is the outermost one still."""
+    offsets = []
+    for lefthand in (False, True):
+        folder = tmp_path / str(lefthand)
+        import_map(osm(tmp_path), folder, None, PlacementSettings(), DemandSettings(vehicles=5), lefthand=lefthand)
+        scenario = load(folder)
+        assert scenario.lefthand is lefthand
+        inner = next(lane for lane in scenario.lanes if lane.index == 1 and not lane.edge.startswith(":"))
+        outer = next(lane for lane in scenario.lanes if lane.edge == inner.edge and lane.index == 0)
+        along, across = outer.shape[-1] - outer.shape[0], inner.shape[0] - outer.shape[0]
+        offsets.append((along[0] * across[1] - along[1] * across[0]) / np.hypot(*along))
+    assert offsets == pytest.approx([3.2, -3.2], abs=0.3)
+
+
 def test_a_map_becomes_a_scenario(tmp_path: Path) -> None:
     new = import_map(osm(tmp_path), tmp_path / "city", None, PlacementSettings(), DemandSettings(vehicles=40))
     scenario = load(tmp_path / "city")
@@ -144,12 +159,12 @@ def test_demand_is_reproducible_and_its_routes_are_connected(tmp_path: Path) -> 
     assert all(pair in follows for route in routes for pair in pairwise(route))
 
 
-@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban"])
+@pytest.mark.parametrize("name", sorted(bundled()))
 def test_poles_stand_clear_of_the_road_and_apart(name: str) -> None:
     scenario = load(name)
     settings = PlacementSettings()
     edges = {lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")}
-    sites = place(scenario.lanes, edges, settings)
+    sites = place(scenario.lanes, edges, settings, scenario.lefthand)
     poles = np.unique(np.array([(site.x, site.y) for site in sites]), axis=0)
     assert len(sites) == 2 * len(poles)
     for lane in scenario.lanes:
@@ -166,7 +181,7 @@ def test_poles_stand_clear_of_the_road_and_apart(name: str) -> None:
 def test_bundled_scenarios_have_a_pole_near_every_covered_lane() -> None:
     """Every lane but the run-ins', the ramps' and the cross streets' has a pole within 150 m of its middle."""
     bare = ("runin", "onramp", "offramp", ":")
-    for name in ("motorway", "ramp_weave", "urban"):
+    for name in bundled():
         scenario = load(name)
         poles = np.array([(site.x, site.y) for site in scenario.sites])
         for lane in scenario.lanes:
@@ -176,7 +191,7 @@ def test_bundled_scenarios_have_a_pole_near_every_covered_lane() -> None:
             assert np.hypot(*(poles - middle).T).min() < 150.0, (name, lane.id)
 
 
-@pytest.mark.parametrize("name", ["motorway", "ramp_weave", "urban", "straight"])
+@pytest.mark.parametrize("name", [*sorted(bundled()), "straight"])
 def test_two_of_the_sites_made_for_a_bare_network_see_each_road_of_its_traffic(name: str, tmp_path: Path) -> None:
     """Along each lane with traffic, at least two panels are in view, and on a long one they change."""
     network = straight_road(tmp_path / name, vehicle("a")) / "r.net.xml" if name == "straight" else load(name).network

@@ -1,5 +1,6 @@
 """Vehicles on polygons: the corners of a road leave no trace in their motion, and their positions hardly change."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isacsim.arrays import Array, ComplexArray
+from isacsim.scenarios import reference_line
 from isacsim.scenarios.lane import Lane
-from isacsim.traffic.motion import MotionSettings, beyond_car, condition, states
+from isacsim.traffic import motion
+from isacsim.traffic.motion import MotionSettings, condition, excess, states
 from isacsim.traffic.recording import Recording, Track
+from isacsim.traffic.road_coordinates import RoundedTrack, moved_rows
 from tests.support.drives import sweep
 
 STEP = 0.01
@@ -76,7 +80,7 @@ def test_a_corner_at_motorway_speed_leaves_no_acceleration_that_a_driver_would_n
     rounded = states(recording, track, times, MotionSettings())
     assert np.abs(across(rounded)).max() < bound
     assert np.hypot(*np.diff(rounded[4:6], axis=1)).max() * 400.0 < 25.0
-    assert len(beyond_car(recording, track, MotionSettings())) == 0
+    assert len(excess(recording, track, MotionSettings()).beyond_car) == 0
 
 
 def test_a_rounded_corner_moves_as_far_as_theory_says() -> None:
@@ -108,7 +112,7 @@ def test_a_swerve_on_a_kinked_road_is_the_swerve_of_a_straight_one() -> None:
 
 def test_a_corner_that_no_rounding_makes_drivable_is_beyond_a_car() -> None:
     recording, track = drive(polygon([35.0]), 30.0)
-    times = beyond_car(recording, track, MotionSettings())
+    times = excess(recording, track, MotionSettings()).beyond_car
     assert len(times)
     assert np.abs(times - 150.0 / 30.0).max() < 1.5
 
@@ -188,7 +192,56 @@ def test_speed_does_not_step_where_a_lane_is_longer_than_its_shape() -> None:
     )  # fmt: skip
     recording = Recording("stretched", 1, STEP, lanes, {"tv": joined})
     times = inner(recording, joined)
-    peaks = [np.hypot(*states(recording, joined, times, motion)[4:6]).max() for motion in (AS_IT_IS, MotionSettings())]
+    peaks = [np.hypot(*states(recording, joined, times, road)[4:6]).max() for road in (AS_IT_IS, MotionSettings())]
     # A step from 30 to 28.8 m/s within the kernel: 1.2 / (sqrt(2 pi) 0.15 s).
     assert peaks[0] == pytest.approx(30.0 * (1 - 1 / 1.04) / (np.sqrt(2 * np.pi) * 0.15), rel=0.1)
     assert peaks[1] < 0.8
+
+
+@settings(max_examples=20, deadline=None)
+@given(turns=CORNERS, speed=st.floats(8.0, 38.0), stretch=st.floats(0.97, 1.03))
+def test_the_quick_look_at_a_line_never_changes_the_result(turns: list[float], speed: float, stretch: float) -> None:
+    """Roads that clearly need no rounding are told from the others by a cheap estimate."""
+    recording, track = drive(polygon(turns), speed, 0.3, stretch)
+    quick = moved_rows(recording, track, MotionSettings())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reference_line, "is_gentle", lambda values, *_: np.zeros(len(values), bool))
+        patch.setattr(reference_line, "NARROW", len(reference_line.WIDTHS_M))
+        full = moved_rows(recording, track, MotionSettings())
+    positions = [RoundedTrack.of(track, moved) for moved in (quick, full)]
+    assert np.hypot(positions[0].x - positions[1].x, positions[0].y - positions[1].y).max() < 1e-6
+
+
+def test_the_quick_look_spares_gentle_bends() -> None:
+    vertices = 1200.0 * np.exp(1j * np.radians(np.arange(0.0, 60.0, 0.2)))
+    recording, track = drive(vertices, 30.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reference_line, "acceleration", None)
+        assert len(moved_rows(recording, track, MotionSettings()).rows) == 0
+
+
+@settings(max_examples=15, deadline=None)
+@given(turns=st.lists(st.floats(-40.0, 40.0), min_size=1, max_size=3), speed=st.floats(10.0, 38.0))
+def test_limits_are_exceeded_at_the_times_at_which_the_states_exceed_them(turns: list[float], speed: float) -> None:
+    """A coarse look first: it must not overlook a time."""
+    recording, track = drive(polygon(turns), speed, 0.3)
+    times = recording.times(track)
+    _, _, vx, vy, ax, ay = states(recording, track, times, MotionSettings())
+    beyond = np.hypot(ax, ay) > 9.0
+    beyond[1:] |= np.hypot(np.diff(ax), np.diff(ay)) > 25.0 * STEP
+    across_travel = np.abs(vx * ay - vy * ax) / np.hypot(vx, vy) > 4.0
+    exceeded = excess(recording, track, MotionSettings(), across_mps2=4.0)
+    # Values within rounding errors of a limit may fall on either side.
+    assert abs(len(exceeded.beyond_car) - beyond.sum()) <= 1
+    assert abs(len(exceeded.across) - across_travel.sum()) <= 1
+    assert set(np.rint(exceeded.across / STEP)) <= set(np.rint(times / STEP))
+
+
+def test_what_moves_is_forgotten_with_the_track() -> None:
+    recording, track = drive(polygon([3.0]), 30.0)
+    states(recording, track, inner(recording, track), MotionSettings())
+    kept = {key for key in motion._MOVED if key[0] == id(track)}
+    assert len(kept) == 1
+    del recording, track
+    gc.collect()
+    assert not kept & motion._MOVED.keys()

@@ -201,3 +201,31 @@ def test_a_record_beyond_a_car_in_the_plane_is_left_out_for_the_tv_and_for_the_u
         kept = candidates(replace(recording, tracks=tracks), labels, PAIRS, RECORD, motion=plane)
         assert len(offered_all.samples) > len(kept.samples) == 0
         assert kept.left_out["beyond_car"] == len(offered_all.samples)
+
+
+@pytest.mark.parametrize("vehicle", ["tv", "uv"])
+def test_a_record_too_sharp_for_drivers_is_left_out_but_a_swerve_is_not(vehicle: str) -> None:
+    """A bend that takes 5 m/s2 across, within the record, or far from it."""
+    recording = record(ROAD, Drive("tv", speed=BRAKE), lead(speed=BRAKE))
+    track = recording.tracks[vehicle]
+    plane = motion.MotionSettings(max_shift_m=0.0)
+    for at_s, left_out in ((21.0, True), (50.0, False)):
+        t = recording.times(track)
+        aside = 5.0 / (2 * np.pi / 1.6) ** 2 * np.sin(2 * np.pi / 1.6 * (t - at_s)) * np.exp(-((t - at_s) ** 2))
+        bent = replace(recording, tracks={**recording.tracks, vehicle: replace(track, y=track.y + aside)})
+        labels = label(bent, LabelSettings())
+        kept = candidates(bent, labels, PAIRS, RECORD, motion=plane)
+        assert (kept.left_out.get("beyond_driver", 0) > 0) == left_out
+        unlimited = RECORD.model_copy(update={"across_mps2": None})
+        assert "beyond_driver" not in candidates(bent, labels, PAIRS, unlimited, motion=plane).left_out
+
+
+def test_across_acceleration_of_a_swerve_is_its_own() -> None:
+    out_and_back = total(sweep(20.0, 1.3, 1.5), sweep(21.4, 1.3, -1.5))
+    recording = record(ROAD, Drive("tv", lateral=out_and_back), lead())
+    labels = label(recording, LabelSettings())
+    assert [event.vehicle for event in labels.of(Intention.EVASIVE_SWERVE)] == ["tv"]
+    state = motion.states(recording, recording.tracks["tv"], np.arange(19.0, 24.0, 0.01), motion.MotionSettings())
+    assert np.abs(state[5]).max() > 4.0
+    kept = candidates(recording, labels, PAIRS, RECORD, motion=motion.MotionSettings())
+    assert Intention.EVASIVE_SWERVE in {sample.intention for sample in kept.samples}

@@ -14,6 +14,7 @@ from models.data.lane_map import LaneMap
 class Line:
     shape: np.ndarray
     width_m: float
+    id: str = "road_0"
 
 
 def arc(radius: float, degrees: float, every: float = 3.0) -> np.ndarray:
@@ -52,6 +53,15 @@ def test_in_a_bend_the_offset_is_the_difference_of_radii(
     # The polyline with a vertex every 3 degrees lies inside the arc by up to radius (1 - cos 1.5 degrees).
     assert in_lane.offset_m[0] == pytest.approx(offset, abs=radius * 3.5e-4 + 0.02)
     np.testing.assert_allclose(in_lane.heading[0], rotation @ heading, atol=0.005)
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_the_numbers_of_the_lanes_say_on_which_side_traffic_keeps(mirror: float) -> None:
+    """Lane 0 is the outermost. An edge of one lane does not say."""
+    lines = [Line(np.array([[0.0, 3.2 * k * mirror], [200.0, 3.2 * k * mirror]]), 3.2, f"a_b_{k}") for k in range(3)]
+    lines.append(Line(np.array([[0.0, 20.0], [0.0, 90.0]]), 3.2, "single_0"))
+    assert LaneMap.of(lines).lefthand == (mirror < 0)
+    assert not LaneMap.of(lines[-1:]).lefthand
 
 
 def test_lanes_without_length_are_passed_over() -> None:

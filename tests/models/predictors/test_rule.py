@@ -28,6 +28,7 @@ RULE = RuleSettings()
 class Line:
     shape: np.ndarray
     width_m: float = WIDTH_M
+    id: str = "road_0"
 
 
 def on_bend(along: np.ndarray, offset: np.ndarray, rate_hz: float) -> np.ndarray:
@@ -51,7 +52,8 @@ def window_on_bend(
     uv = on_bend(at[-1] + gap + uv_speed * (t_uv - t_uv[-1]), np.full(len(t_uv), uv_offset), UV_RATE_HZ)
     angle = np.linspace(0, np.pi / 2, 181)
     lines = [(RADIUS_M - side) * np.stack([np.sin(angle), -np.cos(angle)], axis=1) for side in (0, WIDTH_M)]
-    lanes = LaneMap.of([Line(line + np.array([0, RADIUS_M])) for line in lines])
+    shapes = [line + np.array([0, RADIUS_M]) for line in lines]
+    lanes = LaneMap.of([Line(shape, id=f"road_{k}") for k, shape in enumerate(shapes)])
     on_map = OnMap(tv[None], uv[None], TV_RATE_HZ, np.array(["bend"], dtype=object), lambda _: lanes)
     return Windows(tv[None].astype(np.float32), uv[None].astype(np.float32), on_map)
 
@@ -107,6 +109,35 @@ def test_a_left_change_behind_a_slower_uv_is_an_overtake() -> None:
         assert logits(drive(window, RULE.smooth_s), RULE)[0].argmax() == intention
 
 
+@pytest.mark.parametrize(("uv_speed", "intention"), [(20.0, Intention.OVERTAKE), (26.0, Intention.RIGHT_LANE_CHANGE)])
+def test_where_traffic_keeps_left_a_right_change_overtakes(uv_speed: float, intention: Intention) -> None:
+    """The mirror image of a drive has the mirror image of its answer, and the same strengths."""
+    window = window_on_bend(aside=0.7, gap=40.0, uv_speed=uv_speed)
+    here, there = (strengths(drive(w, RULE.smooth_s), RULE)[0] for w in (window, mirrored(window)))
+    assert there.argmax() == intention
+    swapped = list(range(6))
+    swapped[Intention.LEFT_LANE_CHANGE], swapped[Intention.RIGHT_LANE_CHANGE] = 2, 1
+    np.testing.assert_allclose(there, here[swapped], rtol=1e-6)
+
+
+def mirrored(windows: Windows) -> Windows:
+    """Return windows and roads mirrored at the x axis: what kept right keeps left."""
+    assert windows.on_map is not None
+    flip = np.array([1.0, -1.0] * 3)[:, None]
+    angle = np.linspace(0, np.pi / 2, 181)
+    shapes = [
+        (RADIUS_M - side) * np.stack([np.sin(angle), np.cos(angle)], axis=1) - np.array([0, RADIUS_M])
+        for side in (0, WIDTH_M)
+    ]
+    lanes = LaneMap.of([Line(shape, id=f"road_{k}") for k, shape in enumerate(shapes)])
+    assert lanes.lefthand
+    on_map = dataclasses.replace(
+        windows.on_map, tv=windows.on_map.tv * flip, uv=windows.on_map.uv * flip, lane_maps=lambda _: lanes
+    )
+    tv, uv = (states * flip.astype(np.float32) for states in (windows.tv, windows.uv))
+    return Windows(tv, uv, on_map)
+
+
 def test_noise_of_single_samples_is_no_maneuver() -> None:
     window = window_on_bend(noise=0.1)
     assert np.abs(np.diff(window.on_map.tv[0, 2])).max() * TV_RATE_HZ > 50  # type: ignore[union-attr]
@@ -122,7 +153,9 @@ def test_fitting_scales_thresholds_that_are_far_off() -> None:
         quiet[name][label == intention] = rng.uniform(3, 6, 30)
     aside = np.select([np.isin(label, (1, 3)), label == 2], [0.6, -0.6], 0.0)
     level = np.where(label == 3, rng.uniform(2, 20, 180), rng.uniform(60, 90, 180))
-    drives = Drive(left=np.full(180, 1.2), right=np.full(180, 1.2), aside=aside, level=level, **quiet)
+    drives = Drive(
+        left=np.full(180, 1.2), right=np.full(180, 1.2), aside=aside, level=level, lefthand=np.zeros(180, bool), **quiet
+    )
     poor = RuleSettings(brake_mps2=20, swerve_mps2=0.4, level_s=5.0)
     scaled = fitted(drives, label, poor)
     before, after = ((logits(drives, s).argmax(axis=1) == label).mean() for s in (poor, scaled))
