@@ -44,7 +44,8 @@ from models.training.training import train_records
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""
 PREDICTORS: tuple[str, ...] = (
-    "asi-bip", "ensemble", "castformer", "trees", "aligned", "tv-alone", "uv-alone", "rule",
+    "asi-bip", "ensemble", "embedding-trees", "castformer", "inception-time", "trees", "aligned", "tv-alone",
+    "uv-alone", "rule",
 )  # fmt: skip
 COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
 SHARES = (0.125, 0.25, 0.5, 1.0)
@@ -174,10 +175,13 @@ def _beside(
 
 
 def _predictors(measured: EvaluationResult) -> dict[str, Any]:
-    """Scores over training seeds, each predictor's difference to the first, and every run's scores of the unknown."""
+    """Scores over training seeds with differences to the first predictor; each run's before the commit, and unknown."""
     keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
     return {
         "predictors": measured.model_dump(mode="json")["over_training_seeds"],
+        "before_commit": [
+            result.model_dump(mode="json", include={"name", "before_commit"}) for result in measured.runs
+        ],
         "unknown": [result.model_dump(mode="json", include=keys) for result in measured.runs],
     }
 

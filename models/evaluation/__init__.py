@@ -1,4 +1,4 @@
-"""Measures trained predictors on windows that they have not seen, and writes what it measured to `metrics.json`.
+"""Measures trained predictors on windows that they have not seen, and writes their scores and every prediction.
 
 It knows nothing of figures, pages or studies.
 """

@@ -92,7 +92,7 @@ class InceptionTimePredictor(NetworkPredictor):
     display_name = "InceptionTime"
     summary = "both streams at one rate, one InceptionTime network"
     settings_class: ClassVar[type[Settings] | None] = InceptionTimeSettings
-    window_s = 6e-3
+    window_s = 17e-3
 
     @classmethod
     def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:

@@ -98,11 +98,6 @@ def accepted_unknown(known: Array, unknown: Array, recall: float = 0.95) -> floa
     return float(np.mean(unknown >= threshold_at_recall(known, recall)))
 
 
-def told_apart(known: Array, unknown: Array) -> dict[str, float | None]:
-    """Return `auroc` and `fpr_at_95_recall` of the values of one score on known and on unknown windows."""
-    return {"auroc": auroc(known, unknown), "fpr_at_95_recall": accepted_unknown(known, unknown)}
-
-
 def _negative_entropy(out: Outputs) -> Array:
     """Return minus the entropy of the probabilities, (n,)."""
     p = out.probabilities

@@ -124,13 +124,13 @@ def test_several_trainings_are_compared_by_their_mean_scores() -> None:
     groups = np.arange(400) % 8
     result = metrics.paired_difference(label, first, second, groups, CLASSES)
     singles = [metrics.paired_difference(label, first, predicted, groups, CLASSES) for predicted in second]
-    mean = np.mean([one.macro_f1.difference for one in singles])
+    mean = np.mean([single.macro_f1.difference for single in singles])
     assert result.macro_f1.difference == pytest.approx(mean)
     name = CLASSES[1]
-    expected = np.mean([one.per_class_f1[name].difference for one in singles])
+    expected = np.mean([single.per_class_f1[name].difference for single in singles])
     assert result.per_class_f1[name].difference == pytest.approx(expected)
     # The mean of three answers varies less from group to group than one.
-    widths = [one.macro_f1.high - one.macro_f1.low for one in (result, *singles)]
+    widths = [paired.macro_f1.high - paired.macro_f1.low for paired in (result, *singles)]
     assert widths[0] < max(widths[1:])
 
 
@@ -141,7 +141,7 @@ def test_spread_is_mean_and_sample_deviation() -> None:
     assert metrics.spread([None]) == Spread(mean=None, sd=None, n=0)
 
 
-def test_a_pair_is_told_apart_where_there_are_no_others() -> None:
+def test_a_pair_is_scored_on_its_own_windows_alone() -> None:
     label = np.array([1, 1, 1, 3, 3, 0, 2])
     logits = np.array([[9, 2, 0, 1], [9, 0, 0, 1], [0, 5, 0, 1], [0, 3, 9, 4], [0, 1, 0, 0.5], [0, 0, 0, 9], [0] * 4])
     result = metrics.pair_confusion(logits.astype(float), label, CLASSES, (1, 3))

@@ -91,7 +91,7 @@ def test_groups_differ_by_their_mean_scores_on_the_same_windows(
     ends = draw_ends(left, SMALL_RUN.windows, "evaluate", 0, per_record=1)
     predictions = [predict(run, left, ends) for run in (trees_run, again, network_run)]
     known = predictions[0].known
-    f1 = [f1_score(one.label[known], one.predicted[known], average="macro") for one in predictions]
+    f1 = [f1_score(of_run.label[known], of_run.predicted[known], average="macro") for of_run in predictions]
     assert result.over_training_seeds is not None
     paired = result.over_training_seeds[1].paired_difference
     assert paired is not None
