@@ -95,9 +95,10 @@ class Smoothing:
         """Return the values smoothed with the width of each point, m, shape (n,): linear in the variance."""
         last = len(self.widths_m) - 2
         level = np.clip(np.searchsorted(self.widths_m, widths_m, side="right") - 1, 0, last)
-        for k in np.flatnonzero(np.bincount(level)):
+        needed = np.bincount(level, minlength=last + 2) > 0
+        needed[1:] |= needed[:-1]
+        for k in np.flatnonzero(needed & ~self._computed):
             self._level(int(k))
-            self._level(int(k) + 1)
         low, high = self.widths_m[level] ** 2, self.widths_m[level + 1] ** 2
         share = (widths_m**2 - low) / (high - low)
         points = np.arange(len(widths_m))
@@ -210,7 +211,8 @@ def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: f
     if gentle.all():
         return gentle
     band = np.floor(np.log(np.maximum(speeds, LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
-    for k in np.unique(band):
+    gentle[:] = speeds**2 * bend.max() <= GENTLE * limit_mps2
+    for k in np.unique(band[~gentle]):
         kernel_points = width_s * LEAST_MPS * BAND**k / STEP_M
         # Three boxes of n points have the variance (n^2 - 1) / 4.
         points = int(np.sqrt(4.0 * kernel_points**2 + 1.0) + 1) // 2 * 2 - 1
@@ -257,7 +259,7 @@ GENTLE = 0.7
 """A line is gentle if the quick estimate of its acceleration is at most this share of the limit."""
 LEAST_MPS = 1.0
 """At lower speeds than this, the quick estimate smooths nothing, m/s."""
-BAND = 1.25
+BAND = 1.5
 """Ratio of the speeds that the quick estimate treats as equal."""
 _BOX = 2 * round(BLEND_M / STEP_M / 3) + 1
 _SPAN = 3 * (_BOX - 1) + 1

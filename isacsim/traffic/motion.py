@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from scipy.signal import upfirdn
 
-from isacsim.arrays import Array, IntArray
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.scenarios.reference_line import RoundingSettings
 from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
@@ -142,27 +142,35 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
     across_mps2: limit of the acceleration across the direction of travel, m/s2; none when absent. Below `LEAST_MPS`, a
     vehicle has no direction of travel.
     """
-    rounded, step_s = on_rounded_road(recording, track, settings), recording.step_s
-    every = max(1, int(settings.width_s / step_s / COARSE_ROWS))
-    coarse = _coarse_acceleration(rounded, settings.width_s / step_s, every) / step_s**2
+    rounded, step_s, width_s = on_rounded_road(recording, track, settings), recording.step_s, settings.width_s
+    every = max(1, int(width_s / step_s / COARSE_ROWS))
+    coarse = _coarse_acceleration(rounded, width_s / step_s, every) / step_s**2
     total = np.hypot(*coarse)
     jerk = np.hypot(*np.diff(coarse, axis=1)) / (every * step_s)
-    none = np.empty(0)
-    times, beyond, across = recording.times(track), none, none
-    acceleration: Array | None = None
-    if total.max(initial=0.0) > ALMOST * CAR_MPS2 or jerk.max(initial=0.0) > ALMOST * CAR_MPS3:
-        acceleration = _derivative(rounded, step_s, settings.width_s, 2)
+    suspect = total > ALMOST * CAR_MPS2
+    suspect[1:] |= jerk > ALMOST * CAR_MPS3
+    rows = _around(suspect, every, len(track))
+    beyond = rows[:0]
+    if len(rows):
+        acceleration = _derivative(rounded, step_s, width_s, 2, rows)
         exceeds = np.hypot(*acceleration) > CAR_MPS2
-        exceeds[1:] |= np.hypot(*np.diff(acceleration, axis=1)) > CAR_MPS3 * step_s
-        beyond = times[exceeds]
-    if across_mps2 is not None:
-        rows = np.flatnonzero(total > ALMOST * across_mps2)
-        velocity = _derivative(rounded, step_s, settings.width_s, 1, rows * every)
-        if np.abs(across_travel(velocity, coarse[:, rows])).max(initial=0.0) > ALMOST * across_mps2:
-            acceleration = _derivative(rounded, step_s, settings.width_s, 2) if acceleration is None else acceleration
-            velocity = _derivative(rounded, step_s, settings.width_s, 1)
-            across = times[np.abs(across_travel(velocity, acceleration)) > across_mps2]
-    return Excess(beyond, across)
+        next_row = np.diff(rows) == 1
+        exceeds[1:] |= next_row & (np.hypot(*np.diff(acceleration, axis=1)) > CAR_MPS3 * step_s)
+        beyond = rows[exceeds]
+    across = rows[:0]
+    limit = np.inf if across_mps2 is None else across_mps2
+    rows = _around(total > ALMOST * limit, every, len(track))
+    if len(rows):
+        velocity, acceleration = (_derivative(rounded, step_s, width_s, order, rows) for order in (1, 2))
+        across = rows[np.abs(across_travel(velocity, acceleration)) > limit]
+    times = recording.times(track)
+    return Excess(times[beyond], times[across])
+
+
+def _around(suspect: BoolArray, every: int, count: int) -> IntArray:
+    """Return the rows, of `count`, around those of every `every`-th row that are suspect."""
+    near = np.repeat(maximum_filter1d(suspect.astype(np.int8), 3), every)[:count]
+    return np.flatnonzero(near)
 
 
 def across_travel(velocity: Array, acceleration: Array) -> Array:
@@ -175,10 +183,8 @@ def across_travel(velocity: Array, acceleration: Array) -> Array:
     return np.asarray(np.where(speed > LEAST_MPS, turning, 0.0) / np.maximum(speed, LEAST_MPS))
 
 
-def _derivative(
-    rounded: RoundedTrack, step_s: float, width_s: float, order: int, rows: IntArray | None = None
-) -> Array:
-    """Return a derivative in time of the smoothed positions at some rows, or at all, shape (2, n)."""
+def _derivative(rounded: RoundedTrack, step_s: float, width_s: float, order: int, rows: IntArray) -> Array:
+    """Return a derivative in time of the smoothed positions at some rows, shape (2, n)."""
     return np.stack([condition(values, step_s, width_s, order, rows) for values in (rounded.x, rounded.y)])
 
 
