@@ -164,7 +164,7 @@ def _aside(
     within_lane_m = view.lane_width_m / 2.0 - settings.lane_margin_m
     stays = rng.random() < settings.stay_share
     for side, distance_m in sorted(options.items(), key=lambda option: option[1]):
-        if view.gap_beside_m(side) > settings.clear_beside_m:
+        if view.has_room_beside(side, settings.clear_beside_m, settings.clear_beside_s):
             beside = view.has_lane(side, stay_s)
             if stays and beside:
                 return side * view.lane_width_m, True
@@ -215,7 +215,8 @@ def draw_swerve(
     """Return a swerve for a car with room beside; no further aside than its lane. evasion: the limits of room."""
     if not view.is_car or view.speed <= settings.least_speed_mps or not view.is_steady:
         return None
-    sides = [side for side in (FASTER, SLOWER) if view.gap_beside_m(side) > evasion.clear_beside_m]
+    clear = evasion.clear_beside_m, evasion.clear_beside_s
+    sides = [side for side in (FASTER, SLOWER) if view.has_room_beside(side, *clear)]
     if not sides:
         return None
     low, high = settings.offset_m

@@ -107,7 +107,9 @@ class EvasionSettings(Settings):
         (0.1, 0.5), "clearance beside what is passed, m", "chosen: as close as people dare"
     )
     pass_share: Annotated[Range, within(0.1, 1.0)] = sourced(
-        (0.4, 0.9), "speed at which debris is passed, as a share of the speed before", "chosen: slower, seldom stopping"
+        (0.55, 0.95),
+        "speed at which debris is passed, as a share of the speed before",
+        "chosen: slower, seldom stopping",
     )
     steer_share: float = sourced(
         0.75, "share of drivers with room beside who steer around debris", "chosen: most", ge=0.0, le=1.0
@@ -120,13 +122,16 @@ class EvasionSettings(Settings):
         le=20.0,
     )
     brake_share: float = sourced(
-        0.5, "share of those who steer around debris that also brake", "chosen: half", ge=0.0, le=1.0
+        0.4, "share of those who steer around debris that also brake", "chosen: under half", ge=0.0, le=1.0
     )
     stay_share: float = sourced(
         0.2, "share of those who steer with a free lane beside that stay in it", "chosen: a few", ge=0.0, le=1.0
     )
     clear_beside_m: float = sourced(
         12.0, "only to a side without vehicles this far ahead and behind, m", "chosen: no side contacts", ge=0.0, le=500
+    )
+    clear_beside_s: float = sourced(
+        3.0, "nor any that would be so close after this time, s", "chosen: the time of a swerve", ge=0.0, le=60.0
     )
     lane_margin_m: float = sourced(
         0.1,

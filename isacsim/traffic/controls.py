@@ -12,10 +12,12 @@ from isacsim.traffic.vehicle_control import NO_LATERAL_MODE, UNCHECKED_SPEED_MOD
 
 MODE_S = 0.2
 """SUMO drops lateral positions unless the mode was set a decision interval before, s."""
-STILL_MPS, STILL_MPS2, STILL_M = 0.1, 0.1, 0.15
+STILL_MPS, STILL_MPS2, STILL_M = 0.12, 0.1, 0.2
 """Below these a vehicle has come to rest at its goal: lateral speed, acceleration, and distance."""
-EAGERNESS_PER_S = 3.5
-"""How strongly hands correct a lateral speed, 1/s: a settled swerve with a slight overshoot."""
+EAGERNESS_PER_S = 4.5
+"""How strongly hands correct a lateral speed, 1/s: swerves overshoot a little and settle."""
+EASE_SHARE = 0.7
+"""Lateral acceleration with which a driver plans to come to rest aside, as a share of the largest that is meant."""
 
 
 class Foot:
@@ -65,20 +67,24 @@ class Hands:
         self.moved_m = 0.0
         self.lateral_mps = 0.0
         self._goal_m = 0.0
+        self._anticipation_s = 2.0 * driver.steering_lag_s + 0.5 * driver.correction_s
 
     def steer(self, goal_m: float, limit_mps2: float) -> None:
         """Drive one step towards a lateral goal, m. limit_mps2: largest lateral acceleration that is meant."""
         if goal_m != self._goal_m:
             self._goal_m = goal_m
             self.limb.decide_now()
-        acceleration = self.limb.follow(
-            lambda: approach_mps2(
-                goal_m - self.moved_m, self.lateral_mps, limit_mps2, 0.8 * limit_mps2, EAGERNESS_PER_S
-            )
-        )
+        acceleration = self.limb.follow(lambda: self._meant(limit_mps2))
         self.lateral_mps += acceleration * self._step_s
         self.moved_m += self.lateral_mps * self._step_s
         self._sumo.vehicle.setLateralLanePosition(self._vehicle, self._within_lane_m())
+
+    def _meant(self, limit_mps2: float) -> float:
+        """The lateral acceleration that the driver means now, for where the vehicle will be when it takes effect."""
+        ahead_s, acceleration = self._anticipation_s, self.limb.acceleration
+        rate = self.lateral_mps + acceleration * ahead_s
+        error = self._goal_m - self.moved_m - self.lateral_mps * ahead_s - 0.5 * acceleration * ahead_s**2
+        return approach_mps2(error, rate, limit_mps2, EASE_SHARE * limit_mps2, EAGERNESS_PER_S)
 
     def _within_lane_m(self) -> float:
         """Return the place from the middle of the lane that it is in; move the vehicle to the next lane if needed.
@@ -102,7 +108,7 @@ class Hands:
     def still(self) -> bool:
         """Whether the vehicle rests at its goal."""
         at_goal = abs(self.moved_m - self._goal_m) < STILL_M
-        return at_goal and abs(self.lateral_mps) < STILL_MPS and abs(self.limb.acceleration) < 3.0 * STILL_MPS2
+        return at_goal and abs(self.lateral_mps) < STILL_MPS and abs(self.limb.acceleration) < 5.0 * STILL_MPS2
 
 
 def pedal_limit(steering_mps2: float) -> float:

@@ -206,7 +206,7 @@ class Director:
         if gap_m < settings.follower_s * own.speed and self._may_be_commanded(sumo, vehicle, time):
             ahead = VehicleAhead(maneuver.vehicle, cut_in)
             answer = draws.draw_answer(own, ahead, settings, self.settings.driver, self.rng, self.settings.stay_s)
-            if answer is not None and not self._before_junction(own):
+            if answer is not None and not self._before_junction(sumo, own):
                 self._start(sumo, answer, time)
 
     def _meet_debris(self, sumo: Any, time: float) -> None:
@@ -232,7 +232,10 @@ class Director:
             self._start(sumo, evasion, time)
             self._startle(sumo, evasion, time)
 
-    def _before_junction(self, view: VehicleView) -> bool:
+    def _before_junction(self, sumo: Any, view: VehicleView) -> bool:
+        """Whether a junction or the end of the lane is near: a driver under command would mind neither."""
+        if view.lane in self._endings(sumo) and view.lane_left_m < self.settings.junction_clear_s * view.speed:
+            return True
         return view.junction_within(self.settings.junction_clear_m + self.settings.junction_clear_s * view.speed)
 
     def _start_maneuvers(self, sumo: Any, present: list[str], time: float) -> None:
@@ -254,7 +257,7 @@ class Director:
 
     def _drop_debris(self, sumo: Any, vehicle: str, time: float) -> None:
         view = VehicleView(sumo, vehicle, self.settings.look_ahead_m)
-        if self._before_junction(view):
+        if self._before_junction(sumo, view):
             return
         debris = draws.draw_debris(view, self.settings.evasion, self.rng, time)
         if debris is not None:
@@ -270,7 +273,7 @@ class Director:
             return draws.draw_brake(view, settings.hard_brake, settings.driver, rng)
         if kind == "brisk_start":
             return draws.draw_brisk_start(view, settings.brisk_start, rng)
-        if self._before_junction(view):
+        if self._before_junction(sumo, view):
             return None
         match kind:
             case "surge":
@@ -294,23 +297,26 @@ class Director:
                 return draws.draw_cut_in(view, settings.cut_in, settings.stay_s)
         raise ValueError(f"no command is drawn for {kind}")
 
-    def _reason_to_surge(self, sumo: Any, view: VehicleView) -> str:
-        """What a driver would accelerate hard for: the end of its lane, or room behind the vehicle ahead."""
+    def _endings(self, sumo: Any) -> list[str]:
+        """The lanes that end where their road goes on."""
         if self._ending_lanes is None:
             self._ending_lanes = ending_lanes(sumo)
-        if view.lane in self._ending_lanes:
-            return "merge" if view.lane_left_m > self.settings.junction_clear_s * view.speed else ""
+        return self._ending_lanes
+
+    def _reason_to_surge(self, sumo: Any, view: VehicleView) -> str:
+        """What a driver would accelerate hard for: the end of its lane, or room behind the vehicle ahead."""
+        if view.lane in self._endings(sumo):
+            return "merge"
         return "gap_ahead" if view.leader is not None else ""
 
     def _close_ramps(self, sumo: Any, time: float) -> None:
         """Draw for every lane that ends whether a closure falls due; the next vehicle that can stop there does."""
-        if self._ending_lanes is None:
-            self._ending_lanes = ending_lanes(sumo)
+        endings = self._endings(sumo)
         ramp = self.settings.closed_ramp_end
         chance = self.settings.closed_ramp_end_per_lane_hour / 3600.0 * self.decision_s
         uniform = self._ramp_rng.uniform
-        for number in np.flatnonzero(self._ramp_rng.random(len(self._ending_lanes)) < chance):
-            lane = self._ending_lanes[number]
+        for number in np.flatnonzero(self._ramp_rng.random(len(endings)) < chance):
+            lane = endings[number]
             length = sumo.lane.getLength(lane)
             self._due.setdefault(lane, length - uniform(*ramp.before_end_share) * min(length, ramp.reach_m))
         closed = self._closed_lanes()

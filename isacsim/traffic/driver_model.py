@@ -34,7 +34,7 @@ class DriverSettings(Settings):
         "published: Klauer et al. 2006 (100-car study), glances of up to about 2 s",
     )
     correction_s: Annotated[Range, within(0.05, 2.0)] = sourced(
-        (0.15, 0.4),
+        (0.1, 0.3),
         "time between two decisions, s",
         "published: Markkula et al. 2018, control as a series of discrete adjustments",
     )
@@ -55,7 +55,7 @@ class DriverSettings(Settings):
         (0.3, 1.0), "correlation time of that noise, s", "chosen: uneven, but not trembling"
     )
     effort: Annotated[Range, within(0.5, 4.0)] = sourced(
-        (0.9, 1.9),
+        (1.0, 2.2),
         "how much harder than necessary a driver brakes or steers, as a factor",
         "published: Markkula et al. 2016, braking grows with urgency and exceeds the need",
     )
@@ -109,7 +109,11 @@ class Limb:
         self._until_next_s -= self._step_s
         spread = float(np.sqrt(1.0 - self._keep**2))
         self._noise = self._keep * self._noise + spread * float(self._rng.standard_normal())
-        meant = self._held * (1.0 + self._driver.noise_share * self._noise)
+        meant = float(
+            np.clip(
+                self._held * (1.0 + self._driver.noise_share * self._noise), -BRAKING_LIMIT_MPS2, BRAKING_LIMIT_MPS2
+            )
+        )
         self._lagged += self._share * (meant - self._lagged)
         largest = LARGEST_MPS3 * self._step_s
         self.acceleration += float(np.clip(self._share * (self._lagged - self.acceleration), -largest, largest))

@@ -31,6 +31,8 @@ STEERING_MPS2 = (2.0, 7.0)
 """Bounds of the lateral acceleration that a driver means in an emergency, m/s2."""
 BACK_SHARE = 0.6
 """The way back is meant with this share of the lateral acceleration of the way out."""
+LEADER_M, LEADER_S = 100.0, 3.0
+"""An evading driver minds the vehicle ahead in its lane within this distance, m, and this time gap, s."""
 CLOSING_MPS2 = 1.5
 """An accelerating driver eases off where closing in on the vehicle ahead would take a stronger deceleration, m/s2."""
 STARTS_MPS = 0.3
@@ -147,15 +149,25 @@ class Evasion(Reaction):
 
     def _braking(self, sumo: Any, pass_mps: float) -> float:
         """The deceleration that the driver means now, m/s2."""
+        speed = float(sumo.vehicle.getSpeed(self.vehicle))
+        others = self._braking_for_leader(sumo, speed)
         gap = self.hazard.gap_m(sumo, self.vehicle)
         if not self.plan.brakes or not 0.0 < gap < np.inf:
-            return 0.0
-        speed = float(sumo.vehicle.getSpeed(self.vehicle))
+            return others
         if isinstance(self.hazard, Debris):
             needed = max(0.0, speed**2 - pass_mps**2) / (2.0 * max(gap, 2.0))
         else:
             needed = braking_mps2(gap, speed, *self.hazard.motion(sumo), STANDSTILL_M)
-        return self.driver.effort * needed
+        return max(self.driver.effort * needed, others)
+
+    def _braking_for_leader(self, sumo: Any, speed: float) -> float:
+        """The deceleration that keeps the vehicle off whoever is ahead in its lane, m/s2."""
+        leader = sumo.vehicle.getLeader(self.vehicle, LEADER_M)
+        if not leader or leader[1] > LEADER_S * speed:
+            return 0.0
+        name, gap = leader
+        hazard_speed, hazard_mps2 = float(sumo.vehicle.getSpeed(name)), float(sumo.vehicle.getAcceleration(name))
+        return braking_mps2(float(gap), speed, hazard_speed, hazard_mps2, STANDSTILL_M)
 
 
 def _roll(foot: Foot | None, duration_s: float, step_s: float) -> Steps:
@@ -202,7 +214,7 @@ class Surge(Reaction):
     def _meant(self, sumo: Any, speed: float) -> float:
         limit = min(self.peak_mps2, self.power_w_per_kg / max(speed, 1.0))
         meant = float(np.clip(EAGERNESS_PER_S * (self.goal_mps - speed), -limit, limit))
-        leader = sumo.vehicle.getLeader(self.vehicle, 150.0)
+        leader = sumo.vehicle.getLeader(self.vehicle, LEADER_M)
         if leader:
             room = leader[1] - STANDSTILL_M - speed * self.headway_s
             closing = max(0.0, speed - float(sumo.vehicle.getSpeed(leader[0])))

@@ -81,6 +81,18 @@ class VehicleView:
         """Length of the lane ahead of the vehicle, m."""
         return float(self._sumo.lane.getLength(self.lane)) - self.lane_position_m
 
+    def has_room_beside(self, direction: int, clear_m: float, ahead_s: float) -> bool:
+        """Return whether a vehicle can move over: nobody beside within clear_m, also not after ahead_s at these speeds.
+
+        direction: +1 towards the faster lanes, -1 towards the slower ones.
+        """
+        get = self._sumo.vehicle
+        behind = get.getLeftFollowers if direction > 0 else get.getRightFollowers
+        ahead = get.getLeftLeaders if direction > 0 else get.getRightLeaders
+        closing = [(gap, get.getSpeed(name) - self.speed) for name, gap in behind(self.vehicle)]
+        closing += [(gap, self.speed - get.getSpeed(name)) for name, gap in ahead(self.vehicle)]
+        return all(gap - max(0.0, rate) * ahead_s > clear_m for gap, rate in closing)
+
     def follower(self) -> tuple[str, float] | None:
         """Return the vehicle behind in the lane and its gap, m, or None."""
         name, gap = self._sumo.vehicle.getFollower(self.vehicle, FOLLOWER_M)
