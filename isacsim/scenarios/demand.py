@@ -20,7 +20,7 @@ from isacsim.settings import Settings
 
 IMPATIENT_SHARE = 0.2
 """Share of drivers who accelerate by more than 2.5 m/s2."""
-HEADWAY_S, HEADWAY_SPREAD = 1.0, 0.35
+HEADWAY_S, HEADWAY_SPREAD = 0.8, 0.4
 """Median of the headways that drivers want, s, and the standard deviation of their logarithm. Drivers keep more than
 that in traffic; docs/traffic.md has both."""
 CHANGE_M, CHANGE_S, CHANGE_SD_S = 3.4, 5.6, 2.1
@@ -57,7 +57,7 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
 
     All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
     differ in acceleration (1.4-2.5 m/s2; one in five is impatient, with up to 3.6), deceleration (3-5.5 m/s2), headway
-    (median 1 s, some 0.5), desired speed, the time that a lane change takes, eagerness to gain speed, and how strictly
+    (median 0.8 s, some 0.4), desired speed, the time that a lane change takes, eagerness to gain speed, and how strictly
     they keep to the outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
     """
     draw = rng.uniform
@@ -66,7 +66,7 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
     for k in range(cars):
         keep_right = rng.choice([1.0, 5.0, 20.0], p=[0.4, 0.3, 0.3])
         accel = draw(2.6, 3.6) if rng.random() < IMPATIENT_SHARE else draw(1.4, 2.5)
-        tau = np.clip(rng.lognormal(np.log(HEADWAY_S), HEADWAY_SPREAD), 0.5, 2.0)
+        tau = np.clip(rng.lognormal(np.log(HEADWAY_S), HEADWAY_SPREAD), 0.4, 2.0)
         accel_lat, speed_lat = lane_change_motion(rng)
         lines.append(
             f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" '

@@ -93,14 +93,14 @@ class Hands:
         """
         sumo, vehicle = self._sumo, self._vehicle
         edge, index = sumo.vehicle.getRoadID(vehicle), sumo.vehicle.getLaneIndex(vehicle)
-        width = sumo.lane.getWidth(f"{edge}_{index}")
-        place = self._start_m + self.moved_m - self._middle_m
+        width = float(sumo.lane.getWidth(f"{edge}_{index}"))
+        place = float(self._start_m + self.moved_m - self._middle_m)
         side = int(np.sign(place))
         if abs(place) <= width / 2.0 or edge.startswith(":") or not 0 <= index + side < sumo.edge.getLaneNumber(edge):
             return place
         lane = f"{edge}_{index + side}"
         sumo.vehicle.moveTo(vehicle, lane, sumo.vehicle.getLanePosition(vehicle))
-        step = side * (width + sumo.lane.getWidth(lane)) / 2.0
+        step = side * (width + float(sumo.lane.getWidth(lane))) / 2.0
         self._middle_m += step
         return place - step
 

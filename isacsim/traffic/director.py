@@ -107,6 +107,10 @@ class ManeuverSettings(Settings):
         return not any(getattr(self, name) for name in type(self).model_fields if name.endswith("_hour"))
 
 
+LEFT_ALONE = {name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")}
+"""The rates of `ManeuverSettings` with which drivers are left alone."""
+
+
 @dataclass
 class _Active:
     maneuver: ManeuverCommand

@@ -54,7 +54,7 @@ class DriverSettings(Settings):
     noise_s: Annotated[Range, within(0.05, 10.0)] = sourced(
         (0.3, 1.0), "correlation time of that noise, s", "chosen: uneven, but not trembling"
     )
-    effort: Annotated[Range, within(0.5, 4.0)] = sourced(
+    effort_gain: Annotated[Range, within(0.5, 4.0)] = sourced(
         (1.0, 2.2),
         "how much harder than necessary a driver brakes or steers, as a factor",
         "published: Markkula et al. 2016, braking grows with urgency and exceeds the need",
@@ -72,7 +72,7 @@ class Driver:
     steering_lag_s: float
     noise_share: float
     noise_s: float
-    effort: float
+    effort_gain: float
 
 
 def draw_driver(settings: DriverSettings, rng: np.random.Generator) -> Driver:

@@ -119,7 +119,7 @@ class Evasion(Reaction):
     def _evade(self, sumo: Any, foot: Foot | None, hands: Hands | None, step_s: float) -> Steps:
         time_s = max((self.ttc_s or CALM_TTC_S) - 0.3, 0.6)
         # Out and to rest within the time takes 4 x / t^2; a driver in an emergency takes more.
-        limit = float(np.clip(self.driver.effort * 4.0 * abs(self.plan.aside_m) / time_s**2, *STEERING_MPS2))
+        limit = float(np.clip(self.driver.effort_gain * 4.0 * abs(self.plan.aside_m) / time_s**2, *STEERING_MPS2))
         pass_mps = self.plan.pass_share * float(sumo.vehicle.getSpeed(self.vehicle))
         past = False
         for _ in range(round(LONGEST_S / step_s)):
@@ -158,7 +158,7 @@ class Evasion(Reaction):
             needed = max(0.0, speed**2 - pass_mps**2) / (2.0 * max(gap, 2.0))
         else:
             needed = braking_mps2(gap, speed, *self.hazard.motion(sumo), STANDSTILL_M)
-        return max(self.driver.effort * needed, others)
+        return max(self.driver.effort_gain * needed, others)
 
     def _braking_for_leader(self, sumo: Any, speed: float) -> float:
         """The deceleration that keeps the vehicle off whoever is ahead in its lane, m/s2."""
