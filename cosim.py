@@ -90,6 +90,9 @@ def generate(
         str | None, typer.Option(metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20.")
     ] = None,
     snr: opt.Snr = None,
+    natural: Annotated[
+        bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
+    ] = False,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -104,7 +107,7 @@ def generate(
     from labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios, one_of(samples, windows), seeds, snr)
+    study = dataset_study(scenarios, one_of(samples, windows), seeds, snr, natural)
     feedback = output.feedback_of(console, verbose)
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))

@@ -206,7 +206,7 @@ def synthetic_shard(seed: int) -> Shard:
         bytes=7_500_000,
         samples=130,
         by_intention=counts,
-        by_origin={"natural": 50, "stimulated": 80},
+        by_origin={"natural": 50, "commanded": 80},
         episode=episode,
     )
 

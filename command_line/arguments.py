@@ -8,6 +8,7 @@ from typing import Any
 from isacsim.errors import InputError
 from isacsim.parsing import channel, number_range
 from isacsim.settings import checked
+from isacsim.traffic.director import LEFT_ALONE
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, own_sensing
 from labeling.generation.settings import DatasetStudy
@@ -35,14 +36,18 @@ def box_of(text: str) -> tuple[float, float, float, float]:
     return west, south, east, north
 
 
-def dataset_study(scenarios: list[str], windows: int | None, seeds: str | None, snr: str | None) -> DatasetStudy:
-    """The study that the arguments of `generate` describe."""
+def dataset_study(
+    scenarios: list[str], windows: int | None, seeds: str | None, snr: str | None, natural: bool = False
+) -> DatasetStudy:
+    """Return the study that the arguments of `generate` describe. natural: leave the drivers alone."""
     content: dict[str, Any] = {"scenarios": scenarios, "selection": {"windows": windows}}
     if seeds is not None or windows is not None:
         first, last = number_range(seeds, "--seeds", int, "1:20") if seeds else SEEDS_WITH_WINDOWS
         content["seeds"] = {"first": first, "last": last}
     if snr is not None:
         content["sensing"] = {"channel": channel(snr)}
+    if natural:
+        content["maneuvers"] = LEFT_ALONE
     return checked(DatasetStudy, content, WHERE)
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, nan
 from typing import Literal
 
 import numpy as np
@@ -31,7 +31,9 @@ from labeling.intentions import LANE_CHANGES, Event, Intention
 from labeling.road.road_motion import RoadMotion, slope
 from labeling.road.surroundings import Surroundings
 
-Origin = Literal["natural", "stimulated"]
+Origin = Literal["natural", "reaction", "commanded"]
+"""What made a vehicle drive an event: SUMO's driver alone, the driver model's reaction to a cause in the traffic, or a
+command without a cause."""
 
 MIN_TRACK_S = 1.0
 """Shorter tracks are skipped: no event fits in."""
@@ -66,7 +68,7 @@ class Labels:
 def label(recording: Recording, settings: LabelSettings, surroundings: Surroundings | None = None) -> Labels:
     """Find all events of a recording.
 
-    surroundings: of the recording, if already at hand. Commands play no part; `origin` looks up provenance afterwards.
+    surroundings: of the recording, if already at hand. Commands play no part; `provenance` is looked up afterwards.
     Raises InputError where a selected detector returns an event that it may not return.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
@@ -149,8 +151,33 @@ def beyond_car(motion: RoadMotion) -> bool:
     return bool(np.hypot(motion.a, motion.aq).max() > CAR_MPS2 or jerk.max() > CAR_MPS3)
 
 
-def origin(recording: Recording, event: Event) -> Origin:
-    """Return `stimulated` if the vehicle was under command at any time from 1 s before onset to the end."""
+@dataclass(frozen=True)
+class Provenance:
+    """What made a vehicle drive an event.
+
+    cause: name of what the driver reacted to, empty unless `origin` is `reaction`. cause_ttc_s: time to collision when
+    the driver began to move, s; NaN where there was nothing to collide with, and without a reaction.
+    """
+
+    origin: Origin
+    cause: str = ""
+    cause_ttc_s: float = nan
+
+
+def provenance(recording: Recording, event: Event) -> Provenance:
+    """Return what made a vehicle drive an event: the last of the commands and reactions that it was under.
+
+    Those count that were under way at any time from 1 s before onset to the end. The label plays no part.
+    """
     earliest = event.onset - COMMAND_REACH_S
-    commands = recording.commands_to.get(event.vehicle, [])
-    return "stimulated" if any(c.start <= event.end and c.end >= earliest for c in commands) else "natural"
+    commands = [
+        command
+        for command in recording.commands_to.get(event.vehicle, [])
+        if command.start <= event.end and command.end >= earliest
+    ]
+    if not commands:
+        return Provenance("natural")
+    last = max(commands, key=lambda command: command.start)
+    if not last.cause:
+        return Provenance("commanded")
+    return Provenance("reaction", last.cause, nan if last.ttc_s is None else last.ttc_s)

@@ -18,6 +18,15 @@ from isacsim.scenarios.sumo_files import one_line
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 
+IMPATIENT_SHARE = 0.2
+"""Share of drivers who accelerate by more than 2.5 m/s2."""
+HEADWAY_S, HEADWAY_SPREAD = 0.8, 0.4
+"""Median of the headways that drivers want, s, and the standard deviation of their logarithm. Drivers keep more than
+that in traffic; docs/traffic.md has both."""
+CHANGE_M, CHANGE_S, CHANGE_SD_S = 3.4, 5.6, 2.1
+"""Width of a lane change, m, and the mean and standard deviation of its duration, s. Observed: 6.28 and 2.0 by Lee,
+Olsen and Wierwille 2004 (naturalistic driving), 4.0 and 2.3 in the NGSIM recordings."""
+
 
 class DemandSettings(Settings):
     """How much traffic there is, and where."""
@@ -47,20 +56,23 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
     """Return the vTypeDistributions `cars` and `trucks`, as lines of XML.
 
     All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
-    differ in acceleration (1.5-2.6 m/s2), deceleration (3-5.5 m/s2), headway (0.9-1.7 s), desired speed, lateral
-    acceleration (0.6-1.6 m/s2) and speed (0.8-1.5 m/s), eagerness to gain speed, and how strictly they keep to the
-    outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
+    differ in acceleration (1.4-2.5 m/s2; one in five is impatient, with up to 3.6), deceleration (3-5.5 m/s2), headway
+    (median 0.8 s, some 0.4), desired speed, the time that a lane change takes, eagerness to gain speed, and how strictly
+    they keep to the outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
     """
     draw = rng.uniform
     common = 'carFollowModel="IDM" speedDev="0" latAlignment="center" probability="1"'
     lines = ['<vTypeDistribution id="cars">']
     for k in range(cars):
         keep_right = rng.choice([1.0, 5.0, 20.0], p=[0.4, 0.3, 0.3])
+        accel = draw(2.6, 3.6) if rng.random() < IMPATIENT_SHARE else draw(1.4, 2.5)
+        tau = np.clip(rng.lognormal(np.log(HEADWAY_S), HEADWAY_SPREAD), 0.4, 2.0)
+        accel_lat, speed_lat = lane_change_motion(rng)
         lines.append(
             f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" '
-            f'minGap="2.0" accel="{draw(1.5, 2.6):.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" '
-            f'tau="{draw(0.9, 1.7):.2f}" maxSpeed="50" speedFactor="{draw(0.75, 1.10):.3f}" '
-            f'maxSpeedLat="{draw(0.8, 1.5):.2f}" lcAccelLat="{draw(0.6, 1.6):.2f}" lcKeepRight="{keep_right}" '
+            f'minGap="2.0" accel="{accel:.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" '
+            f'tau="{tau:.2f}" maxSpeed="50" speedFactor="{draw(0.75, 1.10):.3f}" '
+            f'maxSpeedLat="{speed_lat:.2f}" lcAccelLat="{accel_lat:.2f}" lcKeepRight="{keep_right}" '
             f'lcSpeedGain="{draw(0.8, 3.0):.2f}" lcStrategic="2" lcAssertive="{draw(1.0, 1.5):.2f}"/>'
         )
     lines += ["</vTypeDistribution>", '<vTypeDistribution id="trucks">']
@@ -71,6 +83,19 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
         for k in range(trucks)
     ]
     return [*lines, "</vTypeDistribution>"]
+
+
+def lane_change_motion(rng: np.random.Generator) -> tuple[float, float]:
+    """Return a driver's lateral acceleration, m/s2, and lateral speed, m/s, in a lane change.
+
+    SUMO moves a vehicle across at the speed v, with ramps at the acceleration a: a change over w takes w / v + v / a.
+    The time is drawn, and v follows from it.
+    """
+    acceleration = float(rng.uniform(0.6, 1.6))
+    spread = np.log1p((CHANGE_SD_S / CHANGE_S) ** 2) ** 0.5
+    duration = float(np.clip(rng.lognormal(np.log(CHANGE_S) - spread**2 / 2.0, spread), 2.6, 11.0))
+    root = max(duration**2 - 4.0 * CHANGE_M / acceleration, 0.0) ** 0.5
+    return acceleration, acceleration * (duration - root) / 2.0
 
 
 def flow(name: str, kind: str, route: str, per_hour: float, depart_speed: str = "desired") -> str:

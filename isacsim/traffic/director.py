@@ -1,8 +1,9 @@
-"""Stimulated traffic: which vehicles are commanded to do what, and when.
+"""What happens in traffic: causes that drivers react to, maneuvers without a cause, and when.
 
-Hard events are rare in settled traffic. The director picks vehicles at random and commands maneuvers
-(`isacsim.traffic.maneuvers`) and disturbances, to which other drivers react by themselves. It does not label anything:
-whether a command led to an event is for the detectors to find in the recording.
+Hard events are rare in settled traffic. The director draws causes (debris in a lane, a vehicle that brakes or cuts in,
+room ahead) and lets the driver model react to them (`isacsim.traffic.reactions`). It also commands a few maneuvers
+without a cause, and disturbances to which SUMO's drivers react by themselves. It does not label anything: whether an
+event came of it is for the detectors to find in the recording.
 """
 
 from __future__ import annotations
@@ -20,15 +21,20 @@ from isacsim.traffic import command_draws as draws
 from isacsim.traffic.command_settings import (
     AccelCommandSettings,
     BrakeCommandSettings,
+    BriskStartSettings,
     ClosedRampEndCommandSettings,
     CutInCommandSettings,
+    EvasionSettings,
     LaneChangeCommandSettings,
     OvertakeCommandSettings,
     SlowVehicleCommandSettings,
     StopInLaneCommandSettings,
     SwerveCommandSettings,
 )
-from isacsim.traffic.maneuvers import ClosedRampEndCommand, ManeuverCommand, stopping_m
+from isacsim.traffic.driver_model import DriverSettings
+from isacsim.traffic.hazards import Debris, VehicleAhead
+from isacsim.traffic.maneuvers import ClosedRampEndCommand, CutInCommand, ManeuverCommand, stopping_m
+from isacsim.traffic.reactions import BrakeCommand, Evasion, Reaction
 from isacsim.traffic.recording import Command
 from isacsim.traffic.vehicle_control import Steps, restore
 from isacsim.traffic.vehicle_view import VehicleView, ending_lanes, is_parked
@@ -39,21 +45,24 @@ def _rate(what: str, default: float) -> Any:
 
 
 class ManeuverSettings(Settings):
-    """How often maneuvers are commanded, to whom, and what they are like. All rates zero: traffic is left alone.
+    """How often what happens, to whom, and what it is like. All rates zero: traffic is left alone.
 
-    A maneuver is skipped where the surroundings do not allow it (no gap ahead to accelerate into, no lane to change
+    A cause or command is skipped where the surroundings do not allow it (no room to accelerate into, no lane to change
     to), so fewer happen than the rates say.
     """
 
-    hard_brake_per_vehicle_hour: float = _rate("commanded hard brakes", 5.0)
-    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 25.0)
+    debris_per_vehicle_hour: float = _rate("debris that comes into view in the lane ahead", 20.0)
+    surge_per_vehicle_hour: float = _rate("chances to accelerate hard into room ahead that are taken", 30.0)
+    brisk_start_per_vehicle_hour: float = _rate("hard starts at traffic lights, of vehicles that stand there", 30.0)
+    hard_brake_per_vehicle_hour: float = _rate("commanded hard brakes", 2.0)
+    hard_accel_per_vehicle_hour: float = _rate("commanded hard accelerations", 1.0)
     left_change_per_vehicle_hour: float = _rate("commanded left lane changes", 2.0)
     right_change_per_vehicle_hour: float = _rate("commanded right lane changes", 2.0)
     overtake_per_vehicle_hour: float = _rate("commanded overtakes", 8.0)
-    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 15.0)
+    swerve_per_vehicle_hour: float = _rate("commanded evasive swerves", 0.5)
     slow_vehicle_per_vehicle_hour: float = _rate("vehicles that slow down, for others to react to", 1.0)
     stop_in_lane_per_vehicle_hour: float = _rate("vehicles that stop in their lane", 0.1)
-    cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another vehicle", 2.0)
+    cut_in_per_vehicle_hour: float = _rate("lane changes close in front of another vehicle", 6.0)
     closed_ramp_end_per_lane_hour: float = Field(
         6.0,
         ge=0.0,
@@ -79,8 +88,11 @@ class ManeuverSettings(Settings):
         le=600.0,
         description="a vehicle is sent to a lane that misses its exit only if it can stay there this long, s",
     )
+    driver: DriverSettings = DriverSettings()
+    evasion: EvasionSettings = EvasionSettings()
     hard_brake: BrakeCommandSettings = BrakeCommandSettings()
     hard_accel: AccelCommandSettings = AccelCommandSettings()
+    brisk_start: BriskStartSettings = BriskStartSettings()
     lane_change: LaneChangeCommandSettings = LaneChangeCommandSettings()
     overtake: OvertakeCommandSettings = OvertakeCommandSettings()
     swerve: SwerveCommandSettings = SwerveCommandSettings()
@@ -93,6 +105,10 @@ class ManeuverSettings(Settings):
     def quiet(self) -> bool:
         """Whether nothing is ever commanded."""
         return not any(getattr(self, name) for name in type(self).model_fields if name.endswith("_hour"))
+
+
+LEFT_ALONE = {name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")}
+"""The rates of `ManeuverSettings` with which drivers are left alone."""
 
 
 @dataclass
@@ -129,6 +145,9 @@ class Director:
         self._step = 0
         self._ending_lanes: list[str] | None = None
         self._due: dict[str, float] = {}
+        self._debris: list[Debris] = []
+        # When each driver notices each debris: time to collision, s.
+        self._notice_s: dict[tuple[Debris, str], float] = {}
         # A generator apart, so that closed ramps do not change what is drawn for vehicles.
         self._ramp_rng = self.rng.spawn(1)[0]
         self._chances = {
@@ -151,6 +170,7 @@ class Director:
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
         if self._step % self._steps_per_decision == 0 and not self.settings.quiet:
+            self._meet_debris(sumo, time)
             self._start_maneuvers(sumo, sorted(present), time)
             if self.settings.closed_ramp_end_per_lane_hour > 0.0:
                 self._close_ramps(sumo, time)
@@ -164,12 +184,63 @@ class Director:
 
     def _end(self, vehicle: str, time: float) -> None:
         ended = self._active.pop(vehicle)
-        self.commands.append(Command(vehicle, ended.maneuver.name, ended.start, time))
+        maneuver = ended.maneuver
+        noted = (maneuver.cause, maneuver.ttc_s) if isinstance(maneuver, Reaction) else ("", None)
+        self.commands.append(Command(vehicle, maneuver.name, ended.start, time, *noted))
         self._rested[vehicle] = time + self.settings.rest_s
 
     def _start(self, sumo: Any, maneuver: ManeuverCommand, time: float) -> None:
         factor = sumo.vehicle.getSpeedFactor(maneuver.vehicle)
         self._active[maneuver.vehicle] = _Active(maneuver, maneuver.steps(sumo, self.step_s), time, factor)
+
+    def _startle(self, sumo: Any, maneuver: ManeuverCommand, time: float) -> None:
+        """Let the driver behind a vehicle that brakes hard or cuts in look away, with some probability."""
+        settings = self.settings.evasion
+        view = VehicleView(sumo, maneuver.vehicle, self.settings.look_ahead_m)
+        if isinstance(maneuver, CutInCommand):
+            behind, cut_in = view.follower_beside(maneuver.direction), True
+        elif isinstance(maneuver, BrakeCommand) or (isinstance(maneuver, Evasion) and maneuver.plan.brakes):
+            behind, cut_in = view.follower(), False
+        else:
+            return
+        if behind is None or self.rng.random() >= settings.inattentive_share:
+            return
+        vehicle, gap_m = behind
+        own = VehicleView(sumo, vehicle, self.settings.look_ahead_m)
+        if gap_m < settings.follower_s * own.speed and self._may_be_commanded(sumo, vehicle, time):
+            ahead = VehicleAhead(maneuver.vehicle, cut_in)
+            answer = draws.draw_answer(own, ahead, settings, self.settings.driver, self.rng, self.settings.stay_s)
+            if answer is not None and not self._before_junction(sumo, own):
+                self._start(sumo, answer, time)
+
+    def _meet_debris(self, sumo: Any, time: float) -> None:
+        """Let drivers react to the debris that comes into their view."""
+        self._debris = [debris for debris in self._debris if debris.until > time]
+        for debris in self._debris:
+            for vehicle in sumo.lane.getLastStepVehicleIDs(debris.lane):
+                gap_m, speed = debris.gap_m(sumo, vehicle), sumo.vehicle.getSpeed(vehicle)
+                notice_ttc_s = self.settings.evasion.notice_ttc_s
+                if not 0.0 < gap_m < notice_ttc_s[1] * speed or vehicle in self._active:
+                    continue
+                key = (debris, vehicle)
+                if key not in self._notice_s:
+                    self._notice_s[key] = self.rng.uniform(*notice_ttc_s)
+                if gap_m < self._notice_s[key] * speed and self._may_be_commanded(sumo, vehicle, time):
+                    self._notice_s[key] = 0.0
+                    self._evade(sumo, vehicle, debris, time)
+
+    def _evade(self, sumo: Any, vehicle: str, debris: Debris, time: float) -> None:
+        view, settings = VehicleView(sumo, vehicle, self.settings.look_ahead_m), self.settings
+        evasion = draws.draw_debris_evasion(view, debris, settings.evasion, settings.driver, self.rng, settings.stay_s)
+        if evasion is not None:
+            self._start(sumo, evasion, time)
+            self._startle(sumo, evasion, time)
+
+    def _before_junction(self, sumo: Any, view: VehicleView) -> bool:
+        """Whether a junction or the end of the lane is near: a driver under command would mind neither."""
+        if view.lane in self._endings(sumo) and view.lane_left_m < self.settings.junction_clear_s * view.speed:
+            return True
+        return view.junction_within(self.settings.junction_clear_m + self.settings.junction_clear_s * view.speed)
 
     def _start_maneuvers(self, sumo: Any, present: list[str], time: float) -> None:
         """Draw for every vehicle and kind of maneuver whether a command falls into this interval."""
@@ -179,21 +250,41 @@ class Director:
             vehicle = present[vehicle_number]
             if not self._may_be_commanded(sumo, vehicle, time):
                 continue
-            maneuver = self._draw(sumo, vehicle, list(self._chances)[kind_number])
+            kind = list(self._chances)[kind_number]
+            if kind == "debris":
+                self._drop_debris(sumo, vehicle, time)
+                continue
+            maneuver = self._draw(sumo, vehicle, kind)
             if maneuver is not None:
                 self._start(sumo, maneuver, time)
+                self._startle(sumo, maneuver, time)
+
+    def _drop_debris(self, sumo: Any, vehicle: str, time: float) -> None:
+        view = VehicleView(sumo, vehicle, self.settings.look_ahead_m)
+        if self._before_junction(sumo, view):
+            return
+        debris = draws.draw_debris(view, self.settings.evasion, self.rng, time)
+        if debris is not None:
+            self._debris.append(debris)
+            self._notice_s[debris, vehicle] = 0.0
+            self._evade(sumo, vehicle, debris, time)
 
     def _draw(self, sumo: Any, vehicle: str, kind: str) -> ManeuverCommand | None:
         """A maneuver with drawn parameters, or None where the surroundings do not allow it."""
         settings, rng = self.settings, self.rng
         view = VehicleView(sumo, vehicle, settings.look_ahead_m)
         if kind == "hard_brake":
-            return draws.draw_brake(view, settings.hard_brake, rng)
-        if view.junction_within(settings.junction_clear_m + settings.junction_clear_s * view.speed):
+            return draws.draw_brake(view, settings.hard_brake, settings.driver, rng)
+        if kind == "brisk_start":
+            return draws.draw_brisk_start(view, settings.brisk_start, rng)
+        if self._before_junction(sumo, view):
             return None
         match kind:
+            case "surge":
+                reason = self._reason_to_surge(sumo, view)
+                return draws.draw_surge(view, settings.hard_accel, settings.driver, rng, reason) if reason else None
             case "hard_accel":
-                return draws.draw_accel(view, settings.hard_accel, rng)
+                return draws.draw_surge(view, settings.hard_accel, settings.driver, rng, "")
             case "left_change" | "right_change":
                 faster = (kind == "left_change") != self.lefthand
                 direction = draws.FASTER if faster else draws.SLOWER
@@ -201,7 +292,7 @@ class Director:
             case "overtake":
                 return draws.draw_overtake(view, settings.overtake, rng, settings.stay_s, self._active)
             case "swerve":
-                return draws.draw_swerve(view, settings.swerve, rng)
+                return draws.draw_swerve(view, settings.swerve, settings.evasion, settings.driver, rng)
             case "slow_vehicle":
                 return draws.draw_slow_vehicle(view, settings.slow_vehicle, rng)
             case "stop_in_lane":
@@ -210,15 +301,26 @@ class Director:
                 return draws.draw_cut_in(view, settings.cut_in, settings.stay_s)
         raise ValueError(f"no command is drawn for {kind}")
 
-    def _close_ramps(self, sumo: Any, time: float) -> None:
-        """Draw for every lane that ends whether a closure falls due; the next vehicle that can stop there does."""
+    def _endings(self, sumo: Any) -> list[str]:
+        """The lanes that end where their road goes on."""
         if self._ending_lanes is None:
             self._ending_lanes = ending_lanes(sumo)
+        return self._ending_lanes
+
+    def _reason_to_surge(self, sumo: Any, view: VehicleView) -> str:
+        """What a driver would accelerate hard for: the end of its lane, or room behind the vehicle ahead."""
+        if view.lane in self._endings(sumo):
+            return "merge"
+        return "gap_ahead" if view.leader is not None else ""
+
+    def _close_ramps(self, sumo: Any, time: float) -> None:
+        """Draw for every lane that ends whether a closure falls due; the next vehicle that can stop there does."""
+        endings = self._endings(sumo)
         ramp = self.settings.closed_ramp_end
         chance = self.settings.closed_ramp_end_per_lane_hour / 3600.0 * self.decision_s
         uniform = self._ramp_rng.uniform
-        for number in np.flatnonzero(self._ramp_rng.random(len(self._ending_lanes)) < chance):
-            lane = self._ending_lanes[number]
+        for number in np.flatnonzero(self._ramp_rng.random(len(endings)) < chance):
+            lane = endings[number]
             length = sumo.lane.getLength(lane)
             self._due.setdefault(lane, length - uniform(*ramp.before_end_share) * min(length, ramp.reach_m))
         closed = self._closed_lanes()

@@ -1,4 +1,4 @@
-"""Commanded maneuvers: each moves one vehicle through TraCI along a smooth profile, then gives it back to its driver.
+"""Lane changes, overtakes and disturbances: each moves one vehicle through TraCI, then gives it back to its driver.
 
 `steps` is a generator that sends one step's commands and yields, once a simulation step, until the maneuver is over.
 By its end, everything it changed on the vehicle (modes, speed factor, acceleration limit) is restored.
@@ -20,7 +20,6 @@ from isacsim.traffic.vehicle_control import (
     COMMANDED_LANE_CHANGE_MODE,
     DEFAULT_LANE_CHANGE_MODE,
     FORCED_LANE_CHANGE_MODE,
-    NO_LATERAL_MODE,
     SETTLE_S,
     Steps,
     change_lane,
@@ -28,7 +27,6 @@ from isacsim.traffic.vehicle_control import (
     fade_speed_factor,
     follow_profile,
     match_speed_factor,
-    out_and_back,
     ramp_hold_ramp,
     release,
     wait,
@@ -47,50 +45,6 @@ class ManeuverCommand(Protocol):
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         """Send the commands, one simulation step at a time. sumo: the running libsumo module."""
-
-
-@dataclass
-class BrakeCommand:
-    """Brake hard.
-
-    peak_mps2: largest deceleration, negative, m/s2. rise_mps3, fall_mps3: jerk into and out of it, m/s3. hold_s: time
-    at it, s. floor_mps: the command ends at this speed, m/s.
-    """
-
-    vehicle: str
-    peak_mps2: float
-    rise_mps3: float
-    hold_s: float
-    fall_mps3: float
-    floor_mps: float
-    name: str = "hard_brake"
-
-    def steps(self, sumo: Any, step_s: float) -> Steps:
-        profile = ramp_hold_ramp(self.peak_mps2, self.rise_mps3, self.hold_s, self.fall_mps3, step_s)
-        yield from follow_profile(sumo, self.vehicle, profile, step_s, self.floor_mps, np.inf)
-        yield from release(sumo, self.vehicle, step_s)
-
-
-@dataclass
-class AccelCommand:
-    """Accelerate hard, and coast back to the desired speed.
-
-    peak_mps2: largest acceleration, m/s2. rise_mps3, fall_mps3: jerk into and out of it, m/s3. hold_s: time at it, s.
-    top_mps: the command ends at this speed, m/s.
-    """
-
-    vehicle: str
-    peak_mps2: float
-    rise_mps3: float
-    hold_s: float
-    fall_mps3: float
-    top_mps: float
-    name: str = "hard_accel"
-
-    def steps(self, sumo: Any, step_s: float) -> Steps:
-        profile = ramp_hold_ramp(self.peak_mps2, self.rise_mps3, self.hold_s, self.fall_mps3, step_s)
-        yield from follow_profile(sumo, self.vehicle, profile, step_s, 0.0, self.top_mps)
-        yield from release(sumo, self.vehicle, step_s)
 
 
 @dataclass
@@ -161,30 +115,6 @@ class OvertakeCommand:
         if distance < -1e6:  # SUMO's value for "behind it"
             return -np.inf
         return float(distance - sumo.vehicle.getLength(self.vehicle))
-
-
-@dataclass
-class SwerveCommand:
-    """Swerve `offset_m` aside (positive to the faster side) at up to `peak_mps2`, stay for `hold_s`, and return."""
-
-    vehicle: str
-    offset_m: float
-    peak_mps2: float
-    hold_s: float
-    name: str = "evasive_swerve"
-
-    def steps(self, sumo: Any, step_s: float) -> Steps:
-        # SUMO drops the first lateral command unless the mode was set a decision interval before it.
-        sumo.vehicle.setLaneChangeMode(self.vehicle, NO_LATERAL_MODE)
-        yield from wait(0.2, step_s)
-        start = sumo.vehicle.getLateralLanePosition(self.vehicle)
-        lane = sumo.vehicle.getLaneID(self.vehicle)
-        for offset in out_and_back(self.offset_m, self.peak_mps2, self.hold_s, step_s):
-            if sumo.vehicle.getLaneID(self.vehicle) != lane:
-                break
-            sumo.vehicle.setLateralLanePosition(self.vehicle, start + offset)
-            yield
-        sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
 
 
 @dataclass

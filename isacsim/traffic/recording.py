@@ -46,12 +46,18 @@ class Track:
 
 @dataclass(frozen=True)
 class Command:
-    """A vehicle was under command from start to end, s. For provenance only: labels never depend on it."""
+    """A vehicle was under command from start to end, s. For provenance only: labels never depend on it.
+
+    cause: what in the traffic the driver reacted to; empty for a command without a cause. ttc_s: time to collision when
+    the driver began to move, s; None where there is nothing to collide with.
+    """
 
     vehicle: str
     maneuver: str
     start: float
     end: float
+    cause: str = ""
+    ttc_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.director import Director, ManeuverSettings
 from isacsim.traffic.recording import Incidents, Recording
 from isacsim.traffic.state_log import StateLog
+from isacsim.traffic.sway import SwaySettings, add_sway
 
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
@@ -43,6 +44,7 @@ class TrafficSettings(Settings):
     lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="width of a sublane, m")
     run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
+    sway: SwaySettings = SwaySettings()
 
 
 class TrafficError(RunError):
@@ -74,6 +76,7 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
         finally:
             director.finish(last * traffic.step_s)
     tracks = log.tracks()
+    add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.name, seed)
     return Recording(
         scenario=scenario.name,
         seed=seed,

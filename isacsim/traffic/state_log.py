@@ -206,7 +206,7 @@ class RowSorter:
         self._file.flush()
         if not self._written:
             return
-        values = np.memmap(self._file, np.float64, "r", shape=(self._written,))
+        values = np.memmap(self._file, np.float64, "r+", shape=(self._written,))
         for name, vehicle in self._vehicles.items():
             start, n = vehicle.place
             yield name, vehicle.first_step, values[start : start + n * ROWS].reshape(ROWS, n)

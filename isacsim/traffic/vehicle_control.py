@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from isacsim.arrays import Array
+from isacsim.traffic.setting_fields import LARGEST_MPS3
 
 Steps = Generator[None, None, None]
 """Sends the commands of one simulation step each time it is resumed."""
@@ -28,8 +29,6 @@ FORCED_LANE_CHANGE_MODE = 256 + 1024
 """As `COMMANDED_LANE_CHANGE_MODE`, but without waiting for a gap. Never into a vehicle alongside."""
 NO_LATERAL_MODE = 0
 """The driver does not move sideways at all."""
-LARGEST_MPS3 = 20.0
-"""Largest jerk of a commanded vehicle: how fast it enters a profile, and leaves it at a speed limit, m/s3."""
 RELEASE_S = 1.0
 """Time over which the driver gets the full acceleration back, s."""
 COAST_MPS2 = 0.3
@@ -47,18 +46,6 @@ def ramp_hold_ramp(peak_mps2: float, rise_mps3: float, hold_s: float, fall_mps3:
     rise = np.arange(step_s, size / rise_mps3, step_s) * rise_mps3
     fall = np.arange(step_s, size / fall_mps3, step_s) * fall_mps3
     return np.asarray(np.sign(peak_mps2) * np.concatenate([rise, np.full(round(hold_s / step_s), size), size - fall]))
-
-
-def out_and_back(offset_m: float, peak_mps2: float, hold_s: float, step_s: float) -> Array:
-    """Return lateral offsets, m, one a step, shape (n,): out, hold, and back the same way.
-
-    Moving out takes one period of a sine of acceleration, with peak_mps2 as its amplitude. That takes
-    sqrt(2 pi |offset| / peak) seconds, and the jerk stays below 2 pi peak divided by that time.
-    """
-    duration = float(np.sqrt(2.0 * np.pi * abs(offset_m) / peak_mps2))
-    tau = np.arange(step_s, duration, step_s) / duration
-    out = offset_m * (tau - np.sin(2.0 * np.pi * tau) / (2.0 * np.pi))
-    return np.concatenate([out, np.full(round(hold_s / step_s), offset_m), out[::-1], [0.0]])
 
 
 def follow_profile(

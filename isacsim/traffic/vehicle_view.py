@@ -8,6 +8,12 @@ import numpy as np
 
 CAR = "passenger"
 """SUMO's vehicle class of cars."""
+STEADY_M, STEADY_MPS = 0.5, 0.1
+"""A vehicle this close to the middle of its lane, and this slow across it, is not changing lanes."""
+FOLLOWER_M = 100.0
+"""Distance within which a vehicle counts as the one behind, m."""
+STANDS_MPS = 0.5
+"""Below this speed a vehicle stands, m/s."""
 
 
 class VehicleView:
@@ -44,6 +50,64 @@ class VehicleView:
     def lane_width_m(self) -> float:
         """Width of the lane that the vehicle is in, m."""
         return float(self._sumo.lane.getWidth(self._sumo.vehicle.getLaneID(self.vehicle)))
+
+    @property
+    def width_m(self) -> float:
+        """Width of the vehicle, m."""
+        return float(self._sumo.vehicle.getWidth(self.vehicle))
+
+    @property
+    def lateral_m(self) -> float:
+        """Offset of the vehicle from its lane's middle, positive to the faster side, m."""
+        return float(self._sumo.vehicle.getLateralLanePosition(self.vehicle))
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether the vehicle drives in the middle of its lane and does not move across it."""
+        return abs(self.lateral_m) < STEADY_M and abs(self._sumo.vehicle.getLateralSpeed(self.vehicle)) < STEADY_MPS
+
+    @property
+    def lane(self) -> str:
+        """SUMO id of the lane that the vehicle is in."""
+        return str(self._sumo.vehicle.getLaneID(self.vehicle))
+
+    @property
+    def lane_position_m(self) -> float:
+        """Position of the front bumper along the lane, m."""
+        return float(self._sumo.vehicle.getLanePosition(self.vehicle))
+
+    @property
+    def lane_left_m(self) -> float:
+        """Length of the lane ahead of the vehicle, m."""
+        return float(self._sumo.lane.getLength(self.lane)) - self.lane_position_m
+
+    def has_room_beside(self, direction: int, clear_m: float, ahead_s: float) -> bool:
+        """Return whether a vehicle can move over: nobody beside within clear_m, also not after ahead_s at these speeds.
+
+        direction: +1 towards the faster lanes, -1 towards the slower ones.
+        """
+        get = self._sumo.vehicle
+        behind = get.getLeftFollowers if direction > 0 else get.getRightFollowers
+        ahead = get.getLeftLeaders if direction > 0 else get.getRightLeaders
+        closing = [(gap, get.getSpeed(name) - self.speed) for name, gap in behind(self.vehicle)]
+        closing += [(gap, self.speed - get.getSpeed(name)) for name, gap in ahead(self.vehicle)]
+        return all(gap - max(0.0, rate) * ahead_s > clear_m for gap, rate in closing)
+
+    def follower(self) -> tuple[str, float] | None:
+        """Return the vehicle behind in the lane and its gap, m, or None."""
+        name, gap = self._sumo.vehicle.getFollower(self.vehicle, FOLLOWER_M)
+        return (str(name), float(gap)) if name else None
+
+    def follower_beside(self, direction: int) -> tuple[str, float] | None:
+        """Return the nearest vehicle behind in the lane on a side and its gap, m, or None. direction: as below."""
+        get = self._sumo.vehicle
+        behind = (get.getLeftFollowers if direction > 0 else get.getRightFollowers)(self.vehicle)
+        return min(((str(name), float(gap)) for name, gap in behind), key=lambda pair: pair[1], default=None)
+
+    def stands_at_light(self, distance_m: float) -> bool:
+        """Whether the vehicle stands within a distance of a traffic light."""
+        lights = self._sumo.vehicle.getNextTLS(self.vehicle)
+        return self.speed < STANDS_MPS and any(distance < distance_m for _, _, distance, _ in lights)
 
     def junction_within(self, distance_m: float) -> bool:
         """Whether a traffic light or a duty to give way lies within a distance: a commanded vehicle ignores both."""

@@ -39,6 +39,7 @@ from labeling.dataset.shard import (
     Shard,
     file_digest,
     read_shard,
+    read_table,
     schema,
     shard_name,
     states_of,
@@ -111,7 +112,7 @@ class Meta(Settings):
     that they were sensed anew with (labeling.generation.resense), None if they were generated.
     """
 
-    schema_version: Literal[1, 2] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES
@@ -278,7 +279,7 @@ class Dataset:
         for shard in self.meta.shards:
             path = self.shard_path(shard)
             try:
-                yield pq.ParquetFile(path, page_checksum_verification=True).read(columns)
+                yield read_table(path, columns)
             except (OSError, ValueError) as error:
                 reason = " ".join(str(error).split())
                 raise InputError(
@@ -300,11 +301,12 @@ class Dataset:
         if stored != shard:
             yield f"{path}: its counts differ from those in {META_FILE}"
         table = pq.ParquetFile(path).read()
-        expected = schema(self.meta.tv_length, self.meta.uv_length)
+        expected = schema(self.meta.tv_length, self.meta.uv_length, self.meta.schema_version)
         if not table.schema.equals(expected):
             yield f"{path}: its columns differ from the contract of schema version {self.meta.schema_version}"
             return
-        yield from (f"{path}: {fault}" for fault in _row_faults(table, shard, self.meta.resensed is None))
+        rows = read_table(path)
+        yield from (f"{path}: {fault}" for fault in _row_faults(rows, shard, self.meta.resensed is None))
 
 
 def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
@@ -322,6 +324,8 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
         yield "sample ids do not belong to the shard's episode"
     if list(scalars["intention"]) != [Intention(label).text for label in scalars["label"]]:
         yield "label and intention disagree"
+    if ((scalars["cause"] != "") != (scalars["origin"] == "reaction")).any():
+        yield "reactions are not the samples with a cause"
     times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
     if not np.isfinite(times).all() or (np.diff(times[:, 1:]) < 0).any() or (times[:, 0] > times[:, 1]).any():
         yield "times are not in the order start, onset, commit, end"

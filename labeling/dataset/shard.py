@@ -11,6 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Literal, Self
 
@@ -26,11 +27,14 @@ from isacsim.settings import Settings
 from isacsim.validation import first_fault
 from labeling.intentions import Intention
 
-SCHEMA_VERSION: Literal[2] = 2
+SCHEMA_VERSION: Literal[3] = 3
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
-follows 3GPP TR 38.901. The layout is that of 1."""
-READABLE = (1, 2)
+follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause` and `cause_ttc_s`
+are new."""
+READABLE = (1, 2, 3)
 """Schema versions that can be read."""
+FORMER_ORIGINS = {"stimulated": "commanded"}
+"""Origins of schemas 1 and 2, and what they are called now."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
 ARRAYS = ("tv", "tv_truth", "uv")
@@ -45,6 +49,8 @@ class Sample:
 
     t_start, t_onset, t_commit, t_end: start of the record; onset, commit and end of the event; s of simulation time.
     snr_db: mean per-element SNR over the record, dB. n_sites: number of sites used, the least over the record.
+    cause: name of what the driver reacted to, empty unless the origin is `reaction`. cause_ttc_s: time to collision
+    when the driver began to move, s; NaN if there is none.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
     float32, (6, C), at the UV rate. The rows are those of `STATE`.
     """
@@ -67,6 +73,8 @@ class Sample:
     tv: Float32Array
     tv_truth: Float32Array
     uv: Float32Array
+    cause: str = ""
+    cause_ttc_s: float = nan
 
 
 class Episode(Settings):
@@ -81,7 +89,7 @@ class Episode(Settings):
 
     scenario: str
     seed: int
-    schema_version: Literal[1, 2] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -103,6 +111,12 @@ class Shard(Settings):
     by_origin: dict[str, int]
     episode: Episode
 
+    @field_validator("by_origin")
+    @classmethod
+    def _present_origins(cls, by_origin: dict[str, int]) -> dict[str, int]:
+        """Give the origins of former schemas their present names."""
+        return {FORMER_ORIGINS.get(name, name): number for name, number in by_origin.items()}
+
     @field_validator("episode")
     @classmethod
     def _brief(cls, episode: Episode) -> Episode:
@@ -121,8 +135,11 @@ def shard_name(scenario: str, seed: int) -> str:
     return f"{scenario}-{seed}.parquet"
 
 
-def schema(tv_length: int, uv_length: int) -> pa.Schema:
-    """Return the columns of a shard whose records have tv_length states of the TV and uv_length of the UV."""
+def schema(tv_length: int, uv_length: int, version: int = SCHEMA_VERSION) -> pa.Schema:
+    """Return the columns of a shard whose records have tv_length states of the TV and uv_length of the UV.
+
+    version: of the schema.
+    """
 
     def states(length: int) -> pa.DataType:
         return pa.list_(pa.list_(pa.float32(), length), len(STATE))
@@ -137,6 +154,8 @@ def schema(tv_length: int, uv_length: int) -> pa.Schema:
         "intention": pa.string(),
         "label": pa.int8(),
         "origin": pa.string(),
+        "cause": pa.string(),
+        "cause_ttc_s": pa.float32(),
         "t_start": pa.float64(),
         "t_onset": pa.float64(),
         "t_commit": pa.float64(),
@@ -148,10 +167,13 @@ def schema(tv_length: int, uv_length: int) -> pa.Schema:
         "tv_truth": states(tv_length),
         "uv": states(uv_length),
     }
+    if version < 3:
+        del types["cause"], types["cause_ttc_s"]
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
+ORIGIN, CAUSE, CAUSE_TTC_S = (schema(1, 1).field(name) for name in ("origin", "cause", "cause_ttc_s"))
 
 
 def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
@@ -180,10 +202,30 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
     return _describe(path, table, episode)
 
 
+def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return columns of a shard, all of them when absent, as the present schema has them.
+
+    Of a former schema, origins are renamed, and there is no cause. Raises OSError or ValueError for a damaged file.
+    """
+    file = pq.ParquetFile(path, page_checksum_verification=True)
+    stored = [name for name in columns or file.schema_arrow.names if name in file.schema_arrow.names]
+    # Without a column to read there would be no rows.
+    table = file.read([*stored, *([] if stored else ["sample_id"])])
+    if "cause" in file.schema_arrow.names:
+        return table
+    if "origin" in stored:
+        origins = [FORMER_ORIGINS.get(name, name) for name in table["origin"].to_pylist()]
+        table = table.set_column(table.schema.get_field_index("origin"), ORIGIN, pa.array(origins, pa.string()))
+    for field, value in ((CAUSE, ""), (CAUSE_TTC_S, nan)):
+        table = table.append_column(field, pa.array([value] * len(table), field.type))
+    wanted = list(columns) if columns is not None else [*SCALARS, *ARRAYS]
+    return table.select([name for name in wanted if name in table.column_names])
+
+
 def read_samples(path: Path) -> list[Sample]:
     """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
-        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        table = read_table(path)
         states = {name: states_of(table[name]) for name in ARRAYS}
         rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     except (KeyError, OSError, ValueError) as error:

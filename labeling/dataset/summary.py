@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
@@ -25,9 +26,11 @@ EPISODES_SHOWN = 24
 def summary(dataset: Dataset) -> dict[str, Any]:
     """Return a dataset's counts, rates and qualities as plain values.
 
-    Some of the keys: `sensors`, samples by sensor; `snr_db` and `n_sites`, least, median and greatest value over the
-    samples; `position_error_m`, median over the samples of their median distances to the true position, before and
-    after the filter; `left_out`, candidates that did not become samples, by reason.
+    Some of the keys: `by_cause`, for each intention and cause the samples and the median time to collision at the
+    reaction's start, s, None where there is nothing to collide with; `sensors`, samples by sensor; `snr_db` and
+    `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
+    median distances to the true position, before and after the filter; `left_out`, candidates that did not become
+    samples, by reason.
     """
     meta = dataset.meta
     seeds = {
@@ -36,8 +39,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     }
     episodes = [shard.episode for shard in meta.shards]
     errors = [read_episode(dataset.shard_path(shard)) for shard in meta.shards]
-    scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin"])
-    origins = scalars.groupby(["intention", "origin"]).size()
+    scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
+    origins = scalars.groupby(["intention", "origin", "cause", "cause_ttc_s"]).size()
     return {
         "path": str(dataset.path),
         "digest": dataset.digest,
@@ -48,6 +51,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
             intention: {origin: int(origins.get((intention, origin), 0)) for origin in meta.by_origin()}
             for intention in meta.class_names
         },
+        "by_cause": _causes(scalars[scalars["cause"] != ""]),
         "seeds": seeds,
         "tv_rate_hz": meta.tv_rate_hz,
         "uv_rate_hz": meta.uv_rate_hz,
@@ -81,8 +85,29 @@ def show(values: dict[str, Any], console: Console) -> None:
     console.print(table)
     console.print(_episodes_table(values["distributions"]))
     console.print(_events_table(values["distributions"]))
+    if values["by_cause"]:
+        console.print(_causes_table(values["by_cause"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+
+
+def _causes(reactions: pd.DataFrame) -> dict[str, dict[str, dict[str, Any]]]:
+    """Return the samples of each intention and cause, and their median time to collision, s."""
+    causes: dict[str, dict[str, dict[str, Any]]] = {}
+    for (intention, cause), group in reactions.groupby(["intention", "cause"]):
+        known = group["cause_ttc_s"].dropna().tolist()
+        causes.setdefault(str(intention), {})[str(cause)] = {"samples": len(group), "ttc_s": _median(known)}
+    return causes
+
+
+def _causes_table(by_cause: dict[str, dict[str, dict[str, Any]]]) -> Table:
+    """Return a table of what drivers reacted to. by_cause: as in the summary."""
+    table = Table("intention", "cause", "samples", "time to collision s", title="reactions")
+    for intention, causes in by_cause.items():
+        for cause, values in causes.items():
+            ttc_s = "" if values["ttc_s"] is None else f"{values['ttc_s']:.1f}"
+            table.add_row(intention, cause, str(values["samples"]), ttc_s)
+    return table
 
 
 def _episodes_table(by_intention: dict[str, dict[str, Any]]) -> Table:

@@ -15,7 +15,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.motion import Excess, MotionSettings, excess
 from isacsim.traffic.recording import Recording
 from labeling.detectors.overtake import OvertakeDetector
-from labeling.events import Labels, Origin, origin
+from labeling.events import Labels, Provenance, provenance
 from labeling.intentions import Event, Intention, outward
 from labeling.road.surroundings import Relation, Surroundings
 from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
@@ -67,7 +67,7 @@ class Candidate:
     tv: str
     uv: str
     intention: Intention
-    origin: Origin
+    provenance: Provenance
     t_start: float
     t_onset: float
     t_commit: float
@@ -190,7 +190,7 @@ def _candidate(
         tv=event.vehicle,
         uv=pair.uv,
         intention=event.intention,
-        origin=origin(recording, event),
+        provenance=provenance(recording, event),
         t_start=start,
         t_onset=event.onset,
         t_commit=event.commit,

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import cosim
+from command_line.arguments import dataset_study
 from command_line.options import cores
 
 COUNT = "import os; os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); from command_line.options import cores; "
@@ -24,3 +25,8 @@ def test_a_process_bound_to_one_core_uses_one() -> None:
     command = [sys.executable, "-c", f"{COUNT}print(cores())"]
     done = subprocess.run(command, cwd=Path(cosim.__file__).parent, capture_output=True, text=True, check=True)
     assert done.stdout == "1\n"
+
+
+def test_natural_traffic_is_left_alone() -> None:
+    assert dataset_study(["motorway"], None, None, None, natural=True).maneuvers.quiet
+    assert not dataset_study(["motorway"], None, None, None).maneuvers.quiet

@@ -9,7 +9,7 @@ import pytest
 from isacsim.traffic.recording import Command, Recording
 from labeling.detectors.evasive_swerve import EvasiveSwerveSettings
 from labeling.detectors.settings import LabelSettings
-from labeling.events import label, origin
+from labeling.events import Provenance, label, provenance
 from labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, thinned, total
 
@@ -90,22 +90,22 @@ def test_labels_do_not_depend_on_commands_and_survive_the_disk(tmp_path: Path) -
     assert label(replace(recording, commands=()), SETTINGS).events == events
 
 
-def test_origin_follows_from_the_commands_to_the_same_vehicle() -> None:
+def test_the_origin_follows_from_the_commands_to_the_same_vehicle() -> None:
     recording = busy(COMMANDS)
     maneuvers = [event for event in label(recording, SETTINGS).events if event.intention is not Intention.FOLLOWING]
-    origins = {(event.vehicle, event.intention): origin(recording, event) for event in maneuvers}
-    assert origins["brakes", Intention.HARD_BRAKE] == "stimulated"
+    origins = {(event.vehicle, event.intention): provenance(recording, event).origin for event in maneuvers}
+    assert origins["brakes", Intention.HARD_BRAKE] == "commanded"
     assert origins["brakes", Intention.HARD_ACCEL] == "natural"
     assert origins["tv", Intention.OVERTAKE] == "natural"
 
 
 @pytest.mark.parametrize(
     ("start", "end", "expected"),
-    [(0.0, 18.9, "natural"), (0.0, 19.1, "stimulated"), (21.9, 30.0, "stimulated"), (22.1, 30.0, "natural")],
+    [(0.0, 18.9, "natural"), (0.0, 19.1, "commanded"), (21.9, 30.0, "commanded"), (22.1, 30.0, "natural")],
 )
 def test_origin_reaches_from_a_second_before_onset_to_the_end(start: float, end: float, expected: str) -> None:
     recording = replace(busy(), commands=(Command("v", "m", start, end),))
-    assert origin(recording, Event("v", Intention.HARD_BRAKE, 20.0, 20.5, 22.0, -6.0)) == expected
+    assert provenance(recording, Event("v", Intention.HARD_BRAKE, 20.0, 20.5, 22.0, -6.0)).origin == expected
 
 
 def test_thinned_to_20_hz_the_events_are_the_same() -> None:
@@ -138,3 +138,23 @@ def test_motion_beyond_what_a_car_can_do_is_counted(brake: float, over_s: float,
     speed = 30.0 + np.concatenate([[0.0], np.cumsum(acceleration[1:] + acceleration[:-1]) * 0.005])
     recording = record(Road(), Drive("tv", speed=lambda _: speed, duration_s=12.0))
     assert label(recording, LabelSettings()).counts["beyond_car"] == beyond
+
+
+def test_the_last_of_several_commands_says_why() -> None:
+    """A reaction has its cause and time to collision; a command, or a reaction without need, has neither."""
+    commands = (
+        Command("v", "hard_accel", 10.0, 19.5, "gap_ahead"),
+        Command("v", "evasion", 19.4, 24.0, "debris", 1.8),
+        Command("other", "hard_brake", 20.0, 22.0),
+    )
+    event = Event("v", Intention.EVASIVE_SWERVE, 20.0, 20.5, 22.0, -6.0)
+
+    def of(*noted: Command) -> Provenance:
+        return provenance(Recording("s", 1, 0.01, (), {}, noted), event)
+
+    assert of(*commands) == Provenance("reaction", "debris", 1.8)
+    without_ttc = of(commands[0])
+    assert (without_ttc.origin, without_ttc.cause) == ("reaction", "gap_ahead")
+    assert np.isnan(without_ttc.cause_ttc_s)
+    assert of(*commands, Command("v", "evasion", 21.0, 23.0)).origin == "commanded"
+    assert of(commands[2]).origin == "natural"

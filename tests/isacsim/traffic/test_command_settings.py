@@ -23,7 +23,7 @@ def sections() -> Iterator[tuple[str, Settings]]:
 
 FIELDS = [(section, name, default) for section, settings in sections() for name, default in settings]
 RANGES = [(section, name) for section, name, default in FIELDS if isinstance(default, tuple)]
-UNITS = ("_m", "_s", "_mps", "_mps2", "_mps3", "_per_s", "_share", "_gain")
+UNITS = ("_m", "_s", "_mps", "_mps2", "_mps3", "_per_s", "_w_per_kg", "_share", "_gain")
 
 
 def test_every_setting_has_a_unit_a_description_and_a_source() -> None:
@@ -34,9 +34,9 @@ def test_every_setting_has_a_unit_a_description_and_a_source() -> None:
             assert name.endswith(UNITS), f"{section}.{name}"
             assert field.description, f"{section}.{name}"
             assert isinstance(extra, dict), f"{section}.{name}"
-            assert str(extra["source"]).startswith(("chosen: ", "measured: ", "driving experiments: ")), (
-                f"{section}.{name}"
-            )
+            assert str(extra["source"]).startswith(
+                ("chosen: ", "measured: ", "driving experiments: ", "published: ")
+            ), f"{section}.{name}"
 
 
 def study(section: str, name: str, value: Any) -> DatasetStudy:

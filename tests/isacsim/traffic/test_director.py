@@ -1,6 +1,6 @@
 """The director: what it commands to whom, with which drawn parameters, and what it leaves alone."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +14,7 @@ from isacsim.seeding import stream
 from isacsim.traffic import command_draws
 from isacsim.traffic.command_settings import BrakeCommandSettings
 from isacsim.traffic.director import Director, ManeuverSettings
+from isacsim.traffic.driver_model import DriverSettings
 from isacsim.traffic.maneuvers import ManeuverCommand
 from isacsim.traffic.motion import condition
 from isacsim.traffic.recording import COLUMNS, Command, Recording
@@ -142,17 +143,13 @@ def test_where_no_lane_ends_closures_change_nothing(tmp_path: Path) -> None:
 
 
 DRAWN = {
-    "BrakeCommand": {
-        "peak_mps2": (-8.0, -4.8), "rise_mps3": (10.0, 18.0), "hold_s": (0.6, 1.6), "fall_mps3": (6.0, 12.0)
-    },
-    "AccelCommand": {
-        "peak_mps2": (2.8, 4.5), "rise_mps3": (5.0, 10.0), "hold_s": (1.4, 2.6), "fall_mps3": (4.0, 8.0)
-    },
-    "SwerveCommand": {"offset_m": (-1.7, 1.7), "peak_mps2": (4.5, 6.0), "hold_s": (0.0, 0.6)},
+    "BrakeCommand": {"peak_mps2": (3.6, 8.0), "drop_mps": (4.0, 14.0)},
+    "Surge": {"peak_mps2": (2.8, 4.8), "power_w_per_kg": (80.0, 140.0), "headway_s": (0.4, 1.0)},
+    "SwerveCommand": {"offset_m": (-1.7, 1.7), "peak_mps2": (4.0, 7.0), "hold_s": (0.0, 0.8)},
     "OvertakeCommand": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
     "SlowVehicleCommand": {"speed_share": (0.65, 0.8), "slow_s": (20.0, 40.0)},
     "StopInLaneCommand": {"stand_s": (15.0, 40.0)},
-}  # fmt: skip
+}
 """What is drawn for each command, and between which bounds, by default."""
 
 
@@ -166,17 +163,22 @@ def test_every_command_has_parameters_of_its_own(monkeypatch: pytest.MonkeyPatch
             command_type = getattr(command_draws, kind)
 
             def remembered(
-                *values: Any, kind: str = kind, command_type: type[ManeuverCommand] = command_type
+                *values: Any, kind: str = kind, command_type: type[ManeuverCommand] = command_type, **named: Any
             ) -> ManeuverCommand:
-                drawn[kind].append(command_type(*values))
+                drawn[kind].append(command_type(*values, **named))
                 if kind == "OvertakeCommand":
                     _, gap_m = sumo.vehicle.getLeader(values[0], 150.0)
                     headways.append(gap_m / sumo.vehicle.getSpeed(values[0]))
                 return drawn[kind][-1]
 
             monkeypatch.setattr(command_draws, kind, remembered)
-        often = {**dict.fromkeys(RATES, 150.0), "swerve_per_vehicle_hour": 1500.0, "overtake_per_vehicle_hour": 3000.0}
-        director = new_director(scenario, only(**often | {"stop_in_lane_per_vehicle_hour": 40.0}, rest_s=1.0))
+        often = {
+            **dict.fromkeys(RATES, 150.0),
+            "debris_per_vehicle_hour": 20.0,
+            "swerve_per_vehicle_hour": 1500.0,
+            "overtake_per_vehicle_hour": 3000.0,
+        }
+        director = new_director(scenario, only(**often, rest_s=1.0))
         for step in range(7000):
             director.step(sumo, step * STEP)
             sumo.simulationStep()
@@ -191,15 +193,17 @@ def test_every_command_has_parameters_of_its_own(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_narrowed_range_reaches_the_motion_and_nothing_else_changes() -> None:
-    """Brakes of exactly 6.5 m/s2 instead of 4.8 to 8: the same vehicles are commanded first, each with that peak."""
+    """Brakes meant with 6.5 m/s2 instead of 3.6 to 8: the same vehicles are commanded first, each about that hard."""
     traffic = TrafficSettings(run_in_s=40.0, duration_s=20.0)
     brakes = only(hard_brake_per_vehicle_hour=200.0)
-    stronger = brakes.model_copy(update={"hard_brake": BrakeCommandSettings(peak_mps2=(6.5, 6.5), hold_s=(1.0, 1.0))})
+    exact = DriverSettings(noise_share=(0.0, 0.0), pedal_lag_s=(0.1, 0.1))
+    narrow = BrakeCommandSettings(peak_mps2=(6.5, 6.5), drop_mps=(13.0, 13.0))
+    stronger = brakes.model_copy(update={"hard_brake": narrow, "driver": exact})
     recording = record(load("motorway"), 3, traffic, stronger)
     peaks = []
     for command in recording.commands:
         track = recording.tracks.get(command.vehicle)
-        if track and command.start > 41.0 and command.end < 59.0:
+        if track and command.maneuver == "hard_brake" and command.start > 41.0 and command.end < 59.0:
             rows = np.arange(command.start, command.end, STEP) / STEP - track.first_step
             if rows[0] >= 0 and rows[-1] < len(track) and track.speed[round(rows[0])] > 20.0:
                 peaks.append(condition(track.speed, STEP, 0.15, 1, rows).min())
@@ -207,6 +211,23 @@ def test_a_narrowed_range_reaches_the_motion_and_nothing_else_changes() -> None:
     np.testing.assert_allclose(peaks, -6.5, rtol=0.05)
     first = record(load("motorway"), 3, traffic, brakes).commands[0]
     assert (first.vehicle, first.start) in {(command.vehicle, command.start) for command in recording.commands}
+
+
+def test_reactions_are_noted_with_their_cause() -> None:
+    """Debris comes into view; drivers behind those who brake look away; both kinds are noted, with a time left."""
+    busy = only(debris_per_vehicle_hour=200.0, surge_per_vehicle_hour=100.0, cut_in_per_vehicle_hour=40.0)
+    recording = record(load("motorway"), 4, TrafficSettings(run_in_s=40.0, duration_s=25.0), busy)
+    causes = Counter(command.cause for command in recording.commands)
+    assert causes["debris"] > 20
+    assert causes["gap_ahead"] > 5
+    assert causes["braking_leader"] + causes["slow_leader"] + causes["stopped_leader"] >= 1
+    for command in recording.commands:
+        if command.cause == "debris":
+            assert command.maneuver == "evasion"
+            assert command.ttc_s is not None
+            assert 0.0 < command.ttc_s < 4.5
+        if command.cause in ("", "gap_ahead"):
+            assert command.ttc_s is None
 
 
 def test_nobody_is_sent_past_its_exit() -> None:

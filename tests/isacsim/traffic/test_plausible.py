@@ -48,21 +48,24 @@ def test_settled_traffic_has_no_jump_and_little_jerk(settled: Recording) -> None
     assert conditioned_rms < raw_rms
 
 
-def test_commanded_maneuvers_stay_within_what_a_car_can_do() -> None:
-    """Up to 9 m/s2 and 25 m/s3 while under command, lateral and longitudinal together."""
+def test_maneuvers_stay_within_what_a_car_can_do() -> None:
+    """Up to 9 m/s2 and 25 m/s3 while a driver reacts or is under command, lateral and longitudinal together."""
     stimulus = ManeuverSettings(
-        hard_brake_per_vehicle_hour=120.0, swerve_per_vehicle_hour=200.0, hard_accel_per_vehicle_hour=60.0
+        hard_brake_per_vehicle_hour=60.0,
+        swerve_per_vehicle_hour=100.0,
+        debris_per_vehicle_hour=100.0,
+        hard_accel_per_vehicle_hour=60.0,
     )
     recording = record(load("motorway"), 6, TrafficSettings(run_in_s=40.0, duration_s=20.0), stimulus)
     seen = 0
     for command in recording.commands:
         track = recording.tracks.get(command.vehicle)
-        if track is None or command.maneuver not in ("hard_brake", "evasive_swerve"):
+        if track is None or command.maneuver not in ("hard_brake", "evasive_swerve", "evasion"):
             continue
         times = recording.times(track)
         if command.start < times[0] + MARGIN_S or command.end > times[-1] - MARGIN_S:
             continue
-        end = min(command.end, command.start + 3.0) if command.maneuver == "hard_brake" else command.end
+        end = command.end if command.maneuver == "evasive_swerve" else min(command.end, command.start + 4.0)
         state = states(recording, track, np.arange(command.start, end, 0.0025), MotionSettings())
         assert np.hypot(*state[4:6]).max() < 9.0, command
         assert np.hypot(*np.diff(state[4:6], axis=1)).max() / 0.0025 < 25.0, command

@@ -13,6 +13,7 @@ from labeling.events import LabelSettings
 
 PAGE = (Path(__file__).parents[3] / "docs" / "traffic.md").read_text(encoding="utf-8")
 UNITS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_per_s": "1/s", "_hour": "1/h", "_share": "1", "_gain": "1"}
+UNITS |= {"_w_per_kg": "W/kg"}
 UNITS |= {"_m": "m", "_s": "s"}
 SECTIONS = [name for name, value in ManeuverSettings() if isinstance(value, Settings)]
 THRESHOLD = re.compile(r"([≥<]) `(\w+)\.(\w+)` \((.+)\)")
@@ -56,7 +57,7 @@ def test_every_command_has_a_heading_and_no_other() -> None:
 
 
 def test_the_rates_and_limits_are_those_of_the_director() -> None:
-    before, _, _ = PAGE.partition("## What a command is like")
+    before, _, _ = PAGE.partition("## What reactions and commands are like")
     table = rows(before)
     single = {name: field for name, field in ManeuverSettings.model_fields.items() if name not in SECTIONS}
     assert [name for name in table if "." not in name] == list(single)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,7 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.shard import ARRAYS, SCALARS, read_shard, schema
+from labeling.dataset.shard import ARRAYS, SCALARS, read_samples, read_shard, schema
 from labeling.intentions import Intention
 
 LENGTHS = (200, 50)
@@ -36,10 +37,11 @@ LENGTHS = (200, 50)
 def sample(k: int, seed: int = 1) -> Sample:
     rng = np.random.default_rng([seed, k])
     tv, truth, uv = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
-    intention, origin = Intention(k % 7), "natural" if k % 2 else "stimulated"
+    intention, origin = Intention(k % 7), ("natural", "reaction", "commanded")[k % 3]
+    cause = ("debris", 1.5 + 0.25 * (k % 5)) if origin == "reaction" else ("", float("nan"))
     return Sample(
         f"road-{seed}-{k}", "road", seed, "sumo", f"tv{k}", f"uv{k}", intention, origin, 1.0, 2.0, 3.0, 4.0,
-        "isac", 5.5, 4, tv, truth, uv,
+        "isac", 5.5, 4, tv, truth, uv, *cause,
     )  # fmt: skip
 
 
@@ -80,8 +82,21 @@ def test_what_was_written_is_read_back_bit_for_bit(dataset: Dataset) -> None:
     frame = dataset.frame()
     assert list(frame.columns) == list(SCALARS)
     assert list(frame["label"]) == [int(row.intention) for row in rows]
-    for name in ("sample_id", "tv_id", "uv_id", "seed", "origin", "t_start", "t_onset", "t_commit", "t_end", "snr_db"):
+    for name in (
+        "sample_id",
+        "tv_id",
+        "uv_id",
+        "seed",
+        "origin",
+        "cause",
+        "t_start",
+        "t_onset",
+        "t_commit",
+        "t_end",
+        "snr_db",
+    ):
         assert list(frame[name]) == [getattr(row, name) for row in rows]
+    np.testing.assert_array_equal(frame["cause_ttc_s"], np.float32([row.cause_ttc_s for row in rows]))
     assert len(dataset) == dataset.meta.samples == 305
 
 
@@ -98,7 +113,8 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
     states = "fixed_size_list<element: fixed_size_list<element: float>[{}]>[6]"
     expected = {
         "sample_id": "string", "scenario": "string", "seed": "int64", "source": "string", "tv_id": "string",
-        "uv_id": "string", "intention": "string", "label": "int8", "origin": "string", "t_start": "double",
+        "uv_id": "string", "intention": "string", "label": "int8", "origin": "string", "cause": "string",
+        "cause_ttc_s": "float", "t_start": "double",
         "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
     }  # fmt: skip
@@ -113,7 +129,7 @@ def test_every_column_is_documented() -> None:
     documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
     columns = schema(2000, 500)
     assert list(documented) == columns.names
-    units = {"t_": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
+    units = {"t_": "s", "cause_ttc_s": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
     for field in columns:
         kind, unit, meaning = documented[field.name]
         numbers = {"double": "float64", "float": "float32"}
@@ -131,7 +147,9 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     columns = [group.column(k) for group in groups for k in range(group.num_columns)]
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
-    assert split == {"t_start", "t_onset", "t_commit", "t_end", "snr_db", "tv", "tv_truth", "uv"}
+    assert split == {
+        "cause_ttc_s", "t_start", "t_onset", "t_commit", "t_end", "snr_db", "tv", "tv_truth", "uv",
+    }  # fmt: skip
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -225,7 +243,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
     path = dataset.path / "dataset.json"
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "schema_version": 3}))
+    path.write_text(json.dumps({**content, "schema_version": 4}))
     with pytest.raises(InputError, match="schema_version"):
         Dataset.open(dataset.path)
     path.write_text("{")
@@ -250,3 +268,44 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
     dataset.shard_path(dataset.meta.shards[0]).unlink()
     with pytest.raises(InputError, match="missing"):
         Dataset.open(dataset.path)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
+    """They have no causes, and say `stimulated` for `commanded`."""
+    dataset = make(tmp_path / "data", (6, 3))
+    shards = []
+    for shard in dataset.meta.shards:
+        path = dataset.shard_path(shard)
+        table = pq.read_table(path)
+        metadata = json.loads(table.schema.metadata[b"cosim.episode"]) | {"schema_version": version}
+        origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]
+        columns = schema(*LENGTHS, version)
+        table = table.set_column(table.schema.get_field_index("origin"), "origin", pa.array(origins))
+        table = table.drop_columns(["cause", "cause_ttc_s"]).cast(columns)
+        pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(metadata)}), path)
+        shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(Counter(origins))})
+    meta = json.loads((dataset.path / "dataset.json").read_text()) | {"schema_version": version, "shards": shards}
+    (dataset.path / "dataset.json").write_text(json.dumps(meta))
+    former = Dataset.open(dataset.path)
+    former.verify()
+    frame = former.frame()
+    assert list(frame.columns) == list(SCALARS)
+    assert set(frame["origin"]) == {"natural", "commanded"}
+    assert former.meta.by_origin() == frame["origin"].value_counts().to_dict()
+    assert (frame["cause"] == "").all()
+    assert frame["cause_ttc_s"].isna().all()
+    assert len(former.frame(["cause"])) == len(former) == 9
+    samples = read_samples(former.shard_path(former.meta.shards[0]))
+    assert {(sample.origin, sample.cause) for sample in samples} == {("natural", ""), ("commanded", "")}
+    np.testing.assert_array_equal(former.arrays("tv")["tv"], dataset.arrays("tv")["tv"])
+
+
+def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
+    dataset = make(tmp_path / "data", (6,))
+    [shard] = dataset.meta.shards
+    samples = [replace(row, cause="") for row in read_samples(dataset.shard_path(shard))]
+    changed = write_shard(dataset.path / "shards", samples, shard.episode, *LENGTHS)
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": (changed,)}))
+    with pytest.raises(InputError, match="reactions are not the samples with a cause"):
+        Dataset.open(dataset.path).verify()

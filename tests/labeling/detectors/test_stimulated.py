@@ -1,4 +1,4 @@
-"""Labels do not depend on commands: those of stimulated traffic come from its states alone."""
+"""Labels do not depend on causes and commands: those of stimulated traffic come from its states alone."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
 from labeling.detectors.settings import LabelSettings
-from labeling.events import label, origin
+from labeling.events import label, provenance
 from labeling.intentions import Intention
 
 SETTINGS = LabelSettings()
@@ -20,7 +20,7 @@ SETTINGS = LabelSettings()
 def stimulated() -> Recording:
     """Two minutes of the motorway: many overtakes are commanded, most drivers are left alone."""
     none = {name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")}
-    some = {"hard_brake": 10.0, "swerve": 10.0, "hard_accel": 10.0, "overtake": 40.0}
+    some = {"hard_brake": 10.0, "debris": 15.0, "swerve": 10.0, "surge": 10.0, "hard_accel": 10.0, "overtake": 40.0}
     rates = none | {f"{name}_per_vehicle_hour": rate for name, rate in some.items()}
     return record(
         load("motorway"), 5, TrafficSettings(run_in_s=60.0, duration_s=120.0), ManeuverSettings.model_validate(rates)
@@ -35,15 +35,28 @@ def test_labels_are_the_same_from_disk_and_without_the_commands(stimulated: Reco
     assert {command.maneuver for command in stimulated.commands} >= {"hard_brake", "overtake", "evasive_swerve"}
     assert label(back, SETTINGS) == labels
     assert label(replace(back, commands=()), SETTINGS) == labels
-    assert [origin(back, event) for event in labels.events] == [origin(stimulated, event) for event in labels.events]
+    reasons = [provenance(stimulated, event) for event in labels.events]
+    assert [repr(provenance(back, event)) for event in labels.events] == [repr(reason) for reason in reasons]
+    assert {reason.origin for reason in reasons} == {"natural", "reaction", "commanded"}
+    assert {(reason.origin == "reaction", reason.cause != "") for reason in reasons} == {(True, True), (False, False)}
 
 
-def test_overtakes_are_natural_or_stimulated_by_origin(stimulated: Recording) -> None:
-    """A stimulated one has a command to the same vehicle; most of these commands are overtakes."""
+def test_swerves_evade_something_a_few_seconds_away(stimulated: Recording) -> None:
+    swerves = label(stimulated, SETTINGS).of(Intention.EVASIVE_SWERVE)
+    reasons = [provenance(stimulated, event) for event in swerves]
+    to_debris = [reason.cause_ttc_s for reason in reasons if reason.cause == "debris"]
+    assert len(to_debris) >= 5
+    assert 0.0 < min(to_debris) < max(to_debris) < 4.0
+
+
+def test_overtakes_are_natural_or_commanded(stimulated: Recording) -> None:
+    """A commanded one has a command to the same vehicle; most of these commands are overtakes."""
     overtakes = label(stimulated, SETTINGS).of(Intention.OVERTAKE)
-    origins = [origin(stimulated, event) for event in overtakes]
+    origins = [provenance(stimulated, event).origin for event in overtakes]
     assert origins.count("natural") >= 2
-    assert origins.count("stimulated") >= 2
+    assert origins.count("commanded") >= 2
     commanded = {command.vehicle for command in stimulated.commands if command.maneuver == "overtake"}
-    by_command = [event.vehicle in commanded for event in overtakes if origin(stimulated, event) == "stimulated"]
+    by_command = [
+        event.vehicle in commanded for event, origin in zip(overtakes, origins, strict=True) if origin == "commanded"
+    ]
     assert sum(by_command) >= 0.5 * len(by_command)

@@ -34,7 +34,7 @@ def test_a_brake_becomes_a_sample_with_its_times() -> None:
     result = offered(recording)
     (sample,) = [sample for sample in result.samples if sample.intention is Intention.HARD_BRAKE]
     (event,) = [e for e in label(recording, LabelSettings()).of(Intention.HARD_BRAKE) if e.vehicle == "tv"]
-    assert (sample.tv, sample.uv, sample.origin, sample.relation) == ("tv", "uv", "natural", "ahead")
+    assert (sample.tv, sample.uv, sample.provenance.origin, sample.relation) == ("tv", "uv", "natural", "ahead")
     assert (sample.t_onset, sample.t_commit, sample.t_end) == (event.onset, event.commit, event.end)
     assert abs(sample.t_start - (event.onset - 2.6)) <= 0.2
     assert result.left_out["tv_kind"] >= 1
