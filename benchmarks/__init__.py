@@ -9,7 +9,10 @@ from typing import Any
 
 from isacsim.registry import Registry
 
-BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in ("echo", "traffic", "generate", "train", "infer")})
+BENCHES = Registry(
+    "bench",
+    {name: f"benchmarks.{name}" for name in ("echo", "traffic", "generate", "train", "infer", "live")},
+)
 """Modules with a function `run`, by the name that `cosim bench` takes."""
 
 

@@ -24,7 +24,7 @@ class Inference:
 
     classes: the known intentions. probabilities: (n, G), calibrated, in the order of `classes`. rejected: (n,), whether
     the window fits none of them. score: the unknown score behind that, (n,), higher where the window fits better.
-    features: what the answers rest on, (n, F). latency_ms: time that the whole batch took, including the change of frame.
+    features: what the answers rest on, (n, F). latency_ms: time that the whole batch took, with the change of frame.
     """
 
     classes: tuple[str, ...]

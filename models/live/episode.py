@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from isacsim.arrays import Array
 from isacsim.errors import InputError, OutputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.motion_sources import MotionSource
 from isacsim.traffic.recording import Recording
 from labeling.events import label
 from labeling.road.surroundings import Surroundings
+from models.data.lane_map import LaneMap
 from models.inference import Infer
 from models.live.events import events_of, under_command
 from models.live.predictions import Answering, Answers, Reports, WindowCutter, lanes_of, rule_answering, run_answering
-from models.live.sensed import Sensing
+from models.live.sensed import Sensing, Track
 from models.live.settings import LiveStudy
 from models.live.store import RULE, RUN, EpisodeFacts, LiveEpisode, file_name, no_answers, write_episode
 from models.live.stretches import Timing, watched
 from models.predictors.protocol import WindowShape
-
-ANY_WINDOW = 1
 
 
 @dataclass(frozen=True)
@@ -82,12 +82,13 @@ class EpisodeTask:
     def __call__(self, seed: int) -> Spent | InputError | OutputError:
         """Run one episode and write it. An error that a retry would not fix is returned, not raised."""
         try:
-            begin = time.process_time()
+            began = time.process_time()
             scenario = self.source.load(self.where)
             recording = self.source.record(scenario, seed)
-            episode, spent = predicted(self.study, scenario, recording, self.predictors, self.fingerprint, begin)
+            traffic_s = time.process_time() - began
+            episode, spent = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
             write_episode(self.folder / file_name(scenario.name, seed), episode)
-            return spent
+            return replace(spent, traffic_s=traffic_s)
         except (InputError, OutputError) as error:
             return error
 
@@ -117,58 +118,79 @@ def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
     )
 
 
-def predicted(
-    study: LiveStudy,
-    scenario: Scenario,
-    recording: Recording,
-    predictors: Predictors,
-    fingerprint: str = "",
-    begin: float | None = None,
-) -> tuple[LiveEpisode, Spent]:
-    """Label a recording, watch its vehicles, and predict them.
+@dataclass
+class _Collected:
+    """The predictions of an episode, in the order in which they are made.
 
-    begin: processor time at which the episode began, s. Returns the episode and what it took.
+    answers: batches, by predictor. covered_m: driven by the vehicles while predicted, m. answering_s, predicting_s:
+    processor time of all predictors, and of the evaluated run alone, s.
     """
-    clock = [time.process_time() if begin is None else begin, time.process_time()]
+
+    tv: list[str] = field(default_factory=list)
+    time_s: list[float] = field(default_factory=list)
+    answers: dict[str, list[Answers]] = field(default_factory=lambda: defaultdict(list))
+    covered_m: float = 0.0
+    answering_s: float = 0.0
+    predicting_s: float = 0.0
+
+    def add(self, track: Track, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap) -> None:
+        """Predict a track."""
+        stretch = track.stretch
+        self.tv += [stretch.tv] * len(stretch.decision_s)
+        self.time_s += stretch.decision_s.tolist()
+        ends = np.rint((stretch.decision_s - stretch.start_s) * cutter.shape.tv_rate_hz).astype(np.int64)
+        self.covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * cutter.decision_s
+        for windows in cutter.batches(track):
+            for name, answer in answering.items():
+                began = time.process_time()
+                self.answers[name].append(answer(*windows, lanes))
+                spent_s = time.process_time() - began
+                self.answering_s += spent_s
+                self.predicting_s += spent_s if name == RUN else 0.0
+
+    def episode(self, facts: EpisodeFacts, recording: Recording, predictors: Sequence[str]) -> LiveEpisode:
+        """Return the predictions vehicle by vehicle, in order of time. predictors: the names of all."""
+        names = tuple(sorted(set(self.tv)))
+        number = {name: k for k, name in enumerate(names)}
+        vehicle, time_s = np.array([number[name] for name in self.tv], np.int64), np.array(self.time_s, np.float64)
+        order = np.lexsort((time_s, vehicle))
+        vehicle, time_s = vehicle[order], time_s[order]
+        commanded = np.zeros(len(time_s), dtype=bool)
+        for name, k in number.items():
+            commanded[vehicle == k] = under_command(recording, name, time_s[vehicle == k])
+        joined = {name: Answers.joined(batches) for name, batches in self.answers.items()}
+        answers = joined or no_answers(predictors)
+        return LiveEpisode(
+            facts, names, vehicle, time_s, commanded, {name: part.take(order) for name, part in answers.items()}
+        )
+
+    def decisions(self) -> dict[str, Array]:
+        """Return the instants at which each vehicle was predicted, s, in order."""
+        by_vehicle: dict[str, list[float]] = defaultdict(list)
+        for name, time_s in zip(self.tv, self.time_s, strict=True):
+            by_vehicle[name].append(time_s)
+        return {name: np.sort(np.array(times)) for name, times in by_vehicle.items()}
+
+
+def predicted(
+    study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
+) -> tuple[LiveEpisode, Spent]:
+    """Label a recording, watch its vehicles, and predict them. Returns the episode, and what it took."""
     infer, answering = predictors.answering()
-    shape = infer.run.card.shape
-    timing, surroundings = timing_of(study, shape), Surroundings(recording)
+    began = time.process_time()
+    timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
     labels = label(recording, study.dataset.labels, surroundings)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
-    clock.append(time.process_time())
+    labelled = time.process_time()
     sensing = Sensing(study.dataset, scenario, recording, timing.before_decision_s)
-    cutter = WindowCutter(Reports(sensing), study.dataset, shape, timing.report_delay_s)
-    lanes = lanes_of(recording)
-    parts: dict[str, list[Answers]] = defaultdict(list)
-    tv: list[str] = []
-    times: list[float] = []
-    covered_m, predicting_s, answering_s = 0.0, 0.0, 0.0
-    for track in sensing.tracks(driving.stretches):
-        stretch = track.stretch
-        tv += [stretch.tv] * len(stretch.decision_s)
-        times += stretch.decision_s.tolist()
-        ends = np.rint((stretch.decision_s - stretch.start_s) * shape.tv_rate_hz).astype(np.int64)
-        covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * timing.decision_s
-        for windows in cutter.batches(track):
-            began = time.process_time()
-            for name, answer in answering.items():
-                parts[name].append(answer(*windows, lanes))
-                if name == RUN:  # the first
-                    predicting_s += time.process_time() - began
-            answering_s += time.process_time() - began
-    clock.append(time.process_time())
-    names = tuple(sorted(set(tv)))
-    number = {name: k for k, name in enumerate(names)}
-    vehicle, time_s = np.array([number[name] for name in tv], np.int64), np.array(times, np.float64)
-    order = np.lexsort((time_s, vehicle))
-    answers = {name: Answers.joined(batches) for name, batches in parts.items()} or no_answers(
-        list(answering), ANY_WINDOW
+    cutter = WindowCutter(
+        Reports(sensing), study.dataset, infer.run.card.shape, timing.report_delay_s, timing.decision_s
     )
-    vehicle, time_s = vehicle[order], time_s[order]
-    by_name = {name: time_s[vehicle == k] for name, k in number.items()}
-    commanded = np.zeros(len(time_s), dtype=bool)
-    for name, k in number.items():
-        commanded[vehicle == k] = under_command(recording, name, by_name[name])
+    lanes, collected = lanes_of(recording), _Collected()
+    for track in sensing.tracks(driving.stretches):
+        collected.add(track, cutter, answering, lanes)
+    watched_s = time.process_time() - labelled
+    uncovered = {**driving.uncovered, **sensing.uncovered}
     facts = EpisodeFacts(
         fingerprint=fingerprint,
         scenario=scenario.name,
@@ -177,21 +199,17 @@ def predicted(
         simulated_s=study.dataset.traffic.duration_s,
         vehicles=len(recording.tracks),
         instants=driving.instants,
-        uncovered=dict(sorted({**driving.uncovered, **{k: n for k, n in sensing.uncovered.items() if n}}.items())),
-        covered_km=round(covered_m / 1000, 6),
-        events=tuple(events_of(surroundings, labels, study.dataset, by_name, timing.decision_s)),
+        uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},
+        covered_km=round(collected.covered_m / 1000, 6),
+        events=tuple(events_of(surroundings, labels, study.dataset, collected.decisions(), timing.decision_s)),
     )
-    ordered = {
-        name: Answers(part.probabilities[order], part.score[order], part.features[order])
-        for name, part in answers.items()
-    }
     spent = Spent(
         seed=recording.seed,
-        traffic_s=clock[1] - clock[0],
-        labels_s=clock[2] - clock[1],
-        sensing_s=clock[3] - clock[2] - answering_s,
-        predicting_s=predicting_s,
+        traffic_s=0.0,
+        labels_s=labelled - began,
+        sensing_s=watched_s - collected.answering_s,
+        predicting_s=collected.predicting_s,
         simulated_s=study.dataset.traffic.duration_s,
-        predicted_s=len(time_s) * timing.decision_s,
+        predicted_s=len(collected.time_s) * timing.decision_s,
     )
-    return LiveEpisode(facts, names, vehicle, time_s, commanded, ordered), spent
+    return collected.episode(facts, recording, list(answering)), spent

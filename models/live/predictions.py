@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import softmax
 
-from isacsim.arrays import Array, Float32Array
+from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.traffic.recording import Recording
 from labeling.generation.episode import report
 from labeling.generation.settings import DatasetStudy
@@ -43,6 +43,10 @@ class Answers:
         """Return the answers to several batches as one."""
         names = ("probabilities", "score", "features")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def take(self, rows: IntArray) -> Answers:
+        """Return the answers of some rows, in that order."""
+        return Answers(self.probabilities[rows], self.score[rows], self.features[rows])
 
 
 Answering = Callable[[Array, Array, LaneMap], Answers]
@@ -109,12 +113,14 @@ class WindowCutter:
     """Cuts the windows of tracks.
 
     reports: of the UVs. shape: of the windows. report_delay_s: age of the newest report at the end of a window, s.
+    decision_s: time between two windows, s.
     """
 
     reports: Reports
     study: DatasetStudy
     shape: WindowShape
     report_delay_s: float
+    decision_s: float
 
     def batches(self, track: Track) -> Iterator[tuple[Array, Array]]:
         """Yield the windows of a track in order, TV (n, 6, T) and UV (n, 6, U), at most BATCH at a time."""

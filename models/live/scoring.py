@@ -246,7 +246,9 @@ class Sweep:
             [(len(o.intention), o.predicted.sum(), len(o.false_intention), o.hours.sum()) for o in outcomes]
             for outcomes in self.outcomes
         ]
-        return np.array(rows, dtype=np.float64).reshape(len(self.thresholds), -1, 4)
+        return np.array(rows, dtype=np.float64).reshape(
+            len(self.outcomes), len(self.outcomes[0]) if self.outcomes else 0, 4
+        )
 
     def _interval(self, rate: float, settings: ScoringSettings, key: str) -> Interval | None:
         """Return the interval of the recall at a rate over seeds; the threshold is found anew for each resample."""

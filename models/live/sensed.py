@@ -17,17 +17,14 @@ from isacsim.panels import Panels
 from isacsim.radio.blockage import blockers_of
 from isacsim.scenarios.scenario import Scenario
 from isacsim.sensing import LEAST_SITES, TOGETHER, Observed, assign, fix
-from isacsim.tracking.kalman import track
-from isacsim.traffic import motion
+from isacsim.tracking import kalman
+from isacsim.traffic.even_motion import even_states
 from isacsim.traffic.recording import Recording
 from labeling.generation.settings import DatasetStudy
 from models.live.stretches import Stretch
 
 MOST_SNAPSHOTS = 600_000
 """Snapshots that are filtered at once: their covariances take 80 MB."""
-CHUNK = 2000
-"""Instants whose motion is conditioned at once; few enough for the weights of the kernel to stay in the cache."""
-
 TOO_FEW_SITES = "too_few_sites"
 NOT_DETECTED = "not_detected"
 """Why a stretch, or a part of it, is not sensed."""
@@ -80,13 +77,8 @@ class Sensing:
 
     def motion_of(self, vehicle: str, start_s: float, count: int, rate_hz: float) -> Array:
         """Return the conditioned states of a vehicle at `count` instants from a time on, (6, count)."""
-        times = start_s + np.arange(count) / rate_hz
-        recorded = self.recording.tracks[vehicle]
-        parts = [
-            motion.states(self.recording, recorded, times[k : k + CHUNK], self.study.motion)
-            for k in range(0, count, CHUNK)
-        ]
-        return np.concatenate(parts, axis=1)
+        track = self.recording.tracks[vehicle]
+        return even_states(self.recording, track, start_s, count, rate_hz, self.study.motion)
 
     def _in_view(self, stretch: Stretch) -> Iterator[tuple[Stretch, Array]]:
         """Yield the parts of a stretch in which enough sites see the TV throughout, with its motion."""
@@ -127,7 +119,9 @@ class Sensing:
             fixes[row, :samples] = observed.fixes.state
             covariances[row, :samples] = observed.fixes.covariance
             valid[row, :samples] = observed.fixes.valid
-        states = track(fixes, covariances, valid, 1 / self.study.record.tv_rate_hz, self.study.sensing.tracking).state
+        states = kalman.track(
+            fixes, covariances, valid, 1 / self.study.record.tv_rate_hz, self.study.sensing.tracking
+        ).state
         for row, (part, truth, observed) in enumerate(waiting):
             state = np.ascontiguousarray(states[row, : truth.shape[1]].T, dtype=np.float32)
             yield Track(part, state, truth, observed)

@@ -147,11 +147,7 @@ def _matrix(column: pa.ChunkedArray) -> Float32Array:
     return np.concatenate(parts).reshape(-1, width) if parts else np.empty((0, width), np.float32)
 
 
-def no_answers(predictors: Sequence[str], features: int) -> dict[str, Answers]:
+def no_answers(predictors: Sequence[str]) -> dict[str, Answers]:
     """Return the answers of an episode in which no vehicle was watched."""
-    return {
-        name: Answers(
-            np.empty((0, len(KNOWN)), np.float32), np.empty(0, np.float32), np.empty((0, features), np.float32)
-        )
-        for name in predictors
-    }
+    nothing = Answers(np.empty((0, len(KNOWN)), np.float32), np.empty(0, np.float32), np.empty((0, 1), np.float32))
+    return dict.fromkeys(predictors, nothing)

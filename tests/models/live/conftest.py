@@ -35,6 +35,7 @@ def study(trees_run: Run) -> LiveStudy:
     """The evaluation of small trees: two development seeds, two measured ones."""
     content = study_of(trees_run.card, "road", (11, 12), (21, 22)).model_dump()
     content["live"]["background"] |= {"rounds": 10, "folds": 2}
+    content["live"]["choice"] |= {"thresholds": 20, "confirmations": [[1, 1], [2, 3]], "least_probabilities": [0.0]}
     content["live"]["streams"] |= {"report_delay_s": 0.0}
     content["live"]["scoring"] |= {"resamples": 50}
     return LiveStudy.model_validate(content)

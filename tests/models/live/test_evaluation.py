@@ -100,7 +100,7 @@ def test_no_connected_vehicle_is_a_warning_too(
 def test_a_folder_of_another_evaluation_is_refused(
     evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, folder: Path
 ) -> None:
-    other = study.model_copy(update={"development": study.development.model_copy(update={"last": 13})})
+    other = study.model_copy(update={"development": study.development.model_copy(update={"last": 23})})
     with pytest.raises(InputError, match="holds an evaluation of another run or other settings"):
         evaluate_traffic(trees_run, other, folder, InlineEngine(), source=source)
 

@@ -39,7 +39,7 @@ def tracks(sensing: Sensing, study: LiveStudy, recording: Recording, trees_run: 
 
 
 def answers(track: Track, sensing: Sensing, run: Run, delay_s: float = 0.0) -> Answers:
-    cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s)
+    cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s, 0.1)
     answer, lanes = run_answering(Infer.load(run.path)), lanes_of(sensing.recording)
     return Answers.joined([answer(tv, uv, lanes) for tv, uv in cutter.batches(track)])
 
@@ -98,7 +98,9 @@ def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
 
 
 def test_a_delay_makes_reports_older(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
-    cutters = [WindowCutter(Reports(sensing), sensing.study, trees_run.card.shape, delay_s) for delay_s in (0.0, 0.1)]
+    cutters = [
+        WindowCutter(Reports(sensing), sensing.study, trees_run.card.shape, delay_s, 0.1) for delay_s in (0.0, 0.1)
+    ]
     (tv, uv), (tv_late, uv_late) = (next(cutter.batches(tracks[0])) for cutter in cutters)
     np.testing.assert_array_equal(tv, tv_late)
     np.testing.assert_array_equal(uv_late[1:], uv[:-1])  # predictions come every 0.1 s
@@ -106,7 +108,7 @@ def test_a_delay_makes_reports_older(tracks: list[Track], sensing: Sensing, tree
 
 def test_the_rule_answers_as_on_a_dataset_with_roads(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
     shape, windows = trees_run.card.shape, WindowSettings(window_s=1.2)
-    tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0).batches(tracks[0]))
+    tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     lanes = lanes_of(sensing.recording)
     answered = rule_answering(windows, shape)(tv, uv, lanes)
     columns = ["sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db"]
