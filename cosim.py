@@ -218,24 +218,47 @@ def train(
 
 @app.command(
     cls=HelpfulCommand,
-    epilog=examples("evaluate predictor --data data", "evaluate predictor --data data --against floor"),
+    epilog=examples(
+        "evaluate predictor --data data",
+        "evaluate predictor --data data --against floor",
+        "evaluate predictor --traffic motorway --duration 120",
+    ),
 )
 def evaluate(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a trained predictor.")],
     data: Annotated[
-        Path, typer.Option("--data", metavar="DATASET", help="Dataset; only seeds unseen in training are used.")
-    ],
+        Path | None, typer.Option("--data", metavar="DATASET", help="Dataset; only seeds unseen in training are used.")
+    ] = None,
+    traffic: opt.TrafficScenario = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: evaluation/ in the run's folder.")
+        Path | None,
+        typer.Option(
+            "-o", "--out", help="Folder to write. Default: evaluation/, or traffic-SCENARIO/, in the run's folder."
+        ),
     ] = None,
     against: Annotated[
         list[Path] | None,
         typer.Option(metavar="RUN", help="Compare with another run on the same windows; repeatable."),
     ] = None,
+    seeds: opt.MeasuredSeeds = None,
+    development: opt.DevelopmentSeeds = None,
+    duration: opt.Duration = None,
+    jobs: opt.Jobs = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
-    """Evaluate a predictor on traffic that it has not seen: metrics, figures and a page."""
+    """Evaluate a predictor on a dataset, or live in running traffic: metrics and figures.
+
+    An evaluation in traffic that was interrupted is continued by the same command.
+    """
+    from command_line.live import LiveArguments, evaluate_and_show, source_of
+
+    live = LiveArguments(seeds, development, duration, jobs)
+    if source_of(data, traffic, live) == "traffic":
+        console = output.console_of(quiet)
+        output.print_json(as_json, evaluate_and_show(run, str(traffic), live, out, against or (), console))
+        return
+    assert data is not None
     from labeling.dataset.dataset import Dataset
     from models.evaluation.evaluation import evaluate as evaluate_run
     from models.report import report

@@ -12,7 +12,8 @@ from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.registry import Registry
 
-BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in ("echo", "traffic", "generate", "train", "infer")})
+NAMES = ("echo", "traffic", "generate", "train", "infer", "live")
+BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in NAMES})
 """Modules with a function `run` and the ratios that sum its result up, `RATIOS`, by the name `cosim bench` takes."""
 
 

@@ -49,6 +49,28 @@ Cluster = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, last on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors to standard error.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print a line to standard error for every episode.")]
+TrafficScenario = Annotated[
+    str | None,
+    typer.Option(
+        "--traffic",
+        metavar="SCENARIO",
+        help="Evaluate live in running traffic: name of a bundled scenario, folder, or .sumocfg.",
+    ),
+]
+MeasuredSeeds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A:B", help="With --traffic: seeds that are measured, from A to B inclusive. Default: 1001:1004."
+    ),
+]
+DevelopmentSeeds = Annotated[
+    str | None,
+    typer.Option(metavar="A:B", help="With --traffic: seeds on which the alarms are chosen. Default: 2001:2004."),
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(metavar="S", min=1.0, help="With --traffic: simulated time of each seed, s. Default: the dataset's."),
+]
 Spacing = Annotated[
     float | None, typer.Option(metavar="M", help="Distance between masts along the road, m. Default: {spacing_m}.")
 ]

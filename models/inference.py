@@ -23,12 +23,15 @@ class Inference:
     """The answers to a batch of n windows.
 
     classes: the known intentions. probabilities: (n, G), calibrated, in the order of `classes`. rejected: (n,), whether
-    the window fits none of them. latency_ms: time that the whole batch took, including the change of frame.
+    the window fits none of them. score: the unknown score behind that, (n,), higher where the window fits better.
+    features: what the answers rest on, (n, F). latency_ms: time that the whole batch took, with the change of frame.
     """
 
     classes: tuple[str, ...]
     probabilities: Array
     rejected: BoolArray
+    score: Array
+    features: Array
     latency_ms: float
 
     @property
@@ -74,6 +77,7 @@ class Infer:
             windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
         outputs = self.run.predictor(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
-        rejected = self.score(outputs) < threshold
+        score = self.score(outputs)
         probabilities = softmax(outputs.logits / card.temperature, axis=1)
-        return Inference(card.classes, probabilities, rejected, 1000 * (time.perf_counter() - begin))
+        latency_ms = 1000 * (time.perf_counter() - begin)
+        return Inference(card.classes, probabilities, score < threshold, score, outputs.features, latency_ms)

@@ -104,6 +104,10 @@ BAD = {
     "bench trian": "unknown bench 'trian': did you mean train? choose one of echo, traffic",
     "train full -o new": "full: not a dataset",
     "evaluate empty --data empty": "empty: not a run",
+    "evaluate empty": "give one of them",
+    "evaluate empty --data empty --traffic motorway": "give one of them",
+    "evaluate empty --data empty --seeds 1:2": "--seeds applies to an evaluation in traffic",
+    "evaluate empty --traffic motorway": "empty: not a run",
 }
 
 

@@ -1,0 +1,148 @@
+"""How much faster than real time vehicles are watched: sensed, tracked and predicted, on one core.
+
+Ten vehicles drive behind ten others on a straight road with masts on both sides; each is sensed by two to four panels
+at 400 Hz and predicted ten times a second by boosted trees. The traffic and its conditioning, which the real world does
+by itself, are not counted. The time of the rule of the road is given beside that of the trees.
+
+Run: python -m benchmarks.live
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from benchmarks.ratios import Ratio
+from isacsim.arrays import Array
+from isacsim.scenarios.scenario import Scenario, Site
+from labeling.generation.settings import DatasetStudy
+from labeling.intentions import KNOWN
+from labeling.road.straight_road import ScriptedVehicle, straight_road
+from labeling.road.surroundings import Surroundings
+from models.data.windows import WindowSettings, in_frame
+from models.live.predictions import Reports, WindowCutter, lanes_of, rule_answering
+from models.live.sensed import Sensing, Track
+from models.live.stretches import Timing, watched
+from models.predictors.protocol import WindowShape
+from models.predictors.trees import TreesPredictor, TreesSettings, fit_trees, statistics
+
+VEHICLES = 10
+DURATION_S = 40.0
+ROUNDS = 3
+RATIOS = (
+    Ratio(("real_time_factor",), "simulated over processor time: ten TVs sensed and predicted", "sensing at 400 Hz"),
+)
+SHAPE = WindowShape(len(KNOWN), 880, 220, 400.0, 100.0)
+TIMING = Timing(decision_s=0.1, window_s=2.2, report_delay_s=0.02, run_in_s=0.5, margin_s=0.8, longest_stretch_s=120.0)
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Processor time, s, and what it was spent on: seconds of driving predicted, and panels in use per snapshot."""
+
+    sensing_s: float
+    trees_s: float
+    rule_s: float
+    predicted_s: float
+    panels: float
+
+
+def run() -> dict[str, Any]:
+    """Return `real_time_factor` and the processor time of a second of one vehicle, by what it was spent on."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            spent = [measured(Path(folder)) for _ in range(ROUNDS)]
+    finally:
+        torch.set_num_threads(threads)
+    factors = [one.predicted_s / (one.sensing_s + one.trees_s) / VEHICLES for one in spent]
+    per_second = {
+        "sensing_and_tracking": [one.sensing_s / one.predicted_s for one in spent],
+        "boosted_trees": [one.trees_s / one.predicted_s for one in spent],
+        "rule": [one.rule_s / one.predicted_s for one in spent],
+    }
+    return {
+        "real_time_factor": round(float(np.median(factors)), 2),
+        "real_time_factor_of": f"simulated over processor time of {VEHICLES} vehicles sensed at 400 Hz and predicted "
+        "ten times a second by boosted trees, one core; traffic not counted",
+        "ms_per_vehicle_second": {name: round(1000 * float(np.median(s)), 2) for name, s in per_second.items()},
+        "panels": round(spent[0].panels, 2),
+        "settings": {"vehicles": VEHICLES, "duration_s": DURATION_S, "rounds": ROUNDS, **TIMING.__dict__},
+    }
+
+
+def sites() -> tuple[Site, ...]:
+    """Masts every 150 m on alternating sides, each with two panels toward the road."""
+    return tuple(
+        Site(f"m{mast}-{azimuth}", 150.0 * mast, (-20.0, 20.0)[mast % 2], 25.0, azimuth)
+        for mast in range(24)
+        for azimuth in ((45.0, 315.0), (135.0, 225.0))[mast % 2]
+    )
+
+
+def measured(folder: Path) -> Spent:
+    """Watch the vehicles once. folder: an empty one, for the scenario's files."""
+    pairs = [
+        ScriptedVehicle(f"{name}{k}", 25.0, start_m=100.0 * k + lead, duration_s=DURATION_S)
+        for k in range(VEHICLES)
+        for name, lead in (("tv", 0.0), ("uv", 45.0))
+    ]
+    recording = straight_road(*pairs)
+    scenario = Scenario("straight_road", folder / "none", (), (), (0.0, 0.0), recording.lanes, sites())
+    content = DatasetStudy().model_dump()
+    content["sensing"]["channel"] |= {"kind": "link"}
+    study = DatasetStudy.model_validate(content)
+    sensing = Sensing(study, scenario, recording, TIMING.before_decision_s)
+    driving = watched(recording, Surroundings(recording), study.pairs, TIMING)
+    stretches = [stretch for stretch in driving.stretches if stretch.tv.startswith("tv")]
+    begin = time.process_time()
+    for stretch in stretches:
+        sensing.motion_of(stretch.tv, stretch.start_s, round((stretch.end_s - stretch.start_s) * 400) + 1, 400.0)
+    conditioning_s = time.process_time() - begin
+    begin = time.process_time()
+    tracks = list(sensing.tracks(stretches))
+    sensing_s = time.process_time() - begin - conditioning_s
+    batches = list(_windows(sensing, study, tracks))
+    trees, lanes = _trees(batches[0]), lanes_of(recording)
+    rule = rule_answering(WindowSettings(), SHAPE)
+    begin = time.process_time()
+    for tv, uv in batches:
+        trees(in_frame(tv, uv, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
+    predicted = time.process_time()
+    for tv, uv in batches:
+        rule(tv, uv, lanes)
+    ruled = time.process_time()
+    count = sum(len(track.stretch.decision_s) for track in tracks)
+    panels = float(np.mean([track.fixes.n_sites for track in tracks]))
+    return Spent(sensing_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
+
+
+def _windows(sensing: Sensing, study: DatasetStudy, tracks: list[Track]) -> Iterator[tuple[Array, Array]]:
+    cutter = WindowCutter(Reports(sensing), study, SHAPE, TIMING.report_delay_s, TIMING.decision_s)
+    for track in tracks:
+        yield from cutter.batches(track)
+
+
+def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
+    """Return trees of default size, trained on windows with noise; the time of an answer does not depend on it."""
+    rng = np.random.default_rng(0)
+    features = statistics(in_frame(*batch, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
+    many = np.repeat(features, 12, axis=0)
+    noisy = many + rng.normal(0, 1 + np.abs(many).mean(axis=0), many.shape)
+    label = np.arange(len(many)) % len(KNOWN)
+    trees: HistGradientBoostingClassifier = fit_trees(noisy.astype(np.float32), label, TreesSettings(), 0)
+    return TreesPredictor(trees)
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(), indent=2))

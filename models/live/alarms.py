@@ -1,0 +1,133 @@
+"""From the answers to consecutive windows to alarms.
+
+Every answer gives each intention a level. The windows just before confirm it: the confirmed level is the k-th highest
+of the last n. An alarm is raised when the confirmed level rises to the threshold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
+from models.live.predictions import Answers
+from models.live.settings import AlarmSettings
+from models.live.store import LiveEpisode
+
+NEVER = -np.inf
+"""The level of an intention that a window speaks against."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The levels of the predictions of one episode.
+
+    level: (n, 6). vehicle, time_s: of each prediction, (n,), vehicle by vehicle in order of time. begins: whether a
+    prediction is the first after a pause, (n,).
+    """
+
+    level: Float32Array
+    vehicle: IntArray
+    time_s: Array
+    begins: BoolArray
+
+    @classmethod
+    def of(cls, episode: LiveEpisode, level: Float32Array) -> Levels:
+        """Return the levels (n, 6) of an episode's predictions."""
+        return cls(level, episode.vehicle, episode.time_s, pauses(episode))
+
+
+@dataclass(frozen=True)
+class Alarms:
+    """n alarms, by intention, then vehicle, then time.
+
+    intention: number of the known intention, (n,). row: number of the prediction that raised it, (n,). vehicle, time_s:
+    of that prediction, (n,).
+    """
+
+    intention: IntArray
+    row: IntArray
+    vehicle: IntArray
+    time_s: Array
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def pauses(episode: LiveEpisode) -> BoolArray:
+    """Return which predictions of an episode are the first of their vehicle, or the first after a pause, (n,)."""
+    count = len(episode.time_s)
+    begins = np.ones(count, dtype=bool)
+    if count:
+        begins[1:] = (np.diff(episode.vehicle) != 0) | (np.diff(episode.time_s) > 1.5 * episode.facts.decision_s)
+    return begins
+
+
+def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
+    """Return the levels of the paper's method, (n, 6): the unknown score, for the likeliest intention alone.
+
+    least_probability: windows whose likeliest intention is less likely speak against all.
+    """
+    level = np.full(answers.probabilities.shape, NEVER, np.float32)
+    if len(level):
+        rows, likeliest = np.arange(len(level)), answers.probabilities.argmax(axis=1)
+        sure = answers.probabilities[rows, likeliest] >= least_probability
+        level[rows[sure], likeliest[sure]] = answers.score[sure]
+    return level
+
+
+def confirmed(levels: Levels, k: int, n: int) -> Levels:
+    """Return the k-th highest of the last n levels at every prediction.
+
+    Levels before a pause do not count; fewer than k levels since then confirm nothing.
+    """
+    if n == 1:
+        return levels
+    run = np.cumsum(levels.begins)
+    recent = np.full((n, *levels.level.shape), NEVER, np.float32)
+    recent[0] = levels.level
+    for back in range(1, min(n, len(run))):
+        same = run[back:] == run[:-back]
+        recent[back, back:][same] = levels.level[:-back][same]
+    level = np.sort(recent, axis=0)[n - k]
+    return Levels(level, levels.vehicle, levels.time_s, levels.begins)
+
+
+def raised(levels: Levels, threshold: float, refractory_s: float) -> Alarms:
+    """Return the alarms at a threshold. levels: confirmed. refractory_s: see `AlarmSettings`."""
+    on = levels.level >= threshold
+    rising = on.copy()
+    rising[1:] &= ~on[:-1] | levels.begins[1:, None]
+    rows, intentions = np.nonzero(rising)
+    order = np.lexsort((rows, intentions))
+    rows, intentions = rows[order], intentions[order]
+    kept = []
+    last = (-1, -1, -np.inf)
+    for place, (row, intention) in enumerate(zip(rows.tolist(), intentions.tolist(), strict=True)):
+        vehicle, time = int(levels.vehicle[row]), float(levels.time_s[row])
+        if last[:2] == (intention, vehicle) and time - last[2] < refractory_s - 1e-9:
+            continue
+        kept.append(place)
+        last = (intention, vehicle, time)
+    rows, intentions = rows[kept].astype(np.int64), intentions[kept].astype(np.int64)
+    return Alarms(intentions, rows, levels.vehicle[rows], levels.time_s[rows])
+
+
+def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
+    """Return the alarms of some settings. levels: of the settings' method, not confirmed."""
+    return raised(confirmed(levels, settings.k, settings.n), settings.threshold, settings.refractory_s)
+
+
+def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:
+    """Return the share of predictions at which some intention is at the threshold; None without any prediction."""
+    level = confirmed(levels, settings.k, settings.n).level
+    return float((level >= settings.threshold).any(axis=1).mean()) if len(level) else None
+
+
+def peaks(levels: Levels) -> Float32Array:
+    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,)."""
+    if not len(levels.level):
+        return np.empty(0, np.float32)
+    highest = np.maximum.reduceat(levels.level, np.flatnonzero(levels.begins), axis=0)
+    return np.asarray(highest[np.isfinite(highest)], np.float32)

@@ -1,0 +1,129 @@
+"""The answer "none": trees that know mere driving, trained on running traffic at its natural balance.
+
+A predictor that was trained on maneuvers alone has to name one of them at any time, and before onset it is confidently
+wrong. The trees learn from the streams of the development seeds. Their features are those of the predictor and its six
+log-probabilities; they answer with seven probabilities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
+from labeling.intentions import KNOWN, Intention
+from models.live.alarms import NEVER
+from models.live.events import LiveEvent
+from models.live.settings import BackgroundSettings
+from models.live.store import RUN, LiveEpisode
+
+NONE = len(KNOWN)
+"""The number of the answer "none"."""
+IGNORED = -1
+"""The label of windows that are not trained on."""
+LEAST_PROBABILITY = 1e-6
+
+
+@dataclass(frozen=True)
+class Background:
+    """Trained trees, whose classes are the numbers of the known intentions, and NONE."""
+
+    trees: HistGradientBoostingClassifier
+
+    @classmethod
+    def fit(
+        cls, episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float
+    ) -> Background | None:
+        """Train on episodes that hold features; None if they hold no event, or nothing but events.
+
+        before_onset_s: how long before onset an alarm may come, s; windows that end so shortly before are left out.
+        """
+        rows = [training_rows(episode, settings, before_onset_s) for episode in episodes]
+        label = np.concatenate([labels for _, labels, _ in rows])
+        weight = np.concatenate([weights for _, _, weights in rows])
+        if len(np.unique(label)) < 2 or not (label == NONE).any():
+            return None
+        features = np.concatenate(
+            [inputs(episode)[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
+        )
+        trees = HistGradientBoostingClassifier(
+            max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
+            l2_regularization=settings.l2, early_stopping=False, random_state=0,
+        )  # fmt: skip
+        return cls(trees.fit(features, label, sample_weight=weight))
+
+    def levels(self, episode: LiveEpisode) -> Float32Array:
+        """Return the log-odds of every intention at each prediction of an episode that holds features, (n, 6)."""
+        level = np.full((len(episode.time_s), len(KNOWN)), NEVER, np.float32)
+        if not len(level):
+            return level
+        probabilities = np.clip(self.trees.predict_proba(inputs(episode)), LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+        for column, known in enumerate(self.trees.classes_.tolist()):
+            if known != NONE:
+                level[:, known] = np.log(probabilities[:, column] / (1 - probabilities[:, column]))
+        return level
+
+
+def inputs(episode: LiveEpisode) -> Float32Array:
+    """Return the features of the trees, (n, F + 6)."""
+    answers = episode.answers[RUN]
+    return np.concatenate([answers.features, np.log(np.maximum(answers.probabilities, 1e-12))], axis=1)
+
+
+def training_rows(
+    episode: LiveEpisode, settings: BackgroundSettings, before_onset_s: float
+) -> tuple[IntArray, IntArray, Array]:
+    """Return which predictions of an episode are trained on, their labels and their weights, each (m,).
+
+    All windows of events, and some of the others, each with the weight of those it stands for.
+    """
+    label = window_labels(episode, settings, before_onset_s)
+    every = max(1, round(settings.background_every_s / episode.facts.decision_s))
+    number = np.rint(episode.time_s / episode.facts.decision_s).astype(np.int64)
+    background = (label == NONE) & (number % every == 0)
+    chosen = np.flatnonzero(background | ((label != NONE) & (label != IGNORED)))
+    return chosen, label[chosen], np.where(label[chosen] == NONE, float(every), 1.0)
+
+
+def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_onset_s: float) -> IntArray:
+    """Return the answer that is right for each prediction of an episode, or IGNORED, (n,).
+
+    Ignored are windows that end shortly before onset, where an alarm is allowed but nothing need be visible yet, and
+    those within neutral events.
+    """
+    label = np.full(len(episode.time_s), NONE, dtype=np.int64)
+    number = {name: k for k, name in enumerate(episode.names)}
+    counted = [event for event in episode.facts.events if event.left_out is None]
+    neutral = [event for event in episode.facts.events if event.left_out is not None]
+
+    def within(event: LiveEvent, lead_s: float) -> BoolArray:
+        time = episode.time_s
+        of_vehicle = episode.vehicle == number.get(event.vehicle, -1)
+        return np.asarray(of_vehicle & (time >= event.onset - lead_s - 1e-9) & (time <= event.end + 1e-9))
+
+    for event in (*counted, *neutral):
+        label[within(event, before_onset_s)] = IGNORED
+    for event in counted:
+        label[within(event, settings.before_onset_s)] = KNOWN.index(Intention[event.intention.upper()])
+    return label
+
+
+def out_of_fold(
+    episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float
+) -> list[Float32Array] | None:
+    """Return the levels of each episode by trees that were trained on other episodes; None if that is not possible."""
+    folds = min(settings.folds, len(episodes))
+    if folds < 2:
+        return None
+    levels: list[Float32Array] = [np.empty((0, 0), np.float32)] * len(episodes)
+    for fold in range(folds):
+        others = [episode for k, episode in enumerate(episodes) if k % folds != fold]
+        background = Background.fit(others, settings, before_onset_s)
+        if background is None:
+            return None
+        for k in range(fold, len(episodes), folds):
+            levels[k] = background.levels(episodes[k])
+    return levels

@@ -1,0 +1,215 @@
+"""One episode of an evaluation in traffic, in a worker process: recorded, labelled, watched and predicted."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from isacsim.arrays import Array
+from isacsim.errors import InputError, OutputError
+from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.motion_sources import MotionSource
+from isacsim.traffic.recording import Recording
+from labeling.events import label
+from labeling.road.surroundings import Surroundings
+from models.data.lane_map import LaneMap
+from models.inference import Infer
+from models.live.events import events_of, under_command
+from models.live.predictions import Answering, Answers, Reports, WindowCutter, lanes_of, rule_answering, run_answering
+from models.live.sensed import Sensing, Track
+from models.live.settings import LiveStudy
+from models.live.store import RULE, RUN, EpisodeFacts, LiveEpisode, file_name, no_answers, write_episode
+from models.live.stretches import Timing, watched
+from models.predictors.protocol import WindowShape
+
+
+@dataclass(frozen=True)
+class Predictors:
+    """The predictors of an evaluation.
+
+    run: folder of the evaluated run. against: folders of the runs it is compared with, by their names in the result.
+    """
+
+    run: Path
+    against: Mapping[str, Path]
+
+    def answering(self) -> tuple[Infer, dict[str, Answering]]:
+        """Return the run, and how each predictor answers, by name."""
+        infer = _load(self.run)
+        shape = infer.run.card.shape
+        answering = {RUN: run_answering(infer), RULE: rule_answering(infer.run.card.settings.windows, shape)}
+        return infer, answering | {name: run_answering(_load(path)) for name, path in self.against.items()}
+
+
+@lru_cache(maxsize=8)
+def _load(path: Path) -> Infer:
+    return Infer.load(path)
+
+
+@dataclass(frozen=True)
+class Spent:
+    """Processor time of an episode, s, by what it was spent on; predicted_s: time for which vehicles were predicted."""
+
+    seed: int
+    traffic_s: float
+    labels_s: float
+    sensing_s: float
+    predicting_s: float
+    simulated_s: float
+    predicted_s: float
+
+
+@dataclass(frozen=True)
+class EpisodeTask:
+    """Runs the episodes of an evaluation; it is sent to worker processes.
+
+    source: where motion comes from. where: path or bundled name of the scenario. folder: where episodes are written.
+    """
+
+    study: LiveStudy
+    source: MotionSource
+    where: str
+    predictors: Predictors
+    fingerprint: str
+    folder: Path
+
+    def __call__(self, seed: int) -> Spent | InputError | OutputError:
+        """Run one episode and write it. An error that a retry would not fix is returned, not raised."""
+        try:
+            began = time.process_time()
+            scenario = self.source.load(self.where)
+            recording = self.source.record(scenario, seed)
+            traffic_s = time.process_time() - began
+            episode, spent = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+            write_episode(self.folder / file_name(scenario.name, seed), episode)
+            return replace(spent, traffic_s=traffic_s)
+        except (InputError, OutputError) as error:
+            return error
+
+
+def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
+    """Return the times that a prediction needs.
+
+    Raises InputError if the instants of prediction are not sampling instants of both streams.
+    """
+    streams, record = study.live.streams, study.dataset.record
+    for name, rate_hz, seconds in (
+        ("decision_s", shape.tv_rate_hz, streams.decision_s),
+        ("decision_s", shape.uv_rate_hz, streams.decision_s),
+        ("report_delay_s", shape.uv_rate_hz, streams.report_delay_s),
+    ):
+        if abs(seconds * rate_hz - round(seconds * rate_hz)) > 1e-6:
+            raise InputError(
+                f"{name} {seconds:g} s is no whole number of samples at the run's {rate_hz:g} Hz; choose another one"
+            )
+    return Timing(
+        decision_s=streams.decision_s,
+        window_s=max(shape.tv_length / shape.tv_rate_hz, shape.uv_length / shape.uv_rate_hz),
+        report_delay_s=streams.report_delay_s,
+        run_in_s=study.dataset.sensing.tracking.run_in_s,
+        margin_s=record.margin_s,
+        longest_stretch_s=streams.longest_stretch_s,
+    )
+
+
+@dataclass
+class _Collected:
+    """The predictions of an episode, in the order in which they are made.
+
+    answers: batches, by predictor. covered_m: driven by the vehicles while predicted, m. answering_s, predicting_s:
+    processor time of all predictors, and of the evaluated run alone, s.
+    """
+
+    tv: list[str] = field(default_factory=list)
+    time_s: list[float] = field(default_factory=list)
+    answers: dict[str, list[Answers]] = field(default_factory=lambda: defaultdict(list))
+    covered_m: float = 0.0
+    answering_s: float = 0.0
+    predicting_s: float = 0.0
+
+    def add(self, track: Track, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap) -> None:
+        """Predict a track."""
+        stretch = track.stretch
+        self.tv += [stretch.tv] * len(stretch.decision_s)
+        self.time_s += stretch.decision_s.tolist()
+        ends = np.rint((stretch.decision_s - stretch.start_s) * cutter.shape.tv_rate_hz).astype(np.int64)
+        self.covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * cutter.decision_s
+        for windows in cutter.batches(track):
+            for name, answer in answering.items():
+                began = time.process_time()
+                self.answers[name].append(answer(*windows, lanes))
+                spent_s = time.process_time() - began
+                self.answering_s += spent_s
+                self.predicting_s += spent_s if name == RUN else 0.0
+
+    def episode(self, facts: EpisodeFacts, recording: Recording, predictors: Sequence[str]) -> LiveEpisode:
+        """Return the predictions vehicle by vehicle, in order of time. predictors: the names of all."""
+        names = tuple(sorted(set(self.tv)))
+        number = {name: k for k, name in enumerate(names)}
+        vehicle, time_s = np.array([number[name] for name in self.tv], np.int64), np.array(self.time_s, np.float64)
+        order = np.lexsort((time_s, vehicle))
+        vehicle, time_s = vehicle[order], time_s[order]
+        commanded = np.zeros(len(time_s), dtype=bool)
+        for name, k in number.items():
+            commanded[vehicle == k] = under_command(recording, name, time_s[vehicle == k])
+        joined = {name: Answers.joined(batches) for name, batches in self.answers.items()}
+        answers = joined or no_answers(predictors)
+        return LiveEpisode(
+            facts, names, vehicle, time_s, commanded, {name: part.take(order) for name, part in answers.items()}
+        )
+
+    def decisions(self) -> dict[str, Array]:
+        """Return the instants at which each vehicle was predicted, s, in order."""
+        by_vehicle: dict[str, list[float]] = defaultdict(list)
+        for name, time_s in zip(self.tv, self.time_s, strict=True):
+            by_vehicle[name].append(time_s)
+        return {name: np.sort(np.array(times)) for name, times in by_vehicle.items()}
+
+
+def predicted(
+    study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
+) -> tuple[LiveEpisode, Spent]:
+    """Label a recording, watch its vehicles, and predict them. Returns the episode, and what it took."""
+    infer, answering = predictors.answering()
+    began = time.process_time()
+    timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
+    labels = label(recording, study.dataset.labels, surroundings)
+    driving = watched(recording, surroundings, study.dataset.pairs, timing)
+    labelled = time.process_time()
+    sensing = Sensing(study.dataset, scenario, recording, timing.before_decision_s)
+    cutter = WindowCutter(
+        Reports(sensing), study.dataset, infer.run.card.shape, timing.report_delay_s, timing.decision_s
+    )
+    lanes, collected = lanes_of(recording), _Collected()
+    for track in sensing.tracks(driving.stretches):
+        collected.add(track, cutter, answering, lanes)
+    watched_s = time.process_time() - labelled
+    uncovered = {**driving.uncovered, **sensing.uncovered}
+    facts = EpisodeFacts(
+        fingerprint=fingerprint,
+        scenario=scenario.name,
+        seed=recording.seed,
+        decision_s=timing.decision_s,
+        simulated_s=study.dataset.traffic.duration_s,
+        vehicles=len(recording.tracks),
+        instants=driving.instants,
+        uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},
+        covered_km=round(collected.covered_m / 1000, 6),
+        events=tuple(events_of(surroundings, labels, study.dataset, collected.decisions(), timing.decision_s)),
+    )
+    spent = Spent(
+        seed=recording.seed,
+        traffic_s=0.0,
+        labels_s=labelled - began,
+        sensing_s=watched_s - collected.answering_s,
+        predicting_s=collected.predicting_s,
+        simulated_s=study.dataset.traffic.duration_s,
+        predicted_s=len(collected.time_s) * timing.decision_s,
+    )
+    return collected.episode(facts, recording, list(answering)), spent

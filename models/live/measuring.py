@@ -1,0 +1,174 @@
+"""Measures predictors on the episodes of an evaluation: alarms chosen on development seeds, measured on the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isacsim.arrays import Float32Array
+from isacsim.seeding import stream
+from labeling.intentions import KNOWN
+from models.live import scoring
+from models.live.alarms import Alarms, Levels, alarms, confirmed, duty_cycle, reject_levels
+from models.live.background import Background, out_of_fold
+from models.live.results import AlarmResult, EventScores
+from models.live.scoring import Outcome, Sweep, Truth
+from models.live.settings import AlarmSettings, ChoiceSettings, LiveSettings
+from models.live.store import LiveEpisode
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Alarm settings chosen on the development seeds. recall: there."""
+
+    alarms: AlarmSettings
+    recall: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a predictor with one kind of alarm measured.
+
+    outcomes, alarms: of each measured episode. sweep: its curve, None if its alarms have no threshold.
+    """
+
+    result: AlarmResult
+    outcomes: tuple[Outcome, ...]
+    alarms: tuple[Alarms, ...]
+    sweep: Sweep | None
+
+
+def choose_reject(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> Chosen | None:
+    """Choose the settings of alarms by the unknown score; None if no vehicle was watched."""
+    options = []
+    for least in choice.least_probabilities:
+        levels = [reject_levels(truth.episode.answers[predictor], least) for truth in truths]
+        template = AlarmSettings(method="reject", threshold=0.0, least_probability=least)
+        options += _options(truths, levels, template, choice)
+    return max(options, key=lambda option: option.recall, default=None)
+
+
+def choose_background(truths: Sequence[Truth], choice: ChoiceSettings, settings: LiveSettings) -> Chosen | None:
+    """Choose the settings of alarms by the trees that know "none"; None if the development seeds do not suffice."""
+    episodes = [truth.episode for truth in truths]
+    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s)
+    if levels is None:
+        return None
+    options = _options(truths, levels, AlarmSettings(method="background", threshold=0.0), choice)
+    return max(options, key=lambda option: option.recall, default=None)
+
+
+def _options(
+    truths: Sequence[Truth], levels: Sequence[Float32Array], template: AlarmSettings, choice: ChoiceSettings
+) -> list[Chosen]:
+    """Return the best threshold for each confirmation."""
+    options = []
+    for k, n in choice.confirmations:
+        of_episodes = [
+            confirmed(Levels.of(truth.episode, level), k, n) for truth, level in zip(truths, levels, strict=True)
+        ]
+        sweep = Sweep.of(truths, of_episodes, choice.refractory_s, choice.thresholds)
+        best = sweep.best(choice.false_alarms_per_vehicle_hour)
+        if best is not None:
+            update = {"threshold": float(sweep.thresholds[best]), "k": k, "n": n, "refractory_s": choice.refractory_s}
+            options.append(Chosen(template.model_copy(update=update), float(sweep.recalls()[best])))
+    return options
+
+
+def levels_of(
+    truths: Sequence[Truth], predictor: str, settings: AlarmSettings, background: Background | None
+) -> list[Levels]:
+    """Return the levels of each episode for alarms of some settings, not confirmed."""
+    levels = []
+    for truth in truths:
+        if settings.method == "background":
+            assert background is not None
+            level = background.levels(truth.episode)
+        else:
+            level = reject_levels(truth.episode.answers[predictor], settings.least_probability)
+        levels.append(Levels.of(truth.episode, level))
+    return levels
+
+
+def measure(
+    truths: Sequence[Truth], levels: Sequence[Levels], settings: AlarmSettings, live: LiveSettings, name: str
+) -> Measured:
+    """Measure alarms of frozen settings on episodes. levels: not confirmed. name: of the predictor."""
+    raised = [alarms(level, settings) for level in levels]
+    outcomes = [truth.outcome(made) for truth, made in zip(truths, raised, strict=True)]
+    steady = [confirmed(level, settings.k, settings.n) for level in levels]
+    sweep = Sweep.of(truths, steady, settings.refractory_s, live.choice.thresholds)
+    shares = [(duty_cycle(level, settings) or 0.0, len(level.time_s)) for level in levels]
+    total = sum(count for _, count in shares)
+    duty = sum(share * count for share, count in shares) / total if total else None
+    return Measured(
+        result_of(truths, outcomes, settings, live, name, sweep, duty), tuple(outcomes), tuple(raised), sweep
+    )
+
+
+def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) -> Measured:
+    """Measure alarms at random instants: in each episode as many for each intention as another predictor raised."""
+    raised = []
+    for truth, made in zip(truths, like.alarms, strict=True):
+        episode = truth.episode
+        rng = stream("random alarms", episode.facts.scenario, episode.facts.seed)
+        drawn = [
+            np.sort(rng.choice(len(episode.time_s), int((made.intention == k).sum()), replace=False))
+            for k in range(len(KNOWN))
+        ]
+        rows = np.concatenate(drawn).astype(np.int64)
+        intention = np.repeat(np.arange(len(KNOWN)), [len(part) for part in drawn])
+        raised.append(Alarms(intention, rows, episode.vehicle[rows], episode.time_s[rows]))
+    outcomes = [truth.outcome(made) for truth, made in zip(truths, raised, strict=True)]
+    result = result_of(truths, outcomes, None, live, "random alarms", None, None)
+    return Measured(result, tuple(outcomes), tuple(raised), None)
+
+
+def result_of(
+    truths: Sequence[Truth],
+    outcomes: Sequence[Outcome],
+    settings: AlarmSettings | None,
+    live: LiveSettings,
+    name: str,
+    sweep: Sweep | None,
+    duty: float | None,
+) -> AlarmResult:
+    """Return the scores of the outcomes of episodes."""
+    every = scoring.group_scores(outcomes, live.scoring, name)
+    km = sum(truth.episode.facts.covered_km for truth in truths)
+    rates = live.scoring.false_alarms_per_vehicle_hour
+    return AlarmResult(
+        name=name,
+        alarms=settings,
+        over_all=every.over_all,
+        macro_recall=_macro_recall(list(every.by_intention.values())),
+        by_intention=every.by_intention,
+        natural=scoring.group_scores(outcomes, live.scoring, name, "natural"),
+        commanded=scoring.group_scores(outcomes, live.scoring, name, "commanded"),
+        recall_at=[] if sweep is None else [sweep.point(rate, live.scoring, name) for rate in rates],
+        recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),
+        false_alarms_per_100_km=100 * every.over_all.false_alarms / km if km else None,
+        duty_cycle=duty,
+    )
+
+
+def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measured:
+    """Return what a predictor measures that never raises an alarm, for want of any threshold."""
+    no_rows = np.empty(0, np.int64)
+    nothing = Alarms(no_rows, no_rows, no_rows, np.empty(0))
+    outcomes = [truth.outcome(nothing) for truth in truths]
+    result = result_of(truths, outcomes, None, live, name, None, None)
+    return Measured(result, tuple(outcomes), (nothing,) * len(truths), None)
+
+
+def _macro_recall(scores: Sequence[EventScores]) -> float | None:
+    """Return the mean recall of the intentions that have an event."""
+    recalls = [score.recall for score in scores if score.recall is not None]
+    return float(np.mean(recalls)) if recalls else None
+
+
+def truths_of(episodes: Sequence[LiveEpisode], before_onset_s: float) -> list[Truth]:
+    """Return the truth of each episode."""
+    return [Truth.of(episode, before_onset_s) for episode in episodes]

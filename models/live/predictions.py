@@ -1,0 +1,140 @@
+"""What predictors answer on sensed tracks: the last window of both streams, again at every decision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import softmax
+
+from isacsim.arrays import Array, Float32Array, IntArray
+from isacsim.traffic.recording import Recording
+from labeling.generation.episode import report
+from labeling.generation.settings import DatasetStudy
+from models.data.lane_map import LaneMap
+from models.data.windows import OnMap, WindowSettings, in_frame
+from models.inference import Infer
+from models.live.sensed import Sensing, Track
+from models.predictors.protocol import WindowShape
+from models.predictors.rule import RulePredictor, RuleSettings
+
+BATCH = 128
+"""Windows that are answered at once."""
+REPORTS_KEPT = 128
+"""Vehicles whose reports are kept in memory: one is often the UV of several TVs in turn."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a predictor answers to n windows.
+
+    probabilities: of the known intentions, (n, 6). score: how well the window fits any of them, (n,); higher is better.
+    features: what the answer rests on, (n, F).
+    """
+
+    probabilities: Float32Array
+    score: Float32Array
+    features: Float32Array
+
+    @classmethod
+    def joined(cls, parts: Sequence[Answers]) -> Answers:
+        """Return the answers to several batches as one."""
+        names = ("probabilities", "score", "features")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def take(self, rows: IntArray) -> Answers:
+        """Return the answers of some rows, in that order."""
+        return Answers(self.probabilities[rows], self.score[rows], self.features[rows])
+
+
+Answering = Callable[[Array, Array, LaneMap], Answers]
+"""Answers windows in the scenario's plane, TV (n, 6, T) and UV (n, 6, U), given the lanes of the network."""
+
+
+def run_answering(infer: Infer) -> Answering:
+    """Return how a trained run answers: as it does anywhere else."""
+
+    def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
+        inference = infer(tv, uv, lanes)
+        parts = (inference.probabilities, inference.score, inference.features)
+        return Answers(*(np.asarray(part, np.float32) for part in parts))
+
+    return answer
+
+
+def rule_answering(windows: WindowSettings, shape: WindowShape) -> Answering:
+    """Return how the rule of the road answers; its score is the strength of the strongest intention."""
+    predictor = RulePredictor(RuleSettings())
+
+    def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
+        framed = in_frame(tv, uv, windows, shape.tv_rate_hz, shape.uv_rate_hz)
+        scenario = np.full(len(tv), "", dtype=object)
+        on_map = OnMap(tv, uv, shape.tv_rate_hz, scenario, lambda _: lanes)
+        logits = predictor(type(framed)(framed.tv, framed.uv, on_map)).logits
+        parts = (softmax(logits, axis=1), logits.max(axis=1), logits)
+        return Answers(*(np.asarray(part, np.float32) for part in parts))
+
+    return answer
+
+
+class Reports:
+    """What the vehicles of a recording report of themselves, at the rate and with the noise of the study.
+
+    Every vehicle has one stream of reports, whoever is the TV behind it.
+    """
+
+    def __init__(self, sensing: Sensing) -> None:
+        self._sensing = sensing
+        self._of = lru_cache(maxsize=REPORTS_KEPT)(self._stream)
+
+    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
+        """Return the `length` reports up to a time (s), (6, length)."""
+        first, states = self._of(vehicle)
+        last = round(end_s * self._sensing.study.record.uv_rate_hz) - first
+        if last + 1 < length or last >= states.shape[1]:
+            raise ValueError(f"vehicle {vehicle} has not reported throughout the window that ends at {end_s:g} s")
+        return states[:, last + 1 - length : last + 1]
+
+    def _stream(self, vehicle: str) -> tuple[int, Float32Array]:
+        """Return the number of a vehicle's first report, in intervals since time 0, and all its reports, (6, n)."""
+        recording, study = self._sensing.recording, self._sensing.study
+        track, rate_hz = recording.tracks[vehicle], study.record.uv_rate_hz
+        first_s, last_s = track.first_step * recording.step_s, (track.first_step + len(track) - 1) * recording.step_s
+        first, last = int(np.ceil(first_s * rate_hz - 1e-6)), int(np.floor(last_s * rate_hz + 1e-6))
+        states = self._sensing.motion_of(vehicle, first / rate_hz, last - first + 1, rate_hz)
+        key = ("live", recording.scenario, recording.seed, vehicle)
+        return first, report(states, study.report, key)
+
+
+@dataclass(frozen=True)
+class WindowCutter:
+    """Cuts the windows of tracks.
+
+    reports: of the UVs. shape: of the windows. report_delay_s: age of the newest report at the end of a window, s.
+    decision_s: time between two windows, s.
+    """
+
+    reports: Reports
+    study: DatasetStudy
+    shape: WindowShape
+    report_delay_s: float
+    decision_s: float
+
+    def batches(self, track: Track) -> Iterator[tuple[Array, Array]]:
+        """Yield the windows of a track in order, TV (n, 6, T) and UV (n, 6, U), at most BATCH at a time."""
+        stretch, shape = track.stretch, self.shape
+        ends = np.rint((stretch.decision_s - stretch.start_s) * shape.tv_rate_hz).astype(np.int64)
+        sliding = np.lib.stride_tricks.sliding_window_view(track.state, shape.tv_length, axis=1)
+        for k in range(0, len(ends), BATCH):
+            part = slice(k, k + BATCH)
+            tv = sliding[:, ends[part] + 1 - shape.tv_length].transpose(1, 0, 2)
+            pairs = zip(stretch.uv[part], stretch.decision_s[part].tolist(), strict=True)
+            uv = [self.reports.window(name, time - self.report_delay_s, shape.uv_length) for name, time in pairs]
+            yield tv.astype(np.float64), np.stack(uv).astype(np.float64)
+
+
+def lanes_of(recording: Recording) -> LaneMap:
+    """Return the lanes of a recording's network."""
+    return LaneMap.of(recording.lanes)

@@ -1,0 +1,181 @@
+"""What an evaluation in traffic measured, typed: the content of `metrics.json`.
+
+A score is None (`null` in the file) where it is undefined, such as the recall of an intention without an event. All
+times are in s. An event is predicted if its alarm came by its commit, detected if it came later, by its end.
+"""
+
+from __future__ import annotations
+
+from pydantic import JsonValue
+
+from isacsim.settings import Settings
+from models.live.settings import AlarmSettings, LiveStudy
+from models.run import RunCard
+
+METRICS_FILE = "metrics.json"
+COMMIT_IS = {
+    "hard_brake": "threshold reached",
+    "left_lane_change": "marking crossed",
+    "right_lane_change": "marking crossed",
+    "overtake": "marking crossed, pulling out",
+    "hard_accel": "threshold reached",
+    "evasive_swerve": "lateral peak",
+}
+"""What the commit is of each intention."""
+
+
+class LeadTimes(Settings):
+    """Median and quartiles of lead times, s; positive is an alarm before the instant. n: number of alarms."""
+
+    n: int
+    lower_quartile: float | None
+    median: float | None
+    upper_quartile: float | None
+
+
+class Interval(Settings):
+    """A bootstrap interval over seeds."""
+
+    low: float
+    high: float
+
+
+class EventScores(Settings):
+    """How the alarms for some events did.
+
+    events: that count. predicted, detected: how many had their alarm by the commit, or later by their end. missed: the
+    rest. false_alarms: alarms that belong to no event; a second alarm for an event is one of them. vehicle_hours: time
+    for which vehicles were predicted.
+    precision, recall, f1: of prediction; detections count as misses, and not as false alarms. recall_with_detection:
+    the share of events that had an alarm at all. precision_with_detection: the share of alarms that belong to an event.
+    recall_interval: None with a single seed. false_alarms_per_vehicle_hour_upper: 95 % confident bound (Poisson).
+    lead_time_s: from alarm to commit, detections included. lead_to_onset_s: from alarm to onset.
+    commit_is: what the commit is.
+    """
+
+    events: int
+    predicted: int
+    detected: int
+    missed: int
+    false_alarms: int
+    vehicle_hours: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
+    recall_with_detection: float | None
+    precision_with_detection: float | None
+    recall_interval: Interval | None
+    false_alarms_per_vehicle_hour: float | None
+    false_alarms_per_vehicle_hour_upper: float | None
+    lead_time_s: LeadTimes
+    lead_to_onset_s: LeadTimes
+    commit_is: str | None = None
+
+
+class CurvePoint(Settings):
+    """Recall at a rate of false alarms.
+
+    false_alarms_per_vehicle_hour: the rate that was asked for. measured: the highest rate not above it that some
+    threshold gives. threshold: that threshold. by_intention: recall of each intention.
+    """
+
+    false_alarms_per_vehicle_hour: float
+    measured: float | None
+    threshold: float | None
+    recall: float | None
+    recall_interval: Interval | None
+    recall_with_detection: float | None
+    median_lead_s: float | None
+    by_intention: dict[str, float | None]
+
+
+class TimeToCommit(Settings):
+    """The share of events that had their alarm at least this long before the commit, s."""
+
+    time_to_commit_s: float
+    recall: float | None
+
+
+class GroupScores(Settings):
+    """Scores over all six intentions and by intention."""
+
+    over_all: EventScores
+    by_intention: dict[str, EventScores]
+
+
+class AlarmResult(Settings):
+    """What one predictor with one kind of alarm measured.
+
+    name: of the predictor. alarms: chosen on the development seeds, and frozen. over_all: over the six intentions.
+    natural: events that drivers did by themselves, and false alarms about vehicles not under command. commanded: the
+    others. recall_at: the curve read on the measured seeds themselves, at rates. duty_cycle: share of the time in which
+    a vehicle's answers are at the threshold.
+    """
+
+    name: str
+    alarms: AlarmSettings | None
+    over_all: EventScores
+    macro_recall: float | None
+    by_intention: dict[str, EventScores]
+    natural: GroupScores
+    commanded: GroupScores
+    recall_at: list[CurvePoint]
+    recall_by_time_to_commit: list[TimeToCommit]
+    false_alarms_per_100_km: float | None
+    duty_cycle: float | None
+
+
+class Coverage(Settings):
+    """How much of the driving was predicted.
+
+    share: of the time that vehicles drove. uncovered: shares without prediction, by reason. vehicle_hours, km: with
+    prediction. driving_hours: in all. Without a UV only a predictor of the TV alone could answer; none is used.
+    """
+
+    share: float | None
+    uncovered: dict[str, float]
+    vehicle_hours: float
+    driving_hours: float
+    km: float
+
+
+class Latency(Settings):
+    """How far results look ahead, s.
+
+    conditioning_reach_s: motion is conditioned by a symmetric kernel that reaches so far; open loop, world, labels and
+    echoes all come of that motion. closed_loop_s: how far a closed loop would trail the simulation if the kernel were
+    cut off there, at a weight of 6e-5. report_delay_s: age of the newest report of the UV.
+    """
+
+    conditioning_reach_s: float
+    closed_loop_s: float
+    report_delay_s: float
+
+
+class LiveMadeBy(Settings):
+    """What made a result: study, seeds, scenario, run and versions."""
+
+    study: LiveStudy
+    scenario: JsonValue
+    development: list[str]
+    seeds: list[str]
+    run: RunCard
+    versions: dict[str, str]
+
+
+class TrafficResult(AlarmResult):
+    """The content of `metrics.json`: the better of the run's two kinds of alarm, by the development seeds.
+
+    model, scenario: of the run, and of the traffic. vehicle_hours: with prediction. events_left_out: neutral events, by
+    reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms.
+    """
+
+    model: str
+    scenario: str
+    vehicle_hours: float
+    coverage: Coverage
+    latency: Latency
+    events_left_out: dict[str, int]
+    methods: dict[str, AlarmResult]
+    baselines: dict[str, AlarmResult]
+    made_by: LiveMadeBy

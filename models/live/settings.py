@@ -1,0 +1,139 @@
+"""The settings of an evaluation in running traffic."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from isacsim.settings import Settings
+from labeling.generation.settings import DatasetStudy, SeedRange
+
+Method = Literal["reject", "background"]
+"""How a predictor's answers become alarms; see `AlarmSettings`."""
+
+
+class StreamSettings(Settings):
+    """How vehicles are watched."""
+
+    decision_s: float = Field(0.1, gt=0.0, le=2.0, description="time between two predictions for a vehicle, s")
+    report_delay_s: float = Field(
+        0.02,
+        ge=0.0,
+        le=2.0,
+        description="age of a UV's newest report when a window ends, s; windows use what has arrived",
+    )
+    longest_stretch_s: float = Field(
+        120.0,
+        ge=10.0,
+        description="a vehicle that is watched for longer is acquired anew, s; bounds the memory that a stretch takes",
+    )
+
+
+class AlarmSettings(Settings):
+    """When the answers to consecutive windows of a vehicle become an alarm for an intention.
+
+    method: what is compared with the threshold.
+    `reject`: the run's own unknown score, of windows whose likeliest intention this is, with at least
+    `least_probability`. `background`: the log-odds of the intention from trees that also know a seventh answer, "none"
+    (`models.live.background`).
+    An alarm is raised when `k` of the last `n` windows reach the threshold. No other alarm follows for the same
+    intention of that vehicle until they have fallen below it again, and `refractory_s` have passed.
+    """
+
+    method: Method
+    threshold: float
+    k: int = Field(1, ge=1)
+    n: int = Field(1, ge=1)
+    least_probability: float = Field(0.0, ge=0.0, le=1.0)
+    refractory_s: float = Field(2.0, ge=0.0)
+
+
+class ChoiceSettings(Settings):
+    """The alarm settings among which the development seeds choose; a threshold is chosen for each combination."""
+
+    false_alarms_per_vehicle_hour: float = Field(
+        1.0, gt=0.0, description="the choice has the highest recall at this many false alarms per vehicle-hour"
+    )
+    confirmations: tuple[tuple[int, int], ...] = Field(
+        ((1, 1), (2, 3), (4, 5)), min_length=1, description="pairs (k, n): k of the last n windows reach the threshold"
+    )
+    least_probabilities: tuple[float, ...] = Field(
+        (0.0, 0.5, 0.8), min_length=1, description="least probabilities of the likeliest intention, for `reject`"
+    )
+    refractory_s: float = Field(2.0, ge=0.0, description="time between two alarms of one intention and vehicle, s")
+    thresholds: int = Field(80, ge=2, description="thresholds tried for each combination")
+
+    @model_validator(mode="after")
+    def _confirmable(self) -> Self:
+        for k, n in self.confirmations:
+            if not 1 <= k <= n:
+                raise ValueError(f"confirmations ({k}, {n}): give k of n windows with 1 <= k <= n")
+        return self
+
+
+class BackgroundSettings(Settings):
+    """The trees with the answer "none", trained on the streams of the development seeds."""
+
+    background_every_s: float = Field(
+        0.5, gt=0.0, description="interval between training windows outside events, s; each stands for all between"
+    )
+    before_onset_s: float = Field(
+        0.5, ge=0.0, description="windows that end this long before onset already count as the maneuver, s"
+    )
+    rounds: int = Field(100, ge=1, description="boosting rounds")
+    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
+    leaves: int = Field(15, ge=2, description="leaves per tree")
+    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
+    folds: int = Field(4, ge=2, description="parts of the development seeds; each is answered by trees of the others")
+
+
+class ScoringSettings(Settings):
+    """How alarms are scored."""
+
+    before_onset_s: float = Field(
+        2.0, ge=0.0, le=10.0, description="an alarm may come this long before the onset of its event, s"
+    )
+    false_alarms_per_vehicle_hour: tuple[float, ...] = Field(
+        (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
+    )
+    resamples: int = Field(1000, ge=1, description="bootstrap resamples of the seeds")
+    confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
+
+
+class LiveSettings(Settings):
+    """Everything that the evaluation adds to the traffic and to the run."""
+
+    streams: StreamSettings = StreamSettings()
+    choice: ChoiceSettings = ChoiceSettings()
+    background: BackgroundSettings = BackgroundSettings()
+    scoring: ScoringSettings = ScoringSettings()
+
+
+class LiveStudy(Settings):
+    """An evaluation in running traffic.
+
+    dataset: the traffic, what counts as an event, who is paired with whom, and the sensing; its one scenario and its
+    seeds are those that are measured. development: seeds of the same scenario on which alarms are chosen.
+    """
+
+    dataset: DatasetStudy
+    development: SeedRange
+    live: LiveSettings = LiveSettings()
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        measured = self.dataset.seeds
+        if measured.first <= self.development.last and self.development.first <= measured.last:
+            raise ValueError(
+                f"development seeds {self.development.first}:{self.development.last} and measured seeds "
+                f"{measured.first}:{measured.last} overlap: alarms may not be chosen on the seeds that measure them"
+            )
+        if len(self.dataset.scenarios) != 1:
+            raise ValueError("evaluate one scenario at a time")
+        return self
+
+    @property
+    def seeds(self) -> list[int]:
+        """The development seeds, then the measured ones."""
+        return [*self.development, *self.dataset.seeds]

@@ -1,0 +1,153 @@
+"""One episode of an evaluation in traffic on disk: every answer to every watched vehicle, and the events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
+from isacsim.errors import InputError
+from isacsim.files import replace_file
+from isacsim.settings import Settings
+from labeling.intentions import KNOWN
+from models.live.events import LiveEvent
+from models.live.predictions import Answers
+
+FACTS_KEY = b"isac_cosim.live_episode"
+ROW_GROUP = 8192
+RUN = "run"
+"""The name of the evaluated run among the predictors of an episode."""
+RULE = "rule"
+"""The name of the rule of the road."""
+
+
+class EpisodeFacts(Settings):
+    """What an episode's file says beside its answers.
+
+    fingerprint: of the evaluation. decision_s: time between predictions, s. simulated_s: recorded time. vehicles:
+    number on the road, without those that collided or teleported. instants: at which some vehicle was due a prediction.
+    uncovered: how many of them have none, by reason. covered_km: driven by the watched vehicles while predicted.
+    """
+
+    schema_version: int = 1
+    fingerprint: str
+    scenario: str
+    seed: int
+    decision_s: float
+    simulated_s: float
+    vehicles: int
+    instants: int
+    uncovered: dict[str, int]
+    covered_km: float
+    events: tuple[LiveEvent, ...]
+
+
+@dataclass(frozen=True)
+class LiveEpisode:
+    """One episode, the n predictions vehicle by vehicle, in order of time.
+
+    vehicle: number of each prediction's TV in `names`, (n,). time_s: end of the window, (n,). commanded: whether the TV
+    was under command then, (n,). answers: of each predictor, by name; features are kept of the run alone.
+    """
+
+    facts: EpisodeFacts
+    names: tuple[str, ...]
+    vehicle: IntArray
+    time_s: Array
+    commanded: BoolArray
+    answers: Mapping[str, Answers]
+
+    @property
+    def vehicle_hours(self) -> float:
+        """Time for which vehicles were predicted, h."""
+        return len(self.time_s) * self.facts.decision_s / 3600
+
+
+def file_name(scenario: str, seed: int) -> str:
+    """Return the name of an episode's file."""
+    return f"{scenario}-{seed}.parquet"
+
+
+def write_episode(path: Path, episode: LiveEpisode) -> None:
+    """Write an episode, completely or not at all. Raises OutputError."""
+    columns: dict[str, Any] = {
+        "tv": pa.DictionaryArray.from_arrays(
+            pa.array(episode.vehicle, pa.int32()), pa.array(episode.names, pa.string())
+        ),
+        "time_s": pa.array(episode.time_s),
+        "commanded": pa.array(episode.commanded),
+    }
+    for name, answers in episode.answers.items():
+        columns[f"{name}.probabilities"] = _rows(answers.probabilities)
+        columns[f"{name}.score"] = pa.array(answers.score)
+        if name == RUN:
+            columns[f"{name}.features"] = _rows(answers.features)
+    table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
+    replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd", row_group_size=ROW_GROUP))
+
+
+def read_facts(path: Path) -> EpisodeFacts | None:
+    """Return what a file says of its episode, or None if it is not the whole file of one."""
+    try:
+        return EpisodeFacts.model_validate_json(pq.read_metadata(path).metadata[FACTS_KEY])
+    except (KeyError, TypeError, OSError, ValueError):
+        return None
+
+
+def read_episode(path: Path, features: bool = False) -> LiveEpisode:
+    """Read an episode. features: whether those of the run are read. Raises InputError if the file is damaged."""
+    facts = read_facts(path)
+    try:
+        if facts is None:
+            raise ValueError("it says nothing of its episode")
+        file = pq.ParquetFile(path)
+        stored = file.schema_arrow.names
+        table = file.read([name for name in stored if features or not name.endswith(".features")])
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{path}: not a whole episode ({' '.join(str(error).split())}); delete it and run the same command again"
+        ) from None
+    tv = table["tv"].combine_chunks()
+    tv = tv.chunk(0) if isinstance(tv, pa.ChunkedArray) else tv
+    predictors = dict.fromkeys(name.rpartition(".")[0] for name in table.column_names if name.endswith(".score"))
+    return LiveEpisode(
+        facts=facts,
+        names=tuple(tv.dictionary.to_pylist()),
+        vehicle=tv.indices.to_numpy().astype(np.int64),
+        time_s=table["time_s"].to_numpy(),
+        commanded=table["commanded"].to_numpy(),
+        answers={name: _answers(table, name) for name in predictors},
+    )
+
+
+def _answers(table: pa.Table, name: str) -> Answers:
+    score = table[f"{name}.score"].to_numpy()
+    features = f"{name}.features"
+    return Answers(
+        _matrix(table[f"{name}.probabilities"]),
+        score,
+        _matrix(table[features]) if features in table.column_names else np.empty((len(score), 0), np.float32),
+    )
+
+
+def _rows(values: Float32Array) -> pa.Array:
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+
+
+def _matrix(column: pa.ChunkedArray) -> Float32Array:
+    parts: Sequence[npt.NDArray[np.float32]] = [chunk.flatten().to_numpy() for chunk in column.chunks]
+    width: int = column.type.list_size
+    return np.concatenate(parts).reshape(-1, width) if parts else np.empty((0, width), np.float32)
+
+
+def no_answers(predictors: Sequence[str]) -> dict[str, Answers]:
+    """Return the answers of an episode in which no vehicle was watched."""
+    nothing = Answers(np.empty((0, len(KNOWN)), np.float32), np.empty(0, np.float32), np.empty((0, 1), np.float32))
+    return dict.fromkeys(predictors, nothing)

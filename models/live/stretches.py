@@ -1,0 +1,152 @@
+"""Which vehicles the network watches, with which UV, and when.
+
+The rule by which a dataset chooses the UV of a sample is applied all the time. The UV of a window is chosen when the
+window begins: the leader in the TV's lane then, if it is connected and within range. It keeps its part until the window
+ends, also if the TV changes lane meanwhile, as in the records that predictors are trained on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from isacsim.arrays import Array
+from isacsim.traffic.recording import Recording, Track
+from labeling.road.surroundings import Surroundings
+from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
+
+TRACK_ENDS = "near_the_ends_of_the_track"
+NO_UV = "no_connected_leader"
+UV_ENDS = "leader_enters_or_leaves"
+TV_KIND = "vehicle_class"
+"""Why a vehicle is not predicted at an instant, before any sensing."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The times that one prediction needs, s.
+
+    decision_s: between predictions; they are made at its multiples. window_s: length of a window. report_delay_s: age
+    of the newest report. run_in_s: sensed before the first window, for the filter to settle. margin_s: both vehicles
+    are on the road this long before and after, for the conditioning kernel. longest_stretch_s: see `StreamSettings`.
+    """
+
+    decision_s: float
+    window_s: float
+    report_delay_s: float
+    run_in_s: float
+    margin_s: float
+    longest_stretch_s: float
+
+    @property
+    def before_decision_s(self) -> float:
+        """How long before a decision the TV has to be sensed, s, a whole number of decisions."""
+        return float(np.ceil((self.window_s + self.run_in_s) / self.decision_s - 1e-6)) * self.decision_s
+
+    def decisions(self, recording: Recording, track: Track) -> Array:
+        """Return the instants within a track at which a prediction is due, s, shape (n,)."""
+        first_s, last_s = track.first_step * recording.step_s, (track.first_step + len(track) - 1) * recording.step_s
+        numbers = np.arange(np.ceil(first_s / self.decision_s - 1e-6), np.floor(last_s / self.decision_s + 1e-6) + 1)
+        return np.asarray(np.round(numbers * self.decision_s, 9))
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A TV that is sensed without interruption.
+
+    start_s, end_s: first and last sensed instant, s of simulation time; the first includes the filter's run-in.
+    decision_s: ends of the windows that are predicted, s, (n,). uv: the UV of each, n.
+    """
+
+    tv: str
+    start_s: float
+    end_s: float
+    decision_s: Array
+    uv: tuple[str, ...]
+
+    def part(self, start_s: float, end_s: float, before_decision_s: float) -> Stretch | None:
+        """Return the stretch limited to a span of time, or None if the span holds no prediction.
+
+        before_decision_s: how long before a decision the TV has to be sensed.
+        """
+        kept = (self.decision_s >= start_s + before_decision_s - 1e-6) & (self.decision_s <= end_s + 1e-6)
+        if not kept.any():
+            return None
+        times = self.decision_s[kept]
+        uv = tuple(self.uv[k] for k in np.flatnonzero(kept))
+        return Stretch(self.tv, start_s, float(times[-1]), times, uv)
+
+
+@dataclass(frozen=True)
+class Driving:
+    """The stretches of a recording, and how much driving they leave out.
+
+    instants: number of instants at which some vehicle was due a prediction. uncovered: how many of them have none, by
+    reason.
+    """
+
+    stretches: tuple[Stretch, ...]
+    instants: int
+    uncovered: Mapping[str, int]
+
+
+def watched(recording: Recording, surroundings: Surroundings, pairs: PairSettings, timing: Timing) -> Driving:
+    """Return the stretches of a recording in which a TV has a UV, vehicle by vehicle."""
+    stretches: list[Stretch] = []
+    uncovered: Counter[str] = Counter()
+    instants = 0
+    for track in recording.tracks.values():
+        times = timing.decisions(recording, track)
+        instants += len(times)
+        if not may_be_tv(track, pairs):
+            uncovered[TV_KIND] += len(times)
+            continue
+        paired: list[tuple[float, str]] = []
+        for time in times.tolist():
+            uv, reason = _uv_at(surroundings, track.vehicle, time, pairs, timing)
+            if uv is None:
+                uncovered[reason] += 1
+            else:
+                paired.append((time, uv))
+        stretches += _joined(track.vehicle, paired, timing)
+    return Driving(tuple(stretches), instants, dict(uncovered))
+
+
+def _uv_at(
+    surroundings: Surroundings, tv: str, time: float, pairs: PairSettings, timing: Timing
+) -> tuple[str | None, str]:
+    """Return the UV of the window that ends at a time (s), or None and the reason why there is none."""
+    begin = time - timing.window_s
+    if not surroundings.has(tv, time - timing.before_decision_s - timing.margin_s, time + timing.margin_s):
+        return None, TRACK_ENDS
+    pair = choose_uv(surroundings, tv, begin + pairs.before_onset_s, pairs)
+    if pair is None:
+        return None, NO_UV
+    reported = (begin - timing.report_delay_s - timing.margin_s, time - timing.report_delay_s + timing.margin_s)
+    return (pair.uv, "") if surroundings.has(pair.uv, *reported) else (None, UV_ENDS)
+
+
+def _joined(tv: str, paired: list[tuple[float, str]], timing: Timing) -> list[Stretch]:
+    """Join the predictions of one TV to stretches: a pause that is shorter than what one needs is sensed through."""
+    stretches: list[Stretch] = []
+    members: list[tuple[float, str]] = []
+    for time, uv in paired:
+        if members:
+            pause = time - members[-1][0] > timing.before_decision_s
+            too_long = time - members[0][0] > timing.longest_stretch_s - timing.before_decision_s
+            if pause or too_long:
+                stretches.append(_stretch(tv, members, timing))
+                members = []
+        members.append((time, uv))
+    if members:
+        stretches.append(_stretch(tv, members, timing))
+    return stretches
+
+
+def _stretch(tv: str, members: list[tuple[float, str]], timing: Timing) -> Stretch:
+    times = np.array([time for time, _ in members])
+    start_s = round(float(times[0]) - timing.before_decision_s, 9)
+    return Stretch(tv, start_s, float(times[-1]), times, tuple(uv for _, uv in members))

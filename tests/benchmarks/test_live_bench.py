@@ -1,0 +1,19 @@
+"""The bench of live watching, made short: what it reports, not how fast."""
+
+from __future__ import annotations
+
+import pytest
+
+import benchmarks
+import benchmarks.live
+
+
+def test_it_says_how_much_faster_than_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benchmarks.live, "VEHICLES", 2)
+    monkeypatch.setattr(benchmarks.live, "DURATION_S", 8.0)
+    monkeypatch.setattr(benchmarks.live, "ROUNDS", 1)
+    result = benchmarks.run("live")
+    assert result["real_time_factor"] > 0
+    assert 2 <= result["panels"] <= 4
+    assert set(result["ms_per_vehicle_second"]) == {"sensing_and_tracking", "boosted_trees", "rule"}
+    assert all(milliseconds > 0 for milliseconds in result["ms_per_vehicle_second"].values())

@@ -1,0 +1,137 @@
+"""An evaluation from beginning to end, on scripted traffic in this process."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isacsim.errors import InputError, RunError
+from models.live.evaluation import TrafficEvaluation, evaluate_traffic, study_of
+from models.live.results import TrafficResult
+from models.live.settings import LiveStudy
+from models.live.store import read_episode
+from models.run import Run
+from tests.support.recorded_feedback import RecordedFeedback
+from tests.support.scripted import InlineEngine, ScriptedSource
+
+
+@pytest.fixture(scope="module")
+def evaluation(trees_run: Run, study: LiveStudy, source: ScriptedSource, folder: Path) -> TrafficEvaluation:
+    return evaluate_traffic(trees_run, study, folder, InlineEngine(), source=source)
+
+
+def test_the_result_says_what_the_contract_asks_for(evaluation: TrafficEvaluation, folder: Path) -> None:
+    stored = json.loads((folder / "metrics.json").read_text())
+    assert TrafficResult.model_validate(stored) == evaluation.result
+    for scores in (*stored["by_intention"].values(), *stored["natural"]["by_intention"].values()):
+        assert {"precision", "recall", "f1", "lead_time_s", "false_alarms_per_vehicle_hour"} <= set(scores)
+    assert [point["false_alarms_per_vehicle_hour"] for point in stored["recall_at"]] == [0.1, 0.3, 1, 3, 10]
+    assert {"random", "rule"} == set(stored["baselines"])
+    assert set(stored["methods"]) == {"reject", "background"}
+    assert evaluation.real_time_factor is not None
+
+
+def test_both_events_of_each_seed_count(evaluation: TrafficEvaluation) -> None:
+    events = {name: scores.events for name, scores in evaluation.result.by_intention.items()}
+    assert events["hard_brake"] == 2
+    assert sum(events.values()) + sum(evaluation.result.events_left_out.values()) >= 4
+
+
+def test_coverage_adds_up(evaluation: TrafficEvaluation) -> None:
+    coverage = evaluation.result.coverage
+    assert coverage.share is not None
+    assert coverage.share + sum(coverage.uncovered.values()) == pytest.approx(1.0)
+    assert coverage.vehicle_hours == pytest.approx(coverage.share * coverage.driving_hours)
+    # Leaders have no leader, so at most half of the driving is predicted.
+    assert 0.2 < coverage.share < 0.5
+    assert coverage.km / coverage.vehicle_hours == pytest.approx(20 * 3.6, rel=0.15)
+
+
+def test_another_engine_and_a_resumed_folder_give_the_same_bytes(
+    evaluation: TrafficEvaluation,
+    trees_run: Run,
+    study: LiveStudy,
+    source: ScriptedSource,
+    folder: Path,
+    tmp_path: Path,
+) -> None:
+    with pytest.raises(RunError, match="1 of 4 episodes failed, seed 12"):
+        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=replace(source, broken=(12,)))
+    kept = (tmp_path / "episodes" / "road-21.parquet").stat().st_mtime_ns
+    evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
+    assert (tmp_path / "episodes" / "road-21.parquet").stat().st_mtime_ns == kept
+    for name in ("metrics.json", "study.json", *(f"episodes/road-{seed}.parquet" for seed in study.seeds)):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_an_episode_on_disk_is_the_episode(evaluation: TrafficEvaluation, folder: Path) -> None:
+    episode = read_episode(folder / "episodes" / "road-11.parquet")
+    truth = evaluation.truths[0].episode
+    assert (episode.facts, episode.names) == (truth.facts, truth.names)
+    np.testing.assert_array_equal(episode.time_s, truth.time_s)
+    np.testing.assert_array_equal(episode.answers["rule"].score, truth.answers["rule"].score)
+
+
+def test_traffic_without_vehicles_gives_an_empty_result_and_a_warning(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    feedback = RecordedFeedback()
+    empty = replace(source, empty=tuple(study.seeds))
+    result = evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), feedback, source=empty).result
+    assert (result.vehicle_hours, result.over_all.recall, result.alarms) == (0.0, None, None)
+    assert "no vehicle was predicted" in feedback.messages[0]
+
+
+def test_no_connected_vehicle_is_a_warning_too(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    pairs = study.dataset.pairs.model_copy(update={"connected_share": 0.0})
+    alone = study.model_copy(update={"dataset": study.dataset.model_copy(update={"pairs": pairs})})
+    result = evaluate_traffic(trees_run, alone, tmp_path, InlineEngine(), source=source).result
+    assert result.vehicle_hours == 0.0
+    assert result.coverage.uncovered["no_connected_leader"] > 0.8
+    assert sum(result.events_left_out.values()) > 0
+
+
+def test_a_folder_of_another_evaluation_is_refused(
+    evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, folder: Path
+) -> None:
+    other = study.model_copy(update={"development": study.development.model_copy(update={"last": 23})})
+    with pytest.raises(InputError, match="holds an evaluation of another run or other settings"):
+        evaluate_traffic(trees_run, other, folder, InlineEngine(), source=source)
+
+
+def test_seeds_of_the_training_are_refused(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    split = {**trees_run.card.split, "train": ["road-21"]}
+    run = replace(trees_run, card=trees_run.card.model_copy(update={"split": split}))
+    with pytest.raises(InputError, match="was trained on seed 21 of road"):
+        evaluate_traffic(run, study, tmp_path, InlineEngine(), source=source)
+
+
+def test_alarms_are_never_chosen_on_measured_seeds(trees_run: Run) -> None:
+    with pytest.raises(InputError, match="overlap"):
+        study_of(trees_run.card, "road", (1, 4), (4, 6))
+
+
+def test_a_run_of_other_rates_says_what_does_not_fit(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    streams = study.live.streams.model_copy(update={"decision_s": 0.015})
+    odd = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
+    with pytest.raises(InputError, match="no whole number of samples at the run's 100 Hz"):
+        evaluate_traffic(trees_run, odd, tmp_path, InlineEngine(), source=source)
+
+
+def test_the_evaluation_goes_by_the_dataset_of_the_run(trees_run: Run) -> None:
+    study = study_of(trees_run.card, "ramp_weave", duration_s=30.0)
+    assert study.dataset.sensing.channel.kind == "link"
+    assert (study.dataset.traffic.duration_s, study.dataset.scenarios) == (30.0, ("ramp_weave",))
+    slow = trees_run.card.model_copy(update={"tv_rate_hz": 200.0, "dataset": {"study": {"pairs": {"range_m": 50.0}}}})
+    assert study_of(slow, "motorway").dataset.record.tv_rate_hz == 200.0
+    assert study_of(slow, "motorway").dataset.pairs.range_m == 50.0
