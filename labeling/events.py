@@ -31,7 +31,7 @@ from labeling.intentions import LANE_CHANGES, Event, Intention
 from labeling.road.road_motion import RoadMotion, slope
 from labeling.road.surroundings import Surroundings
 
-Origin = Literal["natural", "stimulated"]
+Origin = Literal["natural", "stimulated", "reaction", "commanded"]
 
 MIN_TRACK_S = 1.0
 """Shorter tracks are skipped: no event fits in."""

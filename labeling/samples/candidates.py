@@ -96,7 +96,7 @@ def candidates(
     absent, motion in the plane is not looked at, and no event is left out as `beyond_car`.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
-    plane = None if motion is None else _PlaneLimits(recording, motion)
+    plane = None if motion is None else PlaneLimits(recording, motion)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
@@ -111,7 +111,7 @@ def candidates(
     return Candidates(tuple(samples), dict(sorted(left_out.items())))
 
 
-class _PlaneLimits:
+class PlaneLimits:
     """When the vehicles of a recording accelerate in the plane as no car can; worked out once for each vehicle."""
 
     def __init__(self, recording: Recording, motion: MotionSettings) -> None:
@@ -133,7 +133,7 @@ def _candidate(
     vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
-    plane: _PlaneLimits | None,
+    plane: PlaneLimits | None,
 ) -> Candidate | str:
     """Return the sample of an event, or the reason why there is none."""
     recording = surroundings.recording
