@@ -71,17 +71,22 @@ def run(
 @app.command(
     cls=HelpfulCommand,
     epilog=examples(
-        "generate motorway -o data --samples 500", "generate my_net.sumocfg -o data --seeds 1:40 --snr link"
+        "generate motorway -o data --samples 500",
+        "generate my_net.sumocfg -o data --seeds 1:40 --snr link",
+        "generate -o data --source kinematic --samples 7200",
     ),
 )
 def generate(
-    scenarios: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="SCENARIO", help="Name of a bundled scenario, folder, .sumocfg or .net.xml; one or more."
-        ),
-    ],
     out: opt.Out,
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="Name of a bundled scenario, folder, .sumocfg or .net.xml; one or more. Default with --source "
+            "kinematic: straight_road.",
+        ),
+    ] = None,
+    source: Annotated[str, typer.Option(help="Where motion comes from: {motion_sources}.")] = "sumo",
     samples: Annotated[
         int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
     ] = None,
@@ -99,7 +104,7 @@ def generate(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Generate a labelled dataset from simulated traffic.
+    """Generate a labelled dataset from simulated traffic, or from another source of motion.
 
     Repeat the command to continue an interrupted dataset.
     """
@@ -107,7 +112,7 @@ def generate(
     from labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios, one_of(samples, windows), seeds, snr, natural)
+    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
     feedback = output.feedback_of(console, verbose)
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))

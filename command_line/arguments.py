@@ -8,6 +8,7 @@ from typing import Any
 from isacsim.errors import InputError
 from isacsim.parsing import channel, number_range
 from isacsim.settings import checked
+from isacsim.traffic import kinematics
 from isacsim.traffic.director import LEFT_ALONE
 from labeling.dataset.dataset import Dataset
 from labeling.generation.resense import ResenseSettings, own_sensing
@@ -16,6 +17,10 @@ from labeling.generation.settings import DatasetStudy
 WHERE = "arguments"
 SEEDS_WITH_WINDOWS = (1, 1000)
 """The seeds that --windows may use up where no --seeds bound them."""
+
+
+OWN_SCENARIO = {"kinematic": kinematics.SCENARIO}
+"""The scenario of each motion source that has one of its own."""
 
 
 def one_of(samples: int | None, windows: int | None) -> int | None:
@@ -37,10 +42,25 @@ def box_of(text: str) -> tuple[float, float, float, float]:
 
 
 def dataset_study(
-    scenarios: list[str], windows: int | None, seeds: str | None, snr: str | None, natural: bool = False
+    scenarios: list[str],
+    windows: int | None,
+    seeds: str | None,
+    snr: str | None,
+    source: str = "sumo",
+    natural: bool = False,
 ) -> DatasetStudy:
-    """Return the study that the arguments of `generate` describe. natural: leave the drivers alone."""
-    content: dict[str, Any] = {"scenarios": scenarios, "selection": {"windows": windows}}
+    """Return the study that the arguments of `generate` describe. Raises InputError.
+
+    scenarios: may be empty where the source has a scenario of its own. source: name of the motion source. natural:
+    leave the drivers alone.
+    """
+    if not scenarios and source not in OWN_SCENARIO:
+        raise InputError("Missing argument 'SCENARIO': name a bundled scenario, a folder, a .sumocfg or a .net.xml")
+    content: dict[str, Any] = {
+        "scenarios": scenarios or [OWN_SCENARIO[source]],
+        "source": source,
+        "selection": {"windows": windows},
+    }
     if seeds is not None or windows is not None:
         first, last = number_range(seeds, "--seeds", int, "1:20") if seeds else SEEDS_WITH_WINDOWS
         content["seeds"] = {"first": first, "last": last}

@@ -15,6 +15,8 @@ from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic import simulation
 from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.kinematic_settings import KinematicSettings
+from isacsim.traffic.kinematics import KinematicSource
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings
 
@@ -36,6 +38,8 @@ class MotionSource(Protocol):
     def record(self, scenario: Scenario, seed: int) -> Recording:
         """Return the recording of a scenario and seed.
 
+        A source that knows what each target vehicle does returns a `LabelledRecording`. Its maneuvers become the
+        samples, with its labels, and the detectors are only compared with them; otherwise they give the labels.
         Raises InputError where the scenario itself is at fault: no other seed is tried then. Any other error costs
         this seed only.
         """
@@ -55,6 +59,9 @@ class MotionStudy(Protocol):
 
     @property
     def maneuvers(self) -> ManeuverSettings: ...
+
+    @property
+    def kinematics(self) -> KinematicSettings: ...
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,9 @@ class SumoSource:
 
 
 MOTION_SOURCES: Registry[Callable[[MotionStudy], MotionSource]] = Registry(
-    "motion source", {"sumo": SumoSource.of}, group="isac_cosim.motion_sources"
+    "motion source",
+    {"sumo": SumoSource.of, "kinematic": lambda study: KinematicSource(study.kinematics)},
+    group="isac_cosim.motion_sources",
 )
 """Functions that make a motion source from a study, by the name that the study gives as `source`."""
 

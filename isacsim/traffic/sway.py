@@ -69,7 +69,7 @@ def add_sway(
         if len(track) < 2:
             continue
         offset = sway(track, lanes[int(track.lane[0])].width_m, step_s, settings, stream("sway", *key, track.vehicle))
-        sideways = 1j * lane_headings(lanes, track) * offset
+        sideways = 1j * lane_headings(lanes, track.lane, track.lane_pos) * offset
         track.x[:] += sideways.real
         track.y[:] += sideways.imag
         track.lane_lat[:] += offset

@@ -14,6 +14,7 @@ from rich.table import Column, Table
 from labeling.dataset.dataset import Dataset
 from labeling.dataset.distributions import distributions, too_few_seeds
 from labeling.dataset.shard import read_episode
+from labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
@@ -30,7 +31,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     reaction's start, s, None where there is nothing to collide with; `sensors`, samples by sensor; `snr_db` and
     `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
     median distances to the true position, before and after the filter; `left_out`, candidates that did not become
-    samples, by reason.
+    samples, by reason; `label_agreement`, what the detectors make of the maneuvers of each intention, only where the
+    motion source gives the labels.
     """
     meta = dataset.meta
     seeds = {
@@ -39,6 +41,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     }
     episodes = [shard.episode for shard in meta.shards]
     errors = [read_episode(dataset.shard_path(shard)) for shard in meta.shards]
+    counts = dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items()))
+    agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
     origins = scalars.groupby(["intention", "origin", "cause", "cause_ttc_s"]).size()
     return {
@@ -64,7 +68,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
             "sensed": _median([error for episode in errors for error in episode.state_error_m]),
         },
         "left_out": meta.left_out(),
-        "counts": dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items())),
+        "counts": other_counts(counts),
+        **({"label_agreement": agreed} if agreed else {}),
         "collided": sum(episode.collided for episode in episodes),
         "teleported": sum(episode.teleported for episode in episodes),
         "distributions": distributions(dataset),
@@ -87,6 +92,8 @@ def show(values: dict[str, Any], console: Console) -> None:
     console.print(_events_table(values["distributions"]))
     if values["by_cause"]:
         console.print(_causes_table(values["by_cause"]))
+    if "label_agreement" in values:
+        console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
 
@@ -144,6 +151,17 @@ def _events_table(by_intention: dict[str, dict[str, Any]]) -> Table:
         table.add_row(
             intention, str(values["seeds"]), *(f"{q[2]:.1f} ({q[0]:.1f},{q[4]:.1f})" if q else "" for q in quantiles)
         )
+    return table
+
+
+def _agreement_table(agreed: dict[str, dict[str, int]]) -> Table:
+    """Return a table of the maneuvers of each generated intention and what the detectors make of them."""
+    table = Table("generated", "maneuvers", "agreed", "detected as", title="labels of the source and of the detectors")
+    for intention, verdicts in agreed.items():
+        number = sum(verdicts.values())
+        share = verdicts.get(intention, 0) / number
+        others = {verdict: count for verdict, count in verdicts.items() if verdict != intention}
+        table.add_row(intention, str(number), f"{share:.1%}", _brief(others) or "no other")
     return table
 
 

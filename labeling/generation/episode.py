@@ -16,6 +16,7 @@ from isacsim.radio.blockage import blockers_of
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
 from isacsim.traffic import motion
+from isacsim.traffic.labelled_recording import LabelledRecording
 from isacsim.traffic.recording import Recording
 from labeling.dataset.dataset import Episode, Sample, Shard, write_shard
 from labeling.events import label
@@ -23,6 +24,7 @@ from labeling.generation.settings import DatasetStudy, ReportSettings, Selection
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import Candidate, candidates
+from labeling.samples.generated_labels import agreement_counts, generated_candidates
 
 TOO_MANY = "beyond_cap"
 UNSEEN = "too_few_sites"
@@ -35,7 +37,12 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
     """
     around = Surroundings(recording)
     labels = label(recording, study.labels, around)
-    available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
+    counts = labels.counts
+    if isinstance(recording, LabelledRecording):
+        available = generated_candidates(recording, study.record, study.motion, around)
+        counts = {**counts, **agreement_counts(recording, labels)}
+    else:
+        available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
     samples, fixes = make_samples(study, scenario, recording, chosen)
     dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
@@ -45,7 +52,7 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         seed=recording.seed,
         fingerprint=fingerprint,
         events=_by_intention(event.intention for event in labels.events),
-        counts=labels.counts,
+        counts=counts,
         left_out={**available.left_out, **{reason: number for reason, number in dropped.items() if number}},
         collided=len(recording.incidents.collided),
         teleported=len(recording.incidents.teleported),

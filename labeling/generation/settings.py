@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from isacsim.sensing import SensingSettings
 from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.kinematic_settings import KinematicSettings
 from isacsim.traffic.motion import MotionSettings
 from isacsim.traffic.motion_sources import MOTION_SOURCES
 from isacsim.traffic.simulation import TrafficSettings
@@ -69,6 +70,7 @@ class DatasetStudy(Settings):
     """All settings of a dataset. Equal studies give equal samples.
 
     scenarios: bundled names, folders, or SUMO configurations. source: name of the motion source.
+    kinematics: of the source `kinematic`; stored only for that source.
     """
 
     scenarios: tuple[str, ...] = Field(("motorway",), min_length=1)
@@ -76,6 +78,7 @@ class DatasetStudy(Settings):
     source: Annotated[str, AfterValidator(MOTION_SOURCES.check)] = "sumo"
     traffic: TrafficSettings = TrafficSettings()
     maneuvers: ManeuverSettings = ManeuverSettings()
+    kinematics: KinematicSettings = KinematicSettings()
     motion: MotionSettings = MotionSettings()
     labels: LabelSettings = LabelSettings()
     pairs: PairSettings = PairSettings()
@@ -83,6 +86,13 @@ class DatasetStudy(Settings):
     sensing: SensingSettings = SensingSettings()
     report: ReportSettings = ReportSettings()
     selection: SelectionSettings = SelectionSettings()
+
+    @model_serializer(mode="wrap")
+    def _without_unused_source(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = serialize(self)
+        if self.source != "kinematic":
+            content.pop("kinematics", None)
+        return content
 
     @property
     def unit(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -104,7 +104,8 @@ def candidates(
     absent, motion in the plane is not looked at, and no event is left out as `beyond_car`.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
-    plane = None if motion is None else _PlaneLimits(recording, labels, motion, record.across_mps2)
+    swerves = labels.of(Intention.EVASIVE_SWERVE)
+    plane = None if motion is None else PlaneLimits(recording, swerves, motion, record.across_mps2)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
@@ -123,15 +124,20 @@ SWERVE_MARGIN_S = 0.5
 """A vehicle still accelerates across this long before the onset and after the end of a swerve, s."""
 
 
-class _PlaneLimits:
-    """When the vehicles of a recording exceed limits in the plane; worked out once for each vehicle."""
+class PlaneLimits:
+    """When the vehicles of a recording exceed limits in the plane; worked out once for each vehicle.
 
-    def __init__(self, recording: Recording, labels: Labels, motion: MotionSettings, across_mps2: float | None) -> None:
+    swerves: the events in which vehicles may exceed across_mps2, m/s2. That limit does not apply if it is None.
+    """
+
+    def __init__(
+        self, recording: Recording, swerves: Iterable[Event], motion: MotionSettings, across_mps2: float | None
+    ) -> None:
         self._recording = recording
         self._motion = motion
         self._across_mps2 = across_mps2
         self._swerves: dict[str, list[tuple[float, float]]] = {}
-        for swerve in labels.of(Intention.EVASIVE_SWERVE):
+        for swerve in swerves:
             span = (swerve.onset - SWERVE_MARGIN_S, swerve.end + SWERVE_MARGIN_S)
             self._swerves.setdefault(swerve.vehicle, []).append(span)
         self._times: dict[str, Excess] = {}
@@ -158,7 +164,7 @@ def _candidate(
     vehicle_events: Sequence[Event],
     pairs: PairSettings,
     record: RecordSettings,
-    plane: _PlaneLimits | None,
+    plane: PlaneLimits | None,
 ) -> Candidate | str:
     """Return the sample of an event, or the reason why there is none."""
     recording = surroundings.recording

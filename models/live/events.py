@@ -9,9 +9,9 @@ import numpy as np
 
 from isacsim.arrays import Array
 from isacsim.settings import Settings
-from isacsim.traffic.motion import beyond_car
+from isacsim.traffic.motion import excess
 from isacsim.traffic.recording import Recording
-from labeling.events import COMMAND_REACH_S, Labels, origin
+from labeling.events import COMMAND_REACH_S, Labels, provenance
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import Event, Intention
 from labeling.road.surroundings import Surroundings
@@ -61,7 +61,8 @@ def events_of(
             reason = NOT_WATCHED
         if reason is None:
             if event.vehicle not in beyond:
-                beyond[event.vehicle] = beyond_car(recording, recording.tracks[event.vehicle], study.motion)
+                track = recording.tracks[event.vehicle]
+                beyond[event.vehicle] = excess(recording, track, study.motion).beyond_car
             inside = (beyond[event.vehicle] >= event.onset) & (beyond[event.vehicle] <= event.commit)
             reason = "beyond_car" if inside.any() else None
         live_events.append(
@@ -71,7 +72,7 @@ def events_of(
                 onset=event.onset,
                 commit=event.commit,
                 end=judged.busy_until,
-                group="natural" if str(origin(recording, event)) in NATURAL else "commanded",
+                group="natural" if provenance(recording, event).origin in NATURAL else "commanded",
                 left_out=reason,
             )
         )

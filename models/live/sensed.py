@@ -105,7 +105,8 @@ class Sensing:
         key = ("live", self.recording.scenario, self.recording.seed, part.tv, f"{part.start_s:.6f}")
         blockers = None
         if sensing.channel.blockage:
-            blockers = blockers_of(self.recording, part.start_s + sensing.tracking.run_in_s, part.end_s, {part.tv})
+            start_s, motion = part.start_s + sensing.tracking.run_in_s, self.study.motion
+            blockers = blockers_of(self.recording, start_s, part.end_s, {part.tv}, motion)
         return fix(truth, self.study.record.tv_rate_hz, self.scenario.sites, sensing, key, blockers)
 
     def _filtered(self, waiting: Sequence[tuple[Stretch, Array, Observed]]) -> Iterator[Track]:

@@ -1,0 +1,45 @@
+"""Builds the straight_road scenario: `python build.py` writes every other file of this folder.
+
+A straight one-way road of 2.8 km with four lanes, and four sites around one point of it, 170 m up and down the road and
+60 m to either side. Each site faces that point.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from isacsim.scenarios.demand import flow
+from isacsim.scenarios.scenario import Site
+from isacsim.scenarios.site_placement import sites_file
+from isacsim.scenarios.sumo_files import write_lines
+from sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Road, write_scenario
+
+START_M, END_M = -800.0, 2000.0
+"""The ends of the road, m; the sites stand around 0."""
+ROAD = Road(bend_m=END_M, radius_m=1000.0, angle=0.0)
+CARRIAGEWAY = Carriageway(ROAD, speed=36.11, lanes=4, pieces=(("road", START_M, END_M, 4),))
+ALONG_M, ASIDE_M, HEIGHT_M = 170.0, 60.0, 15.0
+
+
+def sites() -> list[Site]:
+    """Return the four sites, which face the point in their middle."""
+    corners = [(x, y) for x in (-ALONG_M, ALONG_M) for y in (-ASIDE_M, ASIDE_M)]
+    return [
+        Site(f"site{k}", x, y, HEIGHT_M, round(float(np.degrees(np.arctan2(-x, -y))) % 360.0, 1))
+        for k, (x, y) in enumerate(corners)
+    ]
+
+
+def demand() -> list[str]:
+    """Return the route and the flows, as lines of XML."""
+    return [
+        '<route id="through" edges="road"/>',
+        flow("car", "cars", "through", 2400),
+        flow("truck", "trucks", "through", 200),
+    ]
+
+
+if __name__ == "__main__":
+    folder = Path(__file__).parent
+    write_scenario(folder, CARRIAGEWAY.network(), demand(), {"road"}, MOTORWAY_OPTIONS)
+    write_lines(folder / "sites.add.xml", sites_file(sites()))
