@@ -142,10 +142,10 @@ def _html_by_lead(result: EvaluationResult) -> str:
 
 
 def _html_verdict(result: EvaluationResult) -> str:
-    """Return the sentences of the verdict and how differences come about; nothing where nothing is compared."""
-    if not result.compared:
-        return ""
+    """Return the sentences of the verdict, and how differences come about where runs are compared."""
     sentences = "".join(f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in verdict(result))
+    if not result.compared:
+        return sentences
     explanation = "Differences are paired on the same windows"
     paired = headline_difference(result.compared[0])
     if paired is not None and paired.has_interval:

@@ -179,7 +179,7 @@ def _unknown(result: EvaluationResult) -> list[Section]:
     if any(open_set.PRE_ONSET_DETECTOR in run.unknown_scores for run in runs):
         detector = row(open_set.PRE_ONSET_DETECTOR, "AUROC of following")
         sections.append(
-            Section("Detector trained on pre-onset driving of the same records, no novelty score", [detector])
+            Section("Detector trained on pre-onset driving: it recognises driving, not novelty", [detector])
         )
     return sections
 

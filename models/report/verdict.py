@@ -5,14 +5,18 @@ from __future__ import annotations
 from models.evaluation.results import ComparedResult, EvaluationResult, PredictorResult
 from models.evaluation.score_results import LEAST_FOR_VERDICT, Interval, PairedDifference
 
+SINGLE_SEED = "All scores are of a single test seed: nothing can be said about other traffic."
+
 
 def verdict(result: EvaluationResult) -> list[str]:
     """Return one sentence for each compared run: which of the two is ahead before the commit, if it can be said.
 
-    Where runs differ in the training seed alone, also one sentence for each group of such runs.
+    Where runs differ in the training seed alone, also one sentence for each group of such runs. A single test seed is
+    pointed out first.
     """
     groups = result.over_training_seeds or []
     return [
+        *([SINGLE_SEED] if result.groups == 1 else []),
         *(_comparison(result.name, other) for other in result.compared),
         *(_group_sentence(groups[0].name, group) for group in groups),
     ]

@@ -142,6 +142,15 @@ def test_a_single_test_seed_says_nothing_about_the_difference(result: Evaluation
     assert "+0.040 to" not in page
 
 
+def test_scores_of_a_single_test_seed_say_so(result: EvaluationResult, tmp_path: Path) -> None:
+    remark = "All scores are of a single test seed: nothing can be said about other traffic."
+    alone = result.model_copy(update={"groups": 1, "compared": []})
+    assert verdict(alone) == [remark]
+    assert remark in write_page(alone, tmp_path).read_text()
+    assert remark not in verdict(result)
+    assert remark not in write_page(result, tmp_path).read_text()
+
+
 def test_differences_are_explained_only_where_runs_are_compared(result: EvaluationResult, tmp_path: Path) -> None:
     assert "Differences are paired" in write_page(result, tmp_path).read_text()
     alone = result.model_copy(update={"compared": []})
