@@ -57,8 +57,8 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
 
     All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
     differ in acceleration (1.4-2.5 m/s2; one in five is impatient, with up to 3.6), deceleration (3-5.5 m/s2), headway
-    (median 0.8 s, some 0.4), desired speed, the time that a lane change takes, eagerness to gain speed, and how strictly
-    they keep to the outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
+    (median 0.8 s, some 0.4), desired speed, the time that a lane change takes, eagerness to gain speed, and how
+    strictly they keep to the outer lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
     """
     draw = rng.uniform
     common = 'carFollowModel="IDM" speedDev="0" latAlignment="center" probability="1"'
