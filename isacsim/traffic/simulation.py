@@ -76,7 +76,7 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
         finally:
             director.finish(last * traffic.step_s)
     tracks = log.tracks()
-    add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.name, seed)
+    add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, scenario.name, seed)
     return Recording(
         scenario=scenario.name,
         seed=seed,

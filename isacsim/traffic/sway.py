@@ -57,11 +57,17 @@ class SwaySettings(Settings):
 
 
 def add_sway(
-    tracks: Iterable[Track], lanes: tuple[Lane, ...], step_s: float, settings: SwaySettings, *key: str | int
+    tracks: Iterable[Track],
+    lanes: tuple[Lane, ...],
+    step_s: float,
+    settings: SwaySettings,
+    lefthand: bool,
+    *key: str | int,
 ) -> None:
-    """Move the states of tracks sideways, in place. key: names the random draws, with each vehicle's id.
+    """Move the states of tracks sideways, in place.
 
-    Equal arguments give equal sway; a vehicle's does not depend on the other vehicles.
+    lefthand: whether traffic keeps left, whose sway is the mirror image. key: names the random draws, with each
+    vehicle's id. Equal arguments give equal sway; a vehicle's does not depend on the other vehicles.
     """
     if settings.sd_m[1] == 0.0:
         return
@@ -69,6 +75,8 @@ def add_sway(
         if len(track) < 2:
             continue
         offset = sway(track, lanes[int(track.lane[0])].width_m, step_s, settings, stream("sway", *key, track.vehicle))
+        if lefthand:
+            offset = -offset
         sideways = 1j * lane_headings(lanes, track.lane, track.lane_pos) * offset
         track.x[:] += sideways.real
         track.y[:] += sideways.imag

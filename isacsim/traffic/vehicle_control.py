@@ -31,6 +31,8 @@ NO_LATERAL_MODE = 0
 """The driver does not move sideways at all."""
 RELEASE_S = 1.0
 """Time over which the driver gets the full acceleration back, s."""
+LEAST_SPEED_FACTOR = 0.05
+"""A driver that stands for a moment still wants to drive."""
 COAST_MPS2 = 0.3
 """Deceleration of a vehicle that is released above its desired speed, m/s2."""
 SETTLE_S = 3.0
@@ -125,7 +127,7 @@ def match_speed_factor(sumo: Any, vehicle: str) -> None:
     """Make the desired speed one hundredth higher than the present speed, so that the driver stays near it."""
     factor = sumo.vehicle.getSpeedFactor(vehicle)
     present = sumo.vehicle.getSpeed(vehicle) / sumo.vehicle.getAllowedSpeed(vehicle)
-    sumo.vehicle.setSpeedFactor(vehicle, float(1.01 * present * factor))
+    sumo.vehicle.setSpeedFactor(vehicle, float(max(1.01 * present * factor, LEAST_SPEED_FACTOR)))
 
 
 def fade_speed_factor(sumo: Any, vehicle: str, end: float, over_s: float, step_s: float) -> Steps:

@@ -19,6 +19,7 @@ from isacsim.traffic.maneuvers import ManeuverCommand
 from isacsim.traffic.motion import condition
 from isacsim.traffic.recording import COLUMNS, Command, Recording
 from isacsim.traffic.simulation import TrafficSettings, record, session
+from isacsim.traffic.sway import SwaySettings
 from isacsim.traffic.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
 from isacsim.traffic.vehicle_view import VehicleView, ending_lanes
 from tests.support.roads import straight_road, vehicle
@@ -116,8 +117,9 @@ def same_until(a: Recording, b: Recording, time: float) -> bool:
 
 def test_closures_do_not_change_the_other_maneuvers() -> None:
     """Commands and states equal those without closures up to the first closure, and differ afterwards."""
-    busy = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, closed_ramp_end_per_lane_hour=0.0)
-    brief = TrafficSettings(run_in_s=20.0, duration_s=25.0)
+    busy = only(hard_brake_per_vehicle_hour=100.0, debris_per_vehicle_hour=10.0, cut_in_per_vehicle_hour=6.0)
+    # Sway depends on the whole drive, also on what comes later.
+    brief = TrafficSettings(run_in_s=20.0, duration_s=25.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
     without = record(load("ramp_weave"), 1, brief, busy)
     closing = busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0})
     with_closures = record(load("ramp_weave"), 1, brief, closing)
@@ -215,10 +217,12 @@ def test_a_narrowed_range_reaches_the_motion_and_nothing_else_changes() -> None:
 
 def test_reactions_are_noted_with_their_cause() -> None:
     """Debris comes into view; drivers behind those who brake look away; both kinds are noted, with a time left."""
-    busy = only(debris_per_vehicle_hour=200.0, surge_per_vehicle_hour=100.0, cut_in_per_vehicle_hour=40.0)
+    busy = only(
+        debris_per_vehicle_hour=200.0, surge_per_vehicle_hour=1000.0, hard_brake_per_vehicle_hour=200.0, rest_s=4.0
+    )
     recording = record(load("motorway"), 4, TrafficSettings(run_in_s=40.0, duration_s=25.0), busy)
     causes = Counter(command.cause for command in recording.commands)
-    assert causes["debris"] > 20
+    assert causes["debris"] >= 10
     assert causes["gap_ahead"] > 5
     assert causes["braking_leader"] + causes["slow_leader"] + causes["stopped_leader"] >= 1
     for command in recording.commands:

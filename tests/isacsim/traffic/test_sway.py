@@ -68,7 +68,7 @@ def test_a_vehicle_that_stands_keeps_its_place() -> None:
 def test_it_fades_where_a_marking_is_crossed_and_moves_all_states_alike() -> None:
     moved = track(np.full(4000, 25.0), change_row=2000)
     before = {name: getattr(moved, name).copy() for name in ("x", "y", "lane_lat", "lane_pos", "speed")}
-    add_sway([moved], LANES, STEP, SwaySettings(), "road", 7)
+    add_sway([moved], LANES, STEP, SwaySettings(), False, "road", 7)
     shift = moved.lane_lat - before["lane_lat"]
     np.testing.assert_allclose(moved.y - before["y"], shift, atol=1e-12)
     for name in ("x", "lane_pos", "speed"):
@@ -76,10 +76,13 @@ def test_it_fades_where_a_marking_is_crossed_and_moves_all_states_alike() -> Non
     assert np.abs(shift[1995:2005]).max() < 1e-5
     assert np.abs(shift[:1500]).max() > 0.03
     again = track(np.full(4000, 25.0), change_row=2000)
-    add_sway([again], LANES, STEP, SwaySettings(), "road", 7)
+    add_sway([again], LANES, STEP, SwaySettings(), False, "road", 7)
     np.testing.assert_array_equal(again.lane_lat, moved.lane_lat)
+    mirrored = track(np.full(4000, 25.0), change_row=2000)
+    add_sway([mirrored], LANES, STEP, SwaySettings(), True, "road", 7)
+    np.testing.assert_allclose(mirrored.lane_lat - before["lane_lat"], -shift, atol=1e-12)
     untouched = track(np.full(4000, 25.0), change_row=2000)
-    add_sway([untouched], LANES, STEP, SwaySettings(sd_m=(0.0, 0.0)), "road", 7)
+    add_sway([untouched], LANES, STEP, SwaySettings(sd_m=(0.0, 0.0)), False, "road", 7)
     np.testing.assert_array_equal(untouched.lane_lat, before["lane_lat"])
 
 

@@ -9,6 +9,7 @@ import pytest
 from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings
+from isacsim.traffic.sway import SwaySettings
 from labeling.events import LabelSettings
 
 PAGE = (Path(__file__).parents[3] / "docs" / "traffic.md").read_text(encoding="utf-8")
@@ -90,3 +91,12 @@ def test_thresholds_are_those_of_the_labels_and_the_commands_meet_them() -> None
 def test_the_text_gives_the_defaults_of_the_simulation(setting: str) -> None:
     value = written(getattr(TrafficSettings(), setting))
     assert re.search(rf"`traffic\.{setting}` \({re.escape(value)} {unit(setting)}\)", PAGE)
+
+
+def test_the_table_of_the_sway_is_its_settings() -> None:
+    table = {name.removeprefix("sway."): cells for name, cells in rows(PAGE).items() if name.startswith("sway.")}
+    assert list(table) == list(SwaySettings.model_fields)
+    for key, field in SwaySettings.model_fields.items():
+        assert isinstance(field.json_schema_extra, dict)
+        assert table[key][:2] == [written(field.default), unit(key)], key
+        assert table[key][3] == field.json_schema_extra["source"], key
