@@ -78,7 +78,7 @@ def table(result: TrafficResult) -> Table:
     """Return the scores by intention for the terminal."""
     title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
     drawn = Table(title=title, title_justify="left")
-    drawn.add_column("intention")
+    drawn.add_column("intention", no_wrap=True)
     for name in ("events", "predicted", "detected", "recall", "precision", "lead s", "false/h"):
         drawn.add_column(name, justify="right")
     for intention, scores in result.by_intention.items():

@@ -41,6 +41,9 @@ class Background:
 
         before_onset_s: how long before onset an alarm may come, s; windows that end so shortly before are left out.
         """
+        episodes = [episode for episode in episodes if len(episode.time_s)]
+        if not episodes:
+            return None
         rows = [training_rows(episode, settings, before_onset_s) for episode in episodes]
         label = np.concatenate([labels for _, labels, _ in rows])
         weight = np.concatenate([weights for _, _, weights in rows])

@@ -152,8 +152,12 @@ def warnings(result: TrafficResult) -> list[str]:
         )
     elif not result.over_all.events:
         lines.append("warning: no event counts: recall is undefined; simulate longer, or more seeds")
-    elif result.alarms is None:
-        lines.append("warning: no alarms could be chosen on the development seeds: none is raised")
+    elif not result.alarms_keep_to_rate:
+        rate = result.made_by.study.live.choice.false_alarms_per_vehicle_hour
+        lines.append(
+            f"warning: no alarms keep to {rate:g} false alarms per vehicle-hour on the development seeds; those chosen "
+            "have the highest F1 there; simulate more of these seeds"
+        )
     return lines
 
 
@@ -268,9 +272,9 @@ def _measured(
         options["background"] = measuring.choose_background(development, choice, study.live)
     chosen: dict[str, Chosen] = {name: option for name, option in options.items() if option is not None}
     methods: dict[str, Measured] = {}
-    for name in sorted(chosen, key=lambda name: -chosen[name].recall):
+    for name in sorted(chosen, key=lambda name: chosen[name].rank, reverse=True):
         levels = measuring.levels_of(measured, RUN, chosen[name].alarms, background)
-        methods[name] = measuring.measure(measured, levels, chosen[name].alarms, study.live, run.name)
+        methods[name] = measuring.measure(measured, levels, chosen[name], study.live, run.name)
     first = next(iter(methods.values()), measuring.no_alarms(measured, study.live, run.name))
     baselines = {RANDOM: measuring.measure_random(measured, first, study.live)}
     for name in (RULE, *predictors.against):
@@ -278,7 +282,7 @@ def _measured(
         if option is not None:
             levels = measuring.levels_of(measured, name, option.alarms, None)
             shown = "rule of the road" if name == RULE else name
-            baselines[name] = measuring.measure(measured, levels, option.alarms, study.live, shown)
+            baselines[name] = measuring.measure(measured, levels, option, study.live, shown)
     episodes = [truth.episode for truth in measured]
     result = TrafficResult(
         **dict(first.result),

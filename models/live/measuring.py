@@ -21,10 +21,20 @@ from models.live.store import LiveEpisode
 
 @dataclass(frozen=True)
 class Chosen:
-    """Alarm settings chosen on the development seeds. recall: there."""
+    """Alarm settings chosen on the development seeds.
+
+    quiet: whether they keep to the rate of false alarms there; otherwise they have the highest F1. score: their recall,
+    or F1.
+    """
 
     alarms: AlarmSettings
-    recall: float
+    quiet: bool
+    score: float
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What the better settings have more of."""
+        return self.quiet, self.score
 
 
 @dataclass(frozen=True)
@@ -47,7 +57,7 @@ def choose_reject(truths: Sequence[Truth], predictor: str, choice: ChoiceSetting
         levels = [reject_levels(truth.episode.answers[predictor], least) for truth in truths]
         template = AlarmSettings(method="reject", threshold=0.0, least_probability=least)
         options += _options(truths, levels, template, choice)
-    return max(options, key=lambda option: option.recall, default=None)
+    return max(options, key=lambda option: option.rank, default=None)
 
 
 def choose_background(truths: Sequence[Truth], choice: ChoiceSettings, settings: LiveSettings) -> Chosen | None:
@@ -57,23 +67,26 @@ def choose_background(truths: Sequence[Truth], choice: ChoiceSettings, settings:
     if levels is None:
         return None
     options = _options(truths, levels, AlarmSettings(method="background", threshold=0.0), choice)
-    return max(options, key=lambda option: option.recall, default=None)
+    return max(options, key=lambda option: option.rank, default=None)
 
 
 def _options(
     truths: Sequence[Truth], levels: Sequence[Float32Array], template: AlarmSettings, choice: ChoiceSettings
 ) -> list[Chosen]:
-    """Return the best threshold for each confirmation."""
+    """Return the best threshold for each confirmation; that of the highest F1 where none is quiet enough."""
     options = []
     for k, n in choice.confirmations:
         of_episodes = [
             confirmed(Levels.of(truth.episode, level), k, n) for truth, level in zip(truths, levels, strict=True)
         ]
         sweep = Sweep.of(truths, of_episodes, choice.refractory_s, choice.thresholds)
+        if not len(sweep.thresholds):
+            continue
         best = sweep.best(choice.false_alarms_per_vehicle_hour)
-        if best is not None:
-            update = {"threshold": float(sweep.thresholds[best]), "k": k, "n": n, "refractory_s": choice.refractory_s}
-            options.append(Chosen(template.model_copy(update=update), float(sweep.recalls()[best])))
+        scores = sweep.recalls() if best is not None else sweep.f1()
+        row = int(scores.argmax()) if best is None else best
+        update = {"threshold": float(sweep.thresholds[row]), "k": k, "n": n, "refractory_s": choice.refractory_s}
+        options.append(Chosen(template.model_copy(update=update), best is not None, float(scores[row])))
     return options
 
 
@@ -93,9 +106,10 @@ def levels_of(
 
 
 def measure(
-    truths: Sequence[Truth], levels: Sequence[Levels], settings: AlarmSettings, live: LiveSettings, name: str
+    truths: Sequence[Truth], levels: Sequence[Levels], chosen: Chosen, live: LiveSettings, name: str
 ) -> Measured:
     """Measure alarms of frozen settings on episodes. levels: not confirmed. name: of the predictor."""
+    settings = chosen.alarms
     raised = [alarms(level, settings) for level in levels]
     outcomes = [truth.outcome(made) for truth, made in zip(truths, raised, strict=True)]
     steady = [confirmed(level, settings.k, settings.n) for level in levels]
@@ -103,9 +117,8 @@ def measure(
     shares = [(duty_cycle(level, settings) or 0.0, len(level.time_s)) for level in levels]
     total = sum(count for _, count in shares)
     duty = sum(share * count for share, count in shares) / total if total else None
-    return Measured(
-        result_of(truths, outcomes, settings, live, name, sweep, duty), tuple(outcomes), tuple(raised), sweep
-    )
+    result = result_of(truths, outcomes, chosen, live, name, sweep, duty)
+    return Measured(result, tuple(outcomes), tuple(raised), sweep)
 
 
 def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) -> Measured:
@@ -129,7 +142,7 @@ def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) 
 def result_of(
     truths: Sequence[Truth],
     outcomes: Sequence[Outcome],
-    settings: AlarmSettings | None,
+    chosen: Chosen | None,
     live: LiveSettings,
     name: str,
     sweep: Sweep | None,
@@ -141,7 +154,8 @@ def result_of(
     rates = live.scoring.false_alarms_per_vehicle_hour
     return AlarmResult(
         name=name,
-        alarms=settings,
+        alarms=None if chosen is None else chosen.alarms,
+        alarms_keep_to_rate=None if chosen is None else chosen.quiet,
         over_all=every.over_all,
         macro_recall=_macro_recall(list(every.by_intention.values())),
         by_intention=every.by_intention,

@@ -106,7 +106,9 @@ class GroupScores(Settings):
 class AlarmResult(Settings):
     """What one predictor with one kind of alarm measured.
 
-    name: of the predictor. alarms: chosen on the development seeds, and frozen. over_all: over the six intentions.
+    name: of the predictor. alarms: chosen on the development seeds, and frozen. alarms_keep_to_rate: whether they keep
+    to the wanted rate of false alarms there; if no threshold does, they have the highest F1. over_all: over the six
+    intentions.
     natural: events that drivers did by themselves, and false alarms about vehicles not under command. commanded: the
     others. recall_at: the curve read on the measured seeds themselves, at rates. duty_cycle: share of the time in which
     a vehicle's answers are at the threshold.
@@ -114,6 +116,7 @@ class AlarmResult(Settings):
 
     name: str
     alarms: AlarmSettings | None
+    alarms_keep_to_rate: bool | None
     over_all: EventScores
     macro_recall: float | None
     by_intention: dict[str, EventScores]

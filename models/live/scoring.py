@@ -218,6 +218,11 @@ class Sweep:
         """Return the threshold, by number, of the highest recall at no more than a rate of false alarms."""
         return _best(self.counts.sum(axis=1), rate)
 
+    def f1(self) -> Array:
+        """Return the F1 of prediction at each threshold, (t,); 0 without any event."""
+        events, predicted, false, _ = self.counts.sum(axis=1).T
+        return np.asarray(2 * predicted / np.maximum(predicted + false + events, 1))
+
     def point(self, rate: float, settings: ScoringSettings, key: str) -> CurvePoint:
         """Return the curve at a rate of false alarms per vehicle-hour. key: names the bootstrap's draw."""
         best = self.best(rate)

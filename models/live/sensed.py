@@ -23,8 +23,8 @@ from isacsim.traffic.recording import Recording
 from labeling.generation.settings import DatasetStudy
 from models.live.stretches import Stretch
 
-MOST_SNAPSHOTS = 600_000
-"""Snapshots that are filtered at once: their covariances take 80 MB."""
+MOST_SNAPSHOTS = 400_000
+"""Snapshots that are filtered at once: their covariances take 50 MB."""
 TOO_FEW_SITES = "too_few_sites"
 NOT_DETECTED = "not_detected"
 """Why a stretch, or a part of it, is not sensed."""
