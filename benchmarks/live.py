@@ -65,11 +65,11 @@ def run() -> dict[str, Any]:
             spent = [measured(Path(folder)) for _ in range(ROUNDS)]
     finally:
         torch.set_num_threads(threads)
-    factors = [one.predicted_s / (one.sensing_s + one.trees_s) / VEHICLES for one in spent]
+    factors = [times.predicted_s / (times.sensing_s + times.trees_s) / VEHICLES for times in spent]
     per_second = {
-        "sensing_and_tracking": [one.sensing_s / one.predicted_s for one in spent],
-        "boosted_trees": [one.trees_s / one.predicted_s for one in spent],
-        "rule": [one.rule_s / one.predicted_s for one in spent],
+        "sensing_and_tracking": [times.sensing_s / times.predicted_s for times in spent],
+        "boosted_trees": [times.trees_s / times.predicted_s for times in spent],
+        "rule": [times.rule_s / times.predicted_s for times in spent],
     }
     return {
         "real_time_factor": round(float(np.median(factors)), 2),

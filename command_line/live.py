@@ -99,7 +99,8 @@ def verdict(result: TrafficResult) -> list[str]:
             between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
             lines.append(f"recall at 1 false alarm per vehicle-hour: {point.recall:.2f}{between}")
     if result.coverage.share is not None:
-        lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving; for the rest there is no UV")
+        rest = [f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in result.coverage.uncovered.items()]
+        lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving (not: {', '.join(rest)})")
     lines.append(
         f"world, labels and echoes come from motion that is conditioned {result.latency.conditioning_reach_s:g} s ahead"
     )

@@ -54,13 +54,18 @@ def _load(path: Path) -> Infer:
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time of an episode, s, by what it was spent on; predicted_s: time for which vehicles were predicted."""
+    """Processor time of an episode, s, by what it was spent on.
+
+    predicting_s: of the evaluated run. comparing_s: of the other predictors. simulated_s, predicted_s: recorded time,
+    and the time for which vehicles were predicted, all vehicles together.
+    """
 
     seed: int
     traffic_s: float
     labels_s: float
     sensing_s: float
     predicting_s: float
+    comparing_s: float
     simulated_s: float
     predicted_s: float
 
@@ -209,6 +214,7 @@ def predicted(
         labels_s=labelled - began,
         sensing_s=watched_s - collected.answering_s,
         predicting_s=collected.predicting_s,
+        comparing_s=collected.answering_s - collected.predicting_s,
         simulated_s=study.dataset.traffic.duration_s,
         predicted_s=len(collected.time_s) * timing.decision_s,
     )

@@ -128,9 +128,11 @@ def evaluate_traffic(
     _check_unseen([run, *against], scenario, study)
     timing_of(study, run.card.shape)
     meta = describe(study.dataset, {where: scenario})
-    cards = [one.card.model_dump(mode="json") for one in (run, *against)]
+    cards = [compared.card.model_dump(mode="json") for compared in (run, *against)]
     digest = fingerprint(study.model_dump(mode="json"), [s.model_dump(mode="json") for s in meta.scenarios], cards)
-    predictors = Predictors(run.path.resolve(), {name: one.path.resolve() for name, one in _named(against).items()})
+    predictors = Predictors(
+        run.path.resolve(), {name: compared.path.resolve() for name, compared in _named(against).items()}
+    )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, _Begun(fingerprint=digest, study=study))
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
@@ -176,21 +178,21 @@ def _check_runs(run: Run, against: Sequence[Run]) -> None:
 
 def _check_unseen(runs: Sequence[Run], scenario: Scenario, study: LiveStudy) -> None:
     """Raise InputError if a run was trained or chosen on a seed of the evaluation."""
-    for one in runs:
-        seen = {group for side, groups in one.card.split.items() if side != "test" for group in groups}
+    for compared in runs:
+        seen = {group for side, groups in compared.card.split.items() if side != "test" for group in groups}
         for seed in study.seeds:
             if f"{scenario.name}-{seed}" in seen:
-                raise InputError(
-                    f"{one.path}: was trained on seed {seed} of {scenario.name}; give other --seeds and --development"
-                )
+                raise InputError(f"{compared.path}: was trained on seed {seed} of {scenario.name}; give other seeds")
 
 
 def _named(runs: Sequence[Run]) -> dict[str, Run]:
     """Return compared runs by distinct names."""
-    count = Counter(one.name for one in runs)
+    count = Counter(compared.name for compared in runs)
     return {
-        one.name if count[one.name] == 1 and one.name not in (RUN, RULE, RANDOM) else f"{one.name} {k + 1}": one
-        for k, one in enumerate(runs)
+        compared.name
+        if count[compared.name] == 1 and compared.name not in (RUN, RULE, RANDOM)
+        else f"{compared.name} {k + 1}": compared
+        for k, compared in enumerate(runs)
     }
 
 
@@ -292,8 +294,8 @@ def _measured(
         coverage=_coverage(episodes),
         latency=_latency(study),
         events_left_out=_left_out(episodes),
-        methods={name: one.result for name, one in methods.items()},
-        baselines={name: one.result for name, one in baselines.items()},
+        methods={name: measurement.result for name, measurement in methods.items()},
+        baselines={name: measurement.result for name, measurement in baselines.items()},
         made_by=LiveMadeBy(
             study=study,
             scenario=described,

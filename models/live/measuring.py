@@ -111,7 +111,7 @@ def measure(
     """Measure alarms of frozen settings on episodes. levels: not confirmed. name: of the predictor."""
     settings = chosen.alarms
     raised = [alarms(level, settings) for level in levels]
-    outcomes = [truth.outcome(made) for truth, made in zip(truths, raised, strict=True)]
+    outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
     steady = [confirmed(level, settings.k, settings.n) for level in levels]
     sweep = Sweep.of(truths, steady, settings.refractory_s, live.choice.thresholds)
     shares = [(duty_cycle(level, settings) or 0.0, len(level.time_s)) for level in levels]
@@ -124,17 +124,17 @@ def measure(
 def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) -> Measured:
     """Measure alarms at random instants: in each episode as many for each intention as another predictor raised."""
     raised = []
-    for truth, made in zip(truths, like.alarms, strict=True):
+    for truth, episode_alarms in zip(truths, like.alarms, strict=True):
         episode = truth.episode
         rng = stream("random alarms", episode.facts.scenario, episode.facts.seed)
         drawn = [
-            np.sort(rng.choice(len(episode.time_s), int((made.intention == k).sum()), replace=False))
+            np.sort(rng.choice(len(episode.time_s), int((episode_alarms.intention == k).sum()), replace=False))
             for k in range(len(KNOWN))
         ]
         rows = np.concatenate(drawn).astype(np.int64)
         intention = np.repeat(np.arange(len(KNOWN)), [len(part) for part in drawn])
         raised.append(Alarms(intention, rows, episode.vehicle[rows], episode.time_s[rows]))
-    outcomes = [truth.outcome(made) for truth, made in zip(truths, raised, strict=True)]
+    outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
     result = result_of(truths, outcomes, None, live, "random alarms", None, None)
     return Measured(result, tuple(outcomes), tuple(raised), None)
 

@@ -25,12 +25,12 @@ def events(recording: Recording, study: LiveStudy, decisions: np.ndarray = ALWAY
 
 
 def test_the_events_are_those_of_the_labels(recording: Recording, study: LiveStudy) -> None:
-    found = events(recording, study)
-    assert set(found) == {"hard_brake", "left_lane_change"}
+    live_events = events(recording, study)
+    assert set(live_events) == {"hard_brake", "left_lane_change"}
     labels = label(recording, study.dataset.labels)
     for intention in (Intention.HARD_BRAKE, Intention.LEFT_LANE_CHANGE):
         (event,) = labels.of(intention)
-        live = found[intention.text]
+        live = live_events[intention.text]
         assert (live.vehicle, live.onset, live.commit, live.end) == (
             event.vehicle, event.onset, event.commit, event.busy_until,
         )  # fmt: skip

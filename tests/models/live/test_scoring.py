@@ -152,7 +152,7 @@ def test_random_alarms_come_as_often_for_every_intention() -> None:
     like = no_alarms(truths, LiveSettings(scoring=SETTINGS), "toy")
     raised = (alarms((0, 0, 10.5), (1, 1, 42.0), (1, 1, 50.0)), alarms((0, 2, 30.0)))
     drawn = measure_random(truths, type(like)(like.result, like.outcomes, raised, None), LiveSettings(scoring=SETTINGS))
-    counts = [np.bincount(made.intention, minlength=6).tolist() for made in drawn.alarms]
+    counts = [np.bincount(of_episode.intention, minlength=6).tolist() for of_episode in drawn.alarms]
     assert counts == [[1, 2, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0]]
     assert drawn.result.over_all.predicted + drawn.result.over_all.detected <= 1
 

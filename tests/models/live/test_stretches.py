@@ -23,16 +23,16 @@ def leader(vehicle: str = "leader", start_m: float = 50.0, lateral: float = 0.0,
 
 
 def test_a_follower_is_watched_from_its_first_whole_window_to_the_end_of_its_track() -> None:
-    found = driving(straight_road(ScriptedVehicle("tv"), leader()))
-    (stretch,) = found.stretches
+    watched_driving = driving(straight_road(ScriptedVehicle("tv"), leader()))
+    (stretch,) = watched_driving.stretches
     assert (stretch.tv, set(stretch.uv)) == ("tv", {"leader"})
     # 0.8 s for the kernel, 0.5 s for the filter, 2.2 s of window; and 0.8 s at the end of 40 s.
     assert stretch.decision_s[0] == pytest.approx(3.5)
     assert stretch.decision_s[-1] == pytest.approx(39.2)
     np.testing.assert_allclose(np.diff(stretch.decision_s), 0.1)
     assert stretch.start_s == pytest.approx(0.8)
-    assert found.instants == 2 * 401
-    assert found.uncovered == {TRACK_ENDS: 2 * (401 - 358), NO_UV: 358}
+    assert watched_driving.instants == 2 * 401
+    assert watched_driving.uncovered == {TRACK_ENDS: 2 * (401 - 358), NO_UV: 358}
 
 
 @pytest.mark.parametrize(("gap_m", "watched_too"), [(99.0, True), (101.0, False)])
@@ -59,9 +59,9 @@ def test_the_uv_is_the_leader_when_the_window_begins() -> None:
 def test_a_uv_has_reported_throughout_the_window() -> None:
     """The leader leaves the road at 20 s; its last useful report is 0.8 s older, because the kernel needs the rest."""
     recording = straight_road(ScriptedVehicle("tv"), leader(duration_s=20.0))
-    found = driving(recording)
-    assert found.stretches[0].decision_s[-1] == pytest.approx(19.2)
-    assert found.uncovered[UV_ENDS] > 0
+    watched_driving = driving(recording)
+    assert watched_driving.stretches[0].decision_s[-1] == pytest.approx(19.2)
+    assert watched_driving.uncovered[UV_ENDS] > 0
     late = driving(recording, timing=Timing(**{**TIMING.__dict__, "report_delay_s": 0.5}))
     assert late.stretches[0].decision_s[-1] == pytest.approx(19.7)
 
