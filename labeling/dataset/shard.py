@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Self
 
@@ -26,14 +26,16 @@ from isacsim.settings import Settings
 from isacsim.validation import first_fault
 from labeling.intentions import Intention
 
-SCHEMA_VERSION: Literal[2] = 2
+SCHEMA_VERSION: Literal[3] = 3
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
-follows 3GPP TR 38.901. The layout is that of 1."""
-READABLE = (1, 2)
+follows 3GPP TR 38.901. The layout is that of 1. 3 (2026-11): the column `tv_run_in`."""
+READABLE = (1, 2, 3)
 """Schema versions that can be read."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
-ARRAYS = ("tv", "tv_truth", "uv")
+RUN_IN = "tv_run_in"
+"""The array column that a dataset lacks if nothing is sensed before its records, and before schema version 3."""
+ARRAYS = ("tv", "tv_truth", "uv", RUN_IN)
 CLASS_NAMES = tuple(intention.text for intention in Intention)
 ROW_GROUP = 256
 _EPISODE_KEY = b"cosim.episode"
@@ -46,7 +48,8 @@ class Sample:
     t_start, t_onset, t_commit, t_end: start of the record; onset, commit and end of the event; s of simulation time.
     snr_db: mean per-element SNR over the record, dB. n_sites: number of sites used, the least over the record.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
-    float32, (6, C), at the UV rate. The rows are those of `STATE`.
+    float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
+    float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
     """
 
     sample_id: str
@@ -67,6 +70,7 @@ class Sample:
     tv: Float32Array
     tv_truth: Float32Array
     uv: Float32Array
+    tv_run_in: Float32Array = field(default_factory=lambda: np.empty((len(STATE), 0), np.float32))
 
 
 class Episode(Settings):
@@ -81,7 +85,7 @@ class Episode(Settings):
 
     scenario: str
     seed: int
-    schema_version: Literal[1, 2] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -121,8 +125,12 @@ def shard_name(scenario: str, seed: int) -> str:
     return f"{scenario}-{seed}.parquet"
 
 
-def schema(tv_length: int, uv_length: int) -> pa.Schema:
-    """Return the columns of a shard whose records have tv_length states of the TV and uv_length of the UV."""
+def schema(tv_length: int, uv_length: int, run_in_length: int = 0) -> pa.Schema:
+    """Return the columns of a shard.
+
+    tv_length, uv_length: numbers of states of the TV and of the UV in a record. run_in_length: of the TV before it;
+    with 0, there is no column of them.
+    """
 
     def states(length: int) -> pa.DataType:
         return pa.list_(pa.list_(pa.float32(), length), len(STATE))
@@ -148,19 +156,23 @@ def schema(tv_length: int, uv_length: int) -> pa.Schema:
         "tv_truth": states(tv_length),
         "uv": states(uv_length),
     }
+    if run_in_length:
+        types[RUN_IN] = states(run_in_length)
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 
 
-def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
+def write_shard(
+    folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int, run_in_length: int = 0
+) -> Shard:
     """Write an episode's samples as one shard into a folder, completely or not at all, and return its entry.
 
-    samples: may be empty. tv_length, uv_length: number of states of the TV and the UV in every record.
+    samples: may be empty. tv_length, uv_length, run_in_length: as in `schema`.
     Raises OutputError if the file cannot be written.
     """
-    columns = schema(tv_length, uv_length)
+    columns = schema(tv_length, uv_length, run_in_length)
     table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
     table = table.replace_schema_metadata({_EPISODE_KEY: episode.model_dump_json()})
     floats = [name for name in columns.names if pa.types.is_floating(columns.field(name).type)]
@@ -174,7 +186,10 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
             write_page_checksum=True,
             row_group_size=ROW_GROUP,
             use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
-            use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
+            use_byte_stream_split=[
+                *floats,
+                *(f"{name}.list.element.list.element" for name in ARRAYS if name in columns.names),
+            ],
         ),
     )
     return _describe(path, table, episode)
@@ -184,14 +199,14 @@ def read_samples(path: Path) -> list[Sample]:
     """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
-        states = {name: states_of(table[name]) for name in ARRAYS}
+        states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
         rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     except (KeyError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
-            **{name: states[name][k] for name in ARRAYS},
+            **{name: values[k] for name, values in states.items()},
         )
         for k, row in enumerate(rows)
     ]

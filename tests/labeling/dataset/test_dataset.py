@@ -30,16 +30,16 @@ from labeling.dataset.dataset import (
 from labeling.dataset.shard import ARRAYS, SCALARS, read_shard, schema
 from labeling.intentions import Intention
 
-LENGTHS = (200, 50)
+LENGTHS = (200, 50, 20)
 
 
 def sample(k: int, seed: int = 1) -> Sample:
     rng = np.random.default_rng([seed, k])
-    tv, truth, uv = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
+    tv, truth, uv, run_in = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
     intention, origin = Intention(k % 7), "natural" if k % 2 else "stimulated"
     return Sample(
         f"road-{seed}-{k}", "road", seed, "sumo", f"tv{k}", f"uv{k}", intention, origin, 1.0, 2.0, 3.0, 4.0,
-        "isac", 5.5, 4, tv, truth, uv,
+        "isac", 5.5, 4, tv, truth, uv, run_in,
     )  # fmt: skip
 
 
@@ -58,8 +58,8 @@ def make(folder: Path, counts: tuple[int, ...] = (300, 0, 5)) -> Dataset:
     site = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
     scenario = ScenarioMeta(name="road", source="road", sha256="0" * 64, origin=(0.0, 0.0), sites=(site,))
     meta = Meta(
-        complete=True, fingerprint="f", tv_rate_hz=40, uv_rate_hz=10, duration_s=5.0, study={"seeds": [0, 2]},
-        versions={"numpy": "2"}, scenarios=(scenario,), shards=tuple(shards),
+        complete=True, fingerprint="f", tv_rate_hz=40, uv_rate_hz=10, duration_s=5.0, run_in_s=0.5,
+        study={"seeds": [0, 2]}, versions={"numpy": "2"}, scenarios=(scenario,), shards=tuple(shards),
     )  # fmt: skip
     write_meta(folder, meta)
     lanes = [Lane(name, "e", 0, 3.2, 10.0, np.array([[0.0, 1.0], [10.0, 2.5]]), ()) for name in ("e_0", ":j_0")]
@@ -74,7 +74,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 def test_what_was_written_is_read_back_bit_for_bit(dataset: Dataset) -> None:
     rows = [sample(k, seed) for seed, count in enumerate((300, 0, 5)) for k in range(count)]
-    arrays = dataset.arrays("tv", "tv_truth", "uv")
+    arrays = dataset.arrays(*ARRAYS)
     for name in ARRAYS:
         np.testing.assert_array_equal(arrays[name], np.stack([getattr(row, name) for row in rows]))
     frame = dataset.frame()
@@ -101,6 +101,7 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "uv_id": "string", "intention": "string", "label": "int8", "origin": "string", "t_start": "double",
         "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
+        "tv_run_in": states.format(20),
     }  # fmt: skip
     assert {field.name: str(field.type) for field in columns} == expected
     assert not any(isinstance(field.type, pa.BaseExtensionType) for field in columns)
@@ -111,7 +112,7 @@ def test_every_column_is_documented() -> None:
     lines = (Path(cosim.__file__).parent / "docs/dataset.md").read_text(encoding="utf-8").splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
     documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
-    columns = schema(2000, 500)
+    columns = schema(2000, 500, 200)
     assert list(documented) == columns.names
     units = {"t_": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
     for field in columns:
@@ -131,7 +132,7 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     columns = [group.column(k) for group in groups for k in range(group.num_columns)]
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
-    assert split == {"t_start", "t_onset", "t_commit", "t_end", "snr_db", "tv", "tv_truth", "uv"}
+    assert split == {"t_start", "t_onset", "t_commit", "t_end", "snr_db", *ARRAYS}
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -225,7 +226,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
     path = dataset.path / "dataset.json"
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "schema_version": 3}))
+    path.write_text(json.dumps({**content, "schema_version": 4}))
     with pytest.raises(InputError, match="schema_version"):
         Dataset.open(dataset.path)
     path.write_text("{")
