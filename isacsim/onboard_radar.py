@@ -25,7 +25,7 @@ from isacsim.panels import Panels
 from isacsim.radio.blockage import Blockers, hides
 from isacsim.radio.channel import rain_db_per_km
 from isacsim.seeding import stream
-from isacsim.sensing import SensedRecord, before, filled, run_in_snapshots
+from isacsim.sensing import SensedRecord, before, filled, run_in, run_in_snapshots
 from isacsim.settings import Settings
 from isacsim.tracking.fusion import Fixes, checked
 from isacsim.tracking.kalman import TrackingSettings, track
@@ -124,11 +124,12 @@ def sense_onboard(
     settings: RadarSettings,
     keys: Sequence[tuple[str | int, ...]],
     blockers: Sequence[Blockers | None] | None = None,
+    past: Array | None = None,
 ) -> list[SensedRecord]:
     """Sense B records from their UVs; the counterpart of `sensing.sense`.
 
     truth: of the TVs, (B, 6, S) at rate_hz. carrier: the UVs. keys: one for each record, which seeds its draws.
-    blockers: the vehicles other than TV and UV, needed for the pattern `line_of_sight`.
+    blockers: the vehicles other than TV and UV, needed for the pattern `line_of_sight`. past: as in `sensing.sense`.
     The condition takes no cycle before the record begins: the target had been tracked before it was lost. A record
     without a detection in that time is not usable. No record uses a site.
     Raises InputError if the arguments do not fit together.
@@ -138,7 +139,7 @@ def sense_onboard(
             f"{len(truth)} targets, {len(carrier.state)} carriers and {len(keys)} keys: give one of each per record"
         )
     count = run_in_snapshots(rate_hz, settings.tracking)
-    motion = np.concatenate([before(truth, rate_hz, count), truth], axis=2)
+    motion = np.concatenate([run_in(truth, rate_hz, count, past), truth], axis=2)
     if settings.condition == "nlos" and settings.pattern == "line_of_sight" and blockers is None:
         raise InputError(
             "pattern line_of_sight needs the other vehicles, which were not given: choose random or contiguous"

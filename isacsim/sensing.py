@@ -129,11 +129,13 @@ def sense(
     settings: SensingSettings,
     keys: Sequence[tuple[str | int, ...]],
     blockers: Sequence[Blockers | None] | None = None,
+    past: Array | None = None,
 ) -> list[SensedRecord]:
     """Sense B records with the sites.
 
     truth: x, y, vx, vy, ax, ay of the reflecting point, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one for each
     record, which seeds its draws. blockers: the other vehicles of each record, needed if the channel has blockage.
+    past: true states just before the records, (B, 6, P) at rate_hz, for the filter's run-in (see `run_in`).
     Returns a SensedRecord for each record.
     Raises InputError if truth and keys do not fit, there is no site, or blockage is on without other vehicles.
     """
@@ -147,7 +149,8 @@ def sense(
     records: list[SensedRecord] = []
     for begin in range(0, len(keys), TOGETHER):
         part = slice(begin, begin + TOGETHER)
-        records += _sense_together(truth[part], rate_hz, sites, settings, keys[part], others[part])
+        earlier = None if past is None else past[part]
+        records += _sense_together(truth[part], rate_hz, sites, settings, keys[part], others[part], earlier)
     return records
 
 
@@ -158,11 +161,13 @@ def _sense_together(
     settings: SensingSettings,
     keys: Sequence[tuple[str | int, ...]],
     blockers: Sequence[Blockers | None],
+    past: Array | None,
 ) -> list[SensedRecord]:
     """Sense the records of one pass of the filter."""
     count = run_in_snapshots(rate_hz, settings.tracking)
-    motion = np.concatenate([before(truth, rate_hz, count), truth], axis=2)
-    observed = [fix(motion[k], rate_hz, sites, settings, key, blockers[k]) for k, key in enumerate(keys)]
+    motion = np.concatenate([run_in(truth, rate_hz, count, past), truth], axis=2)
+    known = 0 if past is None else min(past.shape[2], count)
+    observed = [fix(motion[k], rate_hz, sites, settings, key, blockers[k], known) for k, key in enumerate(keys)]
     good = [k for k, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
     states = np.zeros((len(keys), 6, truth.shape[2]))
     if good:
@@ -193,6 +198,18 @@ def run_in_snapshots(rate_hz: float, settings: TrackingSettings) -> int:
     return round(settings.run_in_s * rate_hz)
 
 
+def run_in(truth: Array, rate_hz: float, count: int, past: Array | None = None) -> Array:
+    """The motion in the run-in of B records: their true past, and what is not known of it carried back.
+
+    truth: (B, 6, S) at rate_hz. count: snapshots of the run-in. past: true states just before the records, (B, 6, P),
+    where they are known. Returns (B, 6, count).
+    """
+    if past is None or not past.shape[2] or not count:
+        return before(truth, rate_hz, count)
+    known = past[:, :, -count:]
+    return np.concatenate([before(known, rate_hz, count - known.shape[2]), known], axis=2)
+
+
 def before(truth: Array, rate_hz: float, count: int) -> Array:
     """The motion before B records: their first state carried back at constant acceleration.
 
@@ -217,10 +234,12 @@ def fix(
     settings: SensingSettings,
     key: tuple[str | int, ...],
     blockers: Blockers | None = None,
+    known: int = 0,
 ) -> Observed:
     """Draw the echoes of one record, estimate from them, and fuse the estimates.
 
-    motion: true x, y, vx, vy, ax, ay, (6, S) at rate_hz, run-in included. key: seeds the draws.
+    motion: true x, y, vx, vy, ax, ay, (6, S) at rate_hz, run-in included. key: seeds the draws. known: snapshots of the
+    run-in, the last ones, that are the vehicle's true past; the others are carried back.
     Returns the fixes of all S snapshots.
     """
     all_panels = Panels.of(sites, settings.target_height_m)
@@ -233,13 +252,13 @@ def fix(
     number = np.where(assigned, slots, slots[:, :1])
     panels = all_panels.take(number)
     true = panels.measured(motion[:4].T)
-    run_in = run_in_snapshots(rate_hz, settings.tracking)
+    count = run_in_snapshots(rate_hz, settings.tracking)
     geometry = EchoGeometry(
         position=motion[:2].T,
-        heading_rad=_heading_rad(motion, run_in),
+        heading_rad=_heading_rad(motion, count - known),
         site=number,
         panels=panels,
-        time_s=(np.arange(motion.shape[1]) - run_in) / rate_hz,
+        time_s=(np.arange(motion.shape[1]) - count) / rate_hz,
     )
     level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
     measured, deviation, power = _measure(true, level, settings, key)
@@ -247,18 +266,18 @@ def fix(
     used = assigned & (power > threshold) & plausible(measured, settings.view)
     fuse = FUSION_METHODS[settings.fusion.method]
     fixes = filled(fuse(measured, deviation, used, panels, settings.fusion))
-    if fixes.valid[: run_in + 1].mean() < CONFIRMED:
+    if fixes.valid[: count + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
 
 
-def _heading_rad(motion: Array, run_in: int) -> Array:
-    """Heading of the vehicle at each snapshot, (S,): during the run-in the record's first.
+def _heading_rad(motion: Array, carried: int) -> Array:
+    """Heading of the vehicle at each snapshot, (S,): during the first `carried` snapshots, that of the next one.
 
-    The run-in's own velocity does not count: carried back, a vehicle that drives off would have come in reverse.
+    Motion carried back has no heading of its own: a vehicle that drives off would have come in reverse.
     """
-    heading = heading_rad(motion[2:4, run_in:])
-    return np.concatenate([np.full(run_in, heading[0]), heading])
+    heading = heading_rad(motion[2:4, carried:])
+    return np.concatenate([np.full(carried, heading[0]), heading])
 
 
 def plausible(measured: Array, settings: ViewSettings) -> BoolArray:

@@ -26,7 +26,7 @@ HIGH_KINDS = ("truck", "trailer", "bus", "coach", "delivery")
 
 @dataclass(frozen=True)
 class Blockers:
-    """The other vehicles of one record; column k of every array is k * step_s after the record's start.
+    """The other vehicles of one record; column k of every array is begin_s + k * step_s after the record's start.
 
     ids: names, which seed each vehicle's loss. x, y: front bumper centre, m, (V, K), NaN where absent. heading: unit
     vector of the direction of travel, (V, K, 2). length_m, width_m: (V,). height_m: CAR_HEIGHT_M or TRUCK_HEIGHT_M,
@@ -41,6 +41,7 @@ class Blockers:
     length_m: Array
     width_m: Array
     height_m: Array
+    begin_s: float = 0.0
 
 
 def blockers_of(
@@ -50,13 +51,16 @@ def blockers_of(
     without: Collection[str],
     motion: MotionSettings,
     every_steps: int = 5,
+    run_in_s: float = 0.0,
 ) -> Blockers:
     """Collect the vehicles of a recording that were on the road between two times (s), except those named.
 
     without: the target, and for the onboard radar its carrier. motion: how the positions of all vehicles of a record
     are conditioned. every_steps: recording steps between columns; the default is 0.05 s, in which traffic moves 1.5 m.
+    run_in_s: how long before t_start the vehicles are collected, too, s.
     """
-    steps = np.arange(round(t_start / recording.step_s), round(t_end / recording.step_s) + 1, every_steps)
+    first = round((t_start - run_in_s) / recording.step_s)
+    steps = np.arange(first, round(t_end / recording.step_s) + 1, every_steps)
     present = {
         name: track
         for name, track in recording.tracks.items()
@@ -80,6 +84,7 @@ def blockers_of(
         length_m=np.array([track.length_m for track in present.values()]),
         width_m=np.array([track.width_m for track in present.values()]),
         height_m=np.array([TRUCK_HEIGHT_M if t.kind in HIGH_KINDS else CAR_HEIGHT_M for t in present.values()]),
+        begin_s=-run_in_s,
     )
 
 
@@ -89,7 +94,7 @@ def blockage_db(
     """Loss of each echo's path, one way, dB, (S, I): that of the vehicle in between that attenuates most.
 
     position: of the target, m, (S, 2). site, panels: of each echo, (S, I). time_s: of each snapshot, (S,); before the
-    record's start, the vehicles are where they are at its start. key: names the record and seeds the draws; the loss of
+    first column, the vehicles are where they are in it. key: names the record and seeds the draws; the loss of
     a vehicle toward a site is drawn once for each record.
     """
     row = _column(blockers, time_s)
@@ -119,7 +124,7 @@ def hides(blockers: Blockers, position: Array, panels: Panels, time_s: Array) ->
 
 def _column(blockers: Blockers, time_s: Array) -> IntArray:
     """Column of the blockers' arrays at each instant, (S,)."""
-    return np.clip(np.round(time_s / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
+    return np.clip(np.round((time_s - blockers.begin_s) / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
 
 
 def mean_loss_db(distance_m: Array, low_m: Array, top_m: Array, blocker_m: float) -> tuple[Array, Array]:

@@ -26,4 +26,4 @@ class IsacSensor:
 
     def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
         """Sense the records with the sites."""
-        return sense(records.truth, records.rate_hz, records.sites, settings.sensing, records.keys)
+        return sense(records.truth, records.rate_hz, records.sites, settings.sensing, records.keys, past=records.past)

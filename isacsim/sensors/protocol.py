@@ -30,7 +30,8 @@ class StoredRecords:
     """B records as a dataset holds them; the other vehicles are not among it.
 
     truth: x, y, vx, vy, ax, ay of the TVs, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one for each record, which seeds
-    its draws. sites: of the scenario. carrier: the UVs.
+    its draws. sites: of the scenario. carrier: the UVs. past: true states of the TVs just before the records,
+    (B, 6, P) at rate_hz, where the dataset holds them.
     """
 
     truth: Array
@@ -38,6 +39,7 @@ class StoredRecords:
     keys: Sequence[tuple[str | int, ...]]
     sites: Sequence[Site]
     carrier: Carrier
+    past: Array | None = None
 
 
 class Sensor(Protocol):

@@ -26,4 +26,5 @@ class RadarSensor:
 
     def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
         """Sense the records from their UVs."""
-        return sense_onboard(records.truth, records.rate_hz, records.carrier, settings.radar, records.keys)
+        carrier, past = records.carrier, records.past
+        return sense_onboard(records.truth, records.rate_hz, carrier, settings.radar, records.keys, past=past)

@@ -36,7 +36,7 @@ class TrackingSettings(Settings):
         ge=0,
         le=5,
         description="Run-in: time sensed before the record begins, in which the filter settles; the motion is the "
-        "record's first state carried back at constant acceleration.",
+        "vehicle's true past, or the earliest known state carried back at constant acceleration.",
     )
 
     @model_validator(mode="before")

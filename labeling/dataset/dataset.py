@@ -31,6 +31,7 @@ from isacsim.settings import Settings, read_json
 from labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,
+    RUN_IN,
     SCALARS,
     SCHEMA_VERSION,
     STATE,
@@ -107,7 +108,8 @@ class Meta(Settings):
     """The content of `dataset.json`.
 
     complete: False while episodes are missing. study: all settings, with their defaults. tv_rate_hz, uv_rate_hz,
-    duration_s: sampling rates and length of the records. lost: episodes that failed. short: known intentions with fewer
+    duration_s: sampling rates and length of the records. run_in_s: how long before each record the TV's true states are
+    stored; 0 before schema version 3. lost: episodes that failed. short: known intentions with fewer
     samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
     that they were sensed anew with (labeling.generation.resense), None if they were generated.
     """
@@ -120,6 +122,7 @@ class Meta(Settings):
     tv_rate_hz: float = Field(gt=0)
     uv_rate_hz: float = Field(gt=0)
     duration_s: float = Field(gt=0)
+    run_in_s: float = Field(0.0, ge=0)
     study: dict[str, Any]
     versions: dict[str, str]
     scenarios: tuple[ScenarioMeta, ...]
@@ -149,6 +152,16 @@ class Meta(Settings):
     def uv_length(self) -> int:
         """States of the UV in a record."""
         return round(self.duration_s * self.uv_rate_hz)
+
+    @property
+    def run_in_length(self) -> int:
+        """States of the TV before a record."""
+        return round(self.run_in_s * self.tv_rate_hz)
+
+    @property
+    def lengths(self) -> tuple[int, int, int]:
+        """Numbers of states: of the TV and of the UV in a record, and of the TV before it."""
+        return self.tv_length, self.uv_length, self.run_in_length
 
     @property
     def samples(self) -> int:
@@ -221,14 +234,15 @@ class Dataset:
         if unknown := set(names) - set(SCALARS):
             raise ValueError(f"no scalar columns: {sorted(unknown)}")
         tables = [table.select(names) for table in self._tables(names)]
-        empty = schema(self.meta.tv_length, self.meta.uv_length).empty_table().select(names)
+        empty = schema(*self.meta.lengths).empty_table().select(names)
         frame: pd.DataFrame = pa.concat_tables([empty, *tables]).to_pandas()
         return frame
 
     def arrays(self, *names: str) -> dict[str, Float32Array]:
-        """Return state arrays by column name, float32: tv and tv_truth are (N, 6, S), uv is (N, 6, C)."""
-        lengths = {name: self.meta.uv_length if name == "uv" else self.meta.tv_length for name in names}
-        arrays = {name: np.empty((len(self), 6, length), np.float32) for name, length in lengths.items()}
+        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R)."""
+        tv_length, uv_length, run_in_length = self.meta.lengths
+        lengths = {"tv": tv_length, "tv_truth": tv_length, "uv": uv_length, RUN_IN: run_in_length}
+        arrays = {name: np.empty((len(self), 6, lengths[name]), np.float32) for name in names if name in ARRAYS}
         start = 0
         for shard, part in zip(self.meta.shards, self.arrays_by_shard(*names), strict=True):
             for name in names:
@@ -238,7 +252,7 @@ class Dataset:
 
     def arrays_by_shard(self, *names: str) -> Iterator[dict[str, Float32Array]]:
         """Yield the same arrays shard by shard, for datasets that are larger than the memory."""
-        if unknown := set(names) - set(ARRAYS):
+        if unknown := set(names) - set(schema(*self.meta.lengths).names).intersection(ARRAYS):
             raise ValueError(f"no array columns: {sorted(unknown)}")
         for table in self._tables(list(names)):
             yield {name: states_of(table[name]) for name in names}
@@ -301,7 +315,7 @@ class Dataset:
         if stored != shard:
             yield f"{path}: its counts differ from those in {META_FILE}"
         table = pq.ParquetFile(path).read()
-        expected = schema(self.meta.tv_length, self.meta.uv_length, self.meta.schema_version)
+        expected = schema(*self.meta.lengths, self.meta.schema_version)
         if not table.schema.equals(expected):
             yield f"{path}: its columns differ from the contract of schema version {self.meta.schema_version}"
             return
@@ -329,7 +343,7 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
     times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
     if not np.isfinite(times).all() or (np.diff(times[:, 1:]) < 0).any() or (times[:, 0] > times[:, 1]).any():
         yield "times are not in the order start, onset, commit, end"
-    for name in ARRAYS:
+    for name in set(ARRAYS) & set(table.column_names):
         if not np.isfinite(states_of(table[name])).all():
             yield f"{name} holds values that are not finite"
 

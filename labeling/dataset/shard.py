@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 from typing import Literal, Self
@@ -29,15 +29,17 @@ from labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[3] = 3
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
-follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause` and `cause_ttc_s`
-are new."""
+follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s` and
+`tv_run_in` are new."""
 READABLE = (1, 2, 3)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
 """Origins of schemas 1 and 2, and what they are called now."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
-ARRAYS = ("tv", "tv_truth", "uv")
+RUN_IN = "tv_run_in"
+"""The array column that a dataset lacks if nothing is sensed before its records, and before schema version 3."""
+ARRAYS = ("tv", "tv_truth", "uv", RUN_IN)
 CLASS_NAMES = tuple(intention.text for intention in Intention)
 ROW_GROUP = 256
 _EPISODE_KEY = b"cosim.episode"
@@ -52,7 +54,8 @@ class Sample:
     cause: name of what the driver reacted to, empty unless the origin is `reaction`. cause_ttc_s: time to collision
     when the driver began to move, s; NaN if there is none.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
-    float32, (6, C), at the UV rate. The rows are those of `STATE`.
+    float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
+    float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
     """
 
     sample_id: str
@@ -75,6 +78,7 @@ class Sample:
     uv: Float32Array
     cause: str = ""
     cause_ttc_s: float = nan
+    tv_run_in: Float32Array = field(default_factory=lambda: np.empty((len(STATE), 0), np.float32))
 
 
 class Episode(Settings):
@@ -135,10 +139,11 @@ def shard_name(scenario: str, seed: int) -> str:
     return f"{scenario}-{seed}.parquet"
 
 
-def schema(tv_length: int, uv_length: int, version: int = SCHEMA_VERSION) -> pa.Schema:
-    """Return the columns of a shard whose records have tv_length states of the TV and uv_length of the UV.
+def schema(tv_length: int, uv_length: int, run_in_length: int = 0, version: int = SCHEMA_VERSION) -> pa.Schema:
+    """Return the columns of a shard.
 
-    version: of the schema.
+    tv_length, uv_length: numbers of states of the TV and of the UV in a record. run_in_length: of the TV before it;
+    with 0, there is no column of them. version: of the schema.
     """
 
     def states(length: int) -> pa.DataType:
@@ -169,6 +174,8 @@ def schema(tv_length: int, uv_length: int, version: int = SCHEMA_VERSION) -> pa.
     }
     if version < 3:
         del types["cause"], types["cause_ttc_s"]
+    if run_in_length:
+        types[RUN_IN] = states(run_in_length)
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
@@ -176,13 +183,15 @@ SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 ORIGIN, CAUSE, CAUSE_TTC_S = (schema(1, 1).field(name) for name in ("origin", "cause", "cause_ttc_s"))
 
 
-def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int) -> Shard:
+def write_shard(
+    folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int, run_in_length: int = 0
+) -> Shard:
     """Write an episode's samples as one shard into a folder, completely or not at all, and return its entry.
 
-    samples: may be empty. tv_length, uv_length: number of states of the TV and the UV in every record.
+    samples: may be empty. tv_length, uv_length, run_in_length: as in `schema`.
     Raises OutputError if the file cannot be written.
     """
-    columns = schema(tv_length, uv_length)
+    columns = schema(tv_length, uv_length, run_in_length)
     table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
     table = table.replace_schema_metadata({_EPISODE_KEY: episode.model_dump_json()})
     floats = [name for name in columns.names if pa.types.is_floating(columns.field(name).type)]
@@ -196,7 +205,10 @@ def write_shard(folder: Path, samples: Sequence[Sample], episode: Episode, tv_le
             write_page_checksum=True,
             row_group_size=ROW_GROUP,
             use_dictionary=[name for name in columns.names if pa.types.is_string(columns.field(name).type)],
-            use_byte_stream_split=[*floats, *(f"{name}.list.element.list.element" for name in ARRAYS)],
+            use_byte_stream_split=[
+                *floats,
+                *(f"{name}.list.element.list.element" for name in ARRAYS if name in columns.names),
+            ],
         ),
     )
     return _describe(path, table, episode)
@@ -216,8 +228,8 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     if "origin" in stored:
         origins = [FORMER_ORIGINS.get(name, name) for name in table["origin"].to_pylist()]
         table = table.set_column(table.schema.get_field_index("origin"), ORIGIN, pa.array(origins, pa.string()))
-    for field, value in ((CAUSE, ""), (CAUSE_TTC_S, nan)):
-        table = table.append_column(field, pa.array([value] * len(table), field.type))
+    for column, value in ((CAUSE, ""), (CAUSE_TTC_S, nan)):
+        table = table.append_column(column, pa.array([value] * len(table), column.type))
     wanted = list(columns) if columns is not None else [*SCALARS, *ARRAYS]
     return table.select([name for name in wanted if name in table.column_names])
 
@@ -226,14 +238,14 @@ def read_samples(path: Path) -> list[Sample]:
     """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
         table = read_table(path)
-        states = {name: states_of(table[name]) for name in ARRAYS}
+        states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
         rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     except (KeyError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
-            **{name: states[name][k] for name in ARRAYS},
+            **{name: values[k] for name, values in states.items()},
         )
         for k, row in enumerate(rows)
     ]

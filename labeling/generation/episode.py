@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from isacsim import sensing
 from isacsim.arrays import Array
-from isacsim.radio.blockage import blockers_of
+from isacsim.radio.blockage import Blockers, blockers_of
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
 from isacsim.traffic import motion
@@ -59,8 +59,13 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         fix_error_m=[median_error_m(fix, sample.tv_truth) for fix, sample in zip(fixes, samples, strict=True)],
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in samples],
     )
-    lengths = (round(record.duration_s * record.tv_rate_hz), round(record.duration_s * record.uv_rate_hz))
-    return write_shard(folder, samples, episode, *lengths)
+    run_in_s = study.sensing.tracking.run_in_s
+    spans = (
+        (record.duration_s, record.tv_rate_hz),
+        (record.duration_s, record.uv_rate_hz),
+        (run_in_s, record.tv_rate_hz),
+    )
+    return write_shard(folder, samples, episode, *(round(span_s * rate_hz) for span_s, rate_hz in spans))
 
 
 def select(
@@ -94,20 +99,18 @@ def make_samples(
         return [], []
     rate_hz = study.record.tv_rate_hz
     truth = [_states(study, recording, candidate.tv, candidate, rate_hz).astype(np.float32) for candidate in chosen]
+    past = [_past(study, recording, candidate).astype(np.float32) for candidate in chosen]
     keys = [
         record_key(scenario.name, recording.seed, candidate.tv, candidate.intention, candidate.t_start)
         for candidate in chosen
     ]
     blockers = None
     if study.sensing.channel.blockage:
-        duration_s = study.record.duration_s
-        blockers = [
-            blockers_of(recording, candidate.t_start, candidate.t_start + duration_s, {candidate.tv}, study.motion)
-            for candidate in chosen
-        ]
-    sensed = sensing.sense(np.stack(truth).astype(np.float64), rate_hz, scenario.sites, study.sensing, keys, blockers)
+        blockers = [_blockers(study, recording, candidate) for candidate in chosen]
+    true, earlier = (np.stack(states).astype(np.float64) for states in (truth, past))
+    sensed = sensing.sense(true, rate_hz, scenario.sites, study.sensing, keys, blockers, earlier)
     samples: list[Sample] = []
-    for candidate, key, tv_truth, record in zip(chosen, keys, truth, sensed, strict=True):
+    for candidate, key, tv_truth, tv_run_in, record in zip(chosen, keys, truth, past, sensed, strict=True):
         if not record.usable:
             continue
         uv_truth = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz)
@@ -133,6 +136,7 @@ def make_samples(
                 tv=record.state.astype(np.float32),
                 tv_truth=tv_truth,
                 uv=report(uv_truth, study.report, key),
+                tv_run_in=tv_run_in,
             )
         )
     return samples, [record.fixes for record in sensed if record.usable]
@@ -172,6 +176,25 @@ def _states(study: DatasetStudy, recording: Recording, vehicle: str, candidate: 
     """Return a vehicle's true states over a candidate's record, (6, duration x rate), m, m/s and m/s2."""
     times = candidate.t_start + np.arange(round(study.record.duration_s * rate_hz)) / rate_hz
     return motion.states(recording, recording.tracks[vehicle], times, study.motion)
+
+
+def _past(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Array:
+    """Return a TV's true states in the run-in before its record, (6, R), m, m/s and m/s2.
+
+    Before its track begins, they are the track's first state carried back.
+    """
+    rate_hz, track = study.record.tv_rate_hz, recording.tracks[candidate.tv]
+    count = sensing.run_in_snapshots(rate_hz, study.sensing.tracking)
+    times = candidate.t_start + np.arange(-count, 1) / rate_hz
+    known = motion.states(recording, track, times[times >= recording.times(track)[0]], study.motion)
+    return np.asarray(sensing.run_in(known[None, :, -1:], rate_hz, count, known[None, :, :-1])[0])
+
+
+def _blockers(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Blockers:
+    """Return the vehicles other than the TV, from the run-in before its record to its end."""
+    start, run_in_s = candidate.t_start, study.sensing.tracking.run_in_s
+    end = start + study.record.duration_s
+    return blockers_of(recording, start, end, {candidate.tv}, study.motion, run_in_s=run_in_s)
 
 
 def _by_intention(intentions: Iterable[Intention]) -> dict[str, int]:

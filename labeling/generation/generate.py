@@ -163,6 +163,7 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
         tv_rate_hz=study.record.tv_rate_hz,
         uv_rate_hz=study.record.uv_rate_hz,
         duration_s=study.record.duration_s,
+        run_in_s=study.sensing.tracking.run_in_s,
         study=content,
         versions=installed,
         scenarios=described,

@@ -202,7 +202,7 @@ def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder:
         "state_error_m": tuple(median_error_m(sample.tv, sample.tv_truth) for sample in samples),
     }
     meta = dataset.meta
-    return write_shard(folder, samples, episode.model_copy(update=update), meta.tv_length, meta.uv_length)
+    return write_shard(folder, samples, episode.model_copy(update=update), *meta.lengths)
 
 
 def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: ReportSettings) -> StoredRecords:
@@ -225,6 +225,7 @@ def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: 
             position_sd_m=report.position_sd_m,
             speed_sd_mps=report.speed_sd_mps,
         ),
+        past=np.stack([sample.tv_run_in for sample in part]).astype(np.float64) if meta.run_in_length else None,
     )
 
 

@@ -14,7 +14,7 @@ from isacsim.radio.bounds import measured_bound
 from isacsim.radio.channel import ChannelSettings
 from isacsim.radio.waveform import Waveform
 from isacsim.scenarios.scenario import Site
-from isacsim.sensing import SensingSettings, ViewSettings, _heading_rad, assign, before, fix, sense
+from isacsim.sensing import SensingSettings, ViewSettings, _heading_rad, assign, before, fix, run_in, sense
 from isacsim.tracking.fusion import position_bound
 from isacsim.tracking.fusion_methods import FusionSettings
 from isacsim.tracking.kalman import TrackingSettings
@@ -143,6 +143,35 @@ def test_the_run_in_is_the_motion_carried_back() -> None:
     earlier = before(truth[None], RATE_HZ, 3)[0]
     t = -3 / RATE_HZ
     assert earlier[:, 0] == pytest.approx([3 + 20 * t - t**2, 4 + t**2 / 2, 20 - 2 * t, t, -2, 1])
+
+
+def test_the_run_in_is_the_true_past_as_far_as_it_is_known() -> None:
+    """And before that, its first state carried back; more than the run-in takes is not used."""
+    whole = drive(60, 3.0, 4.0, 20.0, along=-2.0, aside=1.0)[None]
+    whole[:, :, :20] += 5.0  # a past that nobody would guess from the record
+    past, truth = whole[:, :, :20], whole[:, :, 20:]
+    np.testing.assert_array_equal(run_in(truth, RATE_HZ, 20, past), past)
+    np.testing.assert_array_equal(run_in(truth, RATE_HZ, 8, past), past[:, :, 12:])
+    longer = run_in(truth, RATE_HZ, 25, past)
+    np.testing.assert_array_equal(longer[:, :, 5:], past)
+    np.testing.assert_allclose(longer[:, :, :5], before(past, RATE_HZ, 5))
+    np.testing.assert_array_equal(run_in(truth, RATE_HZ, 7), before(truth, RATE_HZ, 7))
+    assert run_in(truth, RATE_HZ, 0, past).shape == (1, 6, 0)
+
+
+def test_a_known_past_is_what_the_filter_settles_on() -> None:
+    """A vehicle that braked until the record began: carried back at its first state, it would come from elsewhere."""
+    t = np.arange(-200, 400) / RATE_HZ
+    speed = np.where(t < 0, 20.0 - 6.0 * t, 20.0)
+    x = 100.0 + np.where(t < 0, 20.0 * t - 3.0 * t**2, 20.0 * t)
+    motion = np.stack([x, 0 * t, speed, 0 * t, np.where(t < 0, -6.0, 0.0), 0 * t])
+    truth, past = motion[None, :, 200:], motion[None, :, :200]
+    loud = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=20)})
+    (guessed,), (known,) = (sense(truth, RATE_HZ, SITES, loud, [(1,)], past=earlier) for earlier in (None, past))
+    assert rms(known.fixes - truth[0, :4]) < 0.5
+    # The filter follows what it saw: a deceleration that has only just ended.
+    assert known.state[4, 0] < guessed.state[4, 0] - 1.0
+    assert known.state[4, -1] == pytest.approx(guessed.state[4, -1], abs=1.0)
 
 
 def test_the_snr_can_be_set() -> None:

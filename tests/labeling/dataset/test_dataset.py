@@ -31,17 +31,17 @@ from labeling.dataset.dataset import (
 from labeling.dataset.shard import ARRAYS, SCALARS, read_samples, read_shard, schema
 from labeling.intentions import Intention
 
-LENGTHS = (200, 50)
+LENGTHS = (200, 50, 20)
 
 
 def sample(k: int, seed: int = 1) -> Sample:
     rng = np.random.default_rng([seed, k])
-    tv, truth, uv = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
+    tv, truth, uv, run_in = (rng.normal(size=(6, n)).astype(np.float32) for n in (LENGTHS[0], *LENGTHS))
     intention, origin = Intention(k % 7), ("natural", "reaction", "commanded")[k % 3]
     cause = ("debris", 1.5 + 0.25 * (k % 5)) if origin == "reaction" else ("", float("nan"))
     return Sample(
         f"road-{seed}-{k}", "road", seed, "sumo", f"tv{k}", f"uv{k}", intention, origin, 1.0, 2.0, 3.0, 4.0,
-        "isac", 5.5, 4, tv, truth, uv, *cause,
+        "isac", 5.5, 4, tv, truth, uv, *cause, run_in,
     )  # fmt: skip
 
 
@@ -60,8 +60,8 @@ def make(folder: Path, counts: tuple[int, ...] = (300, 0, 5)) -> Dataset:
     site = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
     scenario = ScenarioMeta(name="road", source="road", sha256="0" * 64, origin=(0.0, 0.0), sites=(site,))
     meta = Meta(
-        complete=True, fingerprint="f", tv_rate_hz=40, uv_rate_hz=10, duration_s=5.0, study={"seeds": [0, 2]},
-        versions={"numpy": "2"}, scenarios=(scenario,), shards=tuple(shards),
+        complete=True, fingerprint="f", tv_rate_hz=40, uv_rate_hz=10, duration_s=5.0, run_in_s=0.5,
+        study={"seeds": [0, 2]}, versions={"numpy": "2"}, scenarios=(scenario,), shards=tuple(shards),
     )  # fmt: skip
     write_meta(folder, meta)
     lanes = [Lane(name, "e", 0, 3.2, 10.0, np.array([[0.0, 1.0], [10.0, 2.5]]), ()) for name in ("e_0", ":j_0")]
@@ -76,7 +76,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 def test_what_was_written_is_read_back_bit_for_bit(dataset: Dataset) -> None:
     rows = [sample(k, seed) for seed, count in enumerate((300, 0, 5)) for k in range(count)]
-    arrays = dataset.arrays("tv", "tv_truth", "uv")
+    arrays = dataset.arrays(*ARRAYS)
     for name in ARRAYS:
         np.testing.assert_array_equal(arrays[name], np.stack([getattr(row, name) for row in rows]))
     frame = dataset.frame()
@@ -117,6 +117,7 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "cause_ttc_s": "float", "t_start": "double",
         "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
+        "tv_run_in": states.format(20),
     }  # fmt: skip
     assert {field.name: str(field.type) for field in columns} == expected
     assert not any(isinstance(field.type, pa.BaseExtensionType) for field in columns)
@@ -127,7 +128,7 @@ def test_every_column_is_documented() -> None:
     lines = (Path(cosim.__file__).parent / "docs/dataset.md").read_text(encoding="utf-8").splitlines()
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| `")]
     documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
-    columns = schema(2000, 500)
+    columns = schema(2000, 500, 200)
     assert list(documented) == columns.names
     units = {"t_": "s", "cause_ttc_s": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
     for field in columns:
@@ -147,9 +148,7 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     columns = [group.column(k) for group in groups for k in range(group.num_columns)]
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
-    assert split == {
-        "cause_ttc_s", "t_start", "t_onset", "t_commit", "t_end", "snr_db", "tv", "tv_truth", "uv",
-    }  # fmt: skip
+    assert split == {"cause_ttc_s", "t_start", "t_onset", "t_commit", "t_end", "snr_db", *ARRAYS}
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -280,12 +279,13 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
         table = pq.read_table(path)
         metadata = json.loads(table.schema.metadata[b"cosim.episode"]) | {"schema_version": version}
         origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]
-        columns = schema(*LENGTHS, version)
+        columns = schema(*LENGTHS[:2], version=version)
         table = table.set_column(table.schema.get_field_index("origin"), "origin", pa.array(origins))
-        table = table.drop_columns(["cause", "cause_ttc_s"]).cast(columns)
+        table = table.drop_columns(["cause", "cause_ttc_s", "tv_run_in"]).cast(columns)
         pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(metadata)}), path)
         shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(Counter(origins))})
-    meta = json.loads((dataset.path / "dataset.json").read_text()) | {"schema_version": version, "shards": shards}
+    meta = json.loads((dataset.path / "dataset.json").read_text())
+    meta |= {"schema_version": version, "shards": shards, "run_in_s": 0.0}
     (dataset.path / "dataset.json").write_text(json.dumps(meta))
     former = Dataset.open(dataset.path)
     former.verify()

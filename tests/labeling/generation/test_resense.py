@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from command_line.arguments import SenseArguments, resense_settings
@@ -238,9 +239,12 @@ def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
     shutil.copytree(dataset.path, folder)
     content = json.loads((folder / "dataset.json").read_text())
     content["schema_version"] = 1
+    del content["run_in_s"]
     content["study"] |= {"sensing": FORMER | sensing, "report": dict.fromkeys(content["study"]["report"], 0.0)}
     for shard in content["shards"]:
         shard["episode"]["schema_version"] = 1
+        path = folder / "shards" / shard["file"]
+        pq.write_table(pq.read_table(path).drop_columns(["tv_run_in"]), path)
     (folder / "dataset.json").write_text(json.dumps(content))
     return Dataset.open(folder)
 
@@ -269,7 +273,8 @@ def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: 
     stored = former(dataset, tmp_path / "former")
     once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
     once.verify()
-    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (2, 2)
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (3, 3)
+    assert once.meta.run_in_length == 0
     # Sensed a second time, its settings are not converted a second time.
     again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
     np.testing.assert_array_equal(again.arrays("tv")["tv"], once.arrays("tv")["tv"])
