@@ -83,7 +83,7 @@ class ResponseSettings(Settings):
     """
 
     share: float = _setting(
-        0.3, "share of maneuvers that begin with a first response", "calibrated on true motion, see above",
+        0.3, "share of maneuvers that begin with a first response", "calibrated on truth, provisional; see above",
         ge=0.0, le=1.0,
     )  # fmt: skip
     duration_s: Seconds = _setting(
