@@ -64,7 +64,9 @@ class SituationSettings(Settings):
     speed_sway_s: Annotated[Range, between(1.0, 60.0)] = _setting(
         (6.0, 15.0), "period of that, s", "chosen: the speed wanders by less than 1 m/s"
     )
-    length_m: Annotated[Range, between(2.0, 20.0)] = _setting((4.0, 5.0), "length of both cars, m", "passenger cars")
+    length_m: Annotated[Range, between(2.0, 20.0)] = _setting(
+        (4.0, 5.0), "length of both cars, m", "chosen: passenger cars"
+    )
     position_spread_m: float = _setting(
         20.0, "largest distance of the TV at onset from the middle of the sites, m", "chosen: all sites see it",
         ge=0.0, le=500.0,
@@ -76,16 +78,16 @@ class ResponseSettings(Settings):
 
     The first response is mild braking or accelerating, with which a driver begins several maneuvers: one may brake
     first and then brake hard, swerve or change lanes; or accelerate first and then accelerate hard, change lanes or
-    overtake. As long as it lasts, not even the true motion says which. `share` and `duration_s` are calibrated
-    (`python -m benchmarks.kinematic_calibration`); all other ranges are not.
+    overtake. As long as it lasts, not even the true motion says which. `share` is calibrated
+    (`python -m benchmarks.kinematic_calibration`); nothing else is.
     """
 
     share: float = _setting(
-        0.5, "share of maneuvers that begin with a first response", "calibrated on truth; docs/kinematic.md",
+        0.3, "share of maneuvers that begin with a first response", "calibrated on truth, provisional; see above",
         ge=0.0, le=1.0,
     )  # fmt: skip
     duration_s: Seconds = _setting(
-        (0.4, 1.6), "time from the first response to the maneuver proper, s", "calibrated on truth; docs/kinematic.md"
+        (0.4, 1.6), "time from the first response to the maneuver proper, s", "chosen: about one reaction time"
     )
     overlap_s: Seconds = _setting(
         (0.0, 1.0), "time that the first response goes on into a lateral maneuver, s", "chosen: pedal and wheel overlap"
@@ -188,20 +190,30 @@ class FollowingSettings(Settings):
 class LimitSettings(Settings):
     """Which drawn scenes are kept; others are drawn again."""
 
-    least_gap_m: float = _setting(2.0, "least gap between the vehicles in one lane, m", "chosen", ge=0.0, le=50.0)
+    least_gap_m: float = _setting(
+        2.0, "least gap between the vehicles in one lane, m", "chosen: nobody touches", ge=0.0, le=50.0
+    )
     least_speed_mps: float = _setting(2.0, "least speed, m/s", "chosen: nobody stops or reverses", ge=0.0, le=20.0)
-    acceleration_mps2: float = _setting(9.0, "largest acceleration in the plane, m/s2", "a car", ge=1.0, le=20.0)
-    jerk_mps3: float = _setting(25.0, "largest jerk in the plane, m/s3", "a car", ge=1.0, le=100.0)
-    draws: int = _setting(400, "draws of one scene before giving up", "chosen", ge=1, le=10_000)
+    acceleration_mps2: float = _setting(
+        9.0, "largest acceleration in the plane, m/s2", "what a passenger car can do", ge=1.0, le=20.0
+    )
+    jerk_mps3: float = _setting(
+        25.0, "largest jerk in the plane, m/s3", "what a passenger car can do", ge=1.0, le=100.0
+    )
+    draws: int = _setting(400, "draws of one scene before giving up", "chosen: one to ten are usual", ge=1, le=10_000)
 
 
 class KinematicSettings(Settings):
     """The kinematic motion source: scenes of one TV and one UV on a straight road, equally many of each intention."""
 
-    per_class: int = _setting(16, "scenes of each known intention in an episode", "chosen", ge=0, le=1000)
-    following_scenes: int = _setting(8, "scenes of `following` in an episode", "chosen", ge=0, le=1000)
+    per_class: int = _setting(
+        16, "scenes of each known intention in an episode", "chosen: as `selection.per_class`", ge=0, le=1000
+    )
+    following_scenes: int = _setting(
+        8, "scenes of `following` in an episode", "chosen: as `selection.following`", ge=0, le=1000
+    )
     lead_s: float = _setting(
-        5.0, "motion before onset, s; more than `record.before_onset_s` needs", "chosen: 3.6 s are needed by default",
+        5.0, "motion before onset, but for `following`, s", "chosen: a default record needs 3.6 s",
         ge=2.0, le=20.0,
     )  # fmt: skip
     settle_s: float = _setting(

@@ -1,0 +1,43 @@
+"""The calibration of the kinematic source: its fast states are the true ones, and it scores what it says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.kinematic_calibration import run, true_records, true_states
+from isacsim.settings import checked
+from isacsim.traffic import motion
+from isacsim.traffic.kinematics import SCENARIO, KinematicSource
+from labeling.generation.settings import DatasetStudy
+from models.settings import TrainSettings
+
+CONTENT = {
+    "source": "kinematic",
+    "kinematics": {"per_class": 2, "following_scenes": 1},
+    "record": {"tv_rate_hz": 40.0, "uv_rate_hz": 20.0},
+}
+STUDY = checked(DatasetStudy, CONTENT, "test")
+
+
+def test_the_fast_states_are_those_of_the_dataset() -> None:
+    source = KinematicSource(STUDY.kinematics)
+    recording = source.record(source.load(SCENARIO), 5)
+    for maneuver in recording.maneuvers:
+        for vehicle in (maneuver.tv, maneuver.uv):
+            start = round(maneuver.onset - 2.597, 3)
+            times = start + np.arange(round(5.0 * 40.0)) / 40.0
+            states = motion.states(recording, recording.tracks[vehicle], times, STUDY.motion)
+            fast = true_states(recording, vehicle, start, STUDY, 40.0)
+            np.testing.assert_allclose(fast, states, atol=2e-3)
+
+
+def test_it_trains_on_true_records_and_scores_other_seeds() -> None:
+    records = true_records(STUDY, 1)
+    assert len(records) == 13
+    training = checked(TrainSettings, {"model": "trees", "trees": {"rounds": 3}, "optimiser": {"threads": 1}}, "test")
+    result = run(STUDY, training, 5)
+    assert result["share"] == STUDY.kinematics.response.share
+    assert (result["training_records"], result["windows"]) == (36, 12)
+    assert 1 / 6 < result["accuracy"] <= 1.0
+    assert set(result["f1"]) == {"hard_brake", "left_lane_change", "right_lane_change", "overtake", "hard_accel",
+                                 "evasive_swerve"}  # fmt: skip
