@@ -269,7 +269,7 @@ def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: 
     stored = former(dataset, tmp_path / "former")
     once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
     once.verify()
-    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (2, 2)
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (3, 3)
     # Sensed a second time, its settings are not converted a second time.
     again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
     np.testing.assert_array_equal(again.arrays("tv")["tv"], once.arrays("tv")["tv"])
