@@ -1,1 +1,1 @@
-"""From a scenario to a recording: SUMO, commanded maneuvers, smooth motion. Knows nothing of labels or sensing."""
+"""From a scenario to a recording: SUMO, drivers who react, smooth motion. Knows nothing of labels or sensing."""

@@ -123,7 +123,7 @@ class Evasion(Reaction):
         pass_mps = self.plan.pass_share * float(sumo.vehicle.getSpeed(self.vehicle))
         past = False
         for _ in range(round(LONGEST_S / step_s)):
-            if not past and self._past(sumo, pass_mps):
+            if not past and self._past(sumo):
                 past = True
                 if foot is not None:
                     foot.limb.decide_now()
@@ -137,7 +137,7 @@ class Evasion(Reaction):
             if past and (hands is None or hands.still) and (foot is None or foot.limb.acceleration > -0.3):
                 return
 
-    def _past(self, sumo: Any, pass_mps: float) -> bool:
+    def _past(self, sumo: Any) -> bool:
         """Whether the hazard is behind, gone, or no longer closing."""
         gap = self.hazard.gap_m(sumo, self.vehicle)
         if isinstance(self.hazard, Debris):
