@@ -20,7 +20,7 @@ from labeling.events import label
 from labeling.road.surroundings import Surroundings
 from models.data.lane_map import LaneMap
 from models.inference import Infer
-from models.live.events import events_of, under_command
+from models.live.events import events_of, groups_at
 from models.live.predictions import Answering, Answers, Reports, WindowCutter, lanes_of, rule_answering, run_answering
 from models.live.sensed import Sensing, Track
 from models.live.settings import LiveStudy
@@ -160,13 +160,13 @@ class _Collected:
         vehicle, time_s = np.array([number[name] for name in self.tv], np.int64), np.array(self.time_s, np.float64)
         order = np.lexsort((time_s, vehicle))
         vehicle, time_s = vehicle[order], time_s[order]
-        commanded = np.zeros(len(time_s), dtype=bool)
+        group = np.zeros(len(time_s), np.int64)
         for name, k in number.items():
-            commanded[vehicle == k] = under_command(recording, name, time_s[vehicle == k])
+            group[vehicle == k] = groups_at(recording, name, time_s[vehicle == k])
         joined = {name: Answers.joined(batches) for name, batches in self.answers.items()}
         answers = joined or no_answers(predictors)
         return LiveEpisode(
-            facts, names, vehicle, time_s, commanded, {name: part.take(order) for name, part in answers.items()}
+            facts, names, vehicle, time_s, group, {name: part.take(order) for name, part in answers.items()}
         )
 
     def decisions(self) -> dict[str, Array]:

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, IntArray
 from isacsim.settings import Settings
 from isacsim.traffic.motion import excess
 from isacsim.traffic.recording import Recording
-from labeling.events import COMMAND_REACH_S, Labels, provenance
+from labeling.events import COMMAND_REACH_S, Labels, Origin, provenance
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import Event, Intention
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import for_pair
 from labeling.samples.uv_choice import choose_uv, may_be_tv
 
-Group = Literal["natural", "commanded"]
-GROUPS: tuple[Group, ...] = ("natural", "commanded")
-NATURAL = ("natural", "reaction")
-"""The origins of events that drivers caused themselves."""
+GROUPS: tuple[Origin, ...] = ("natural", "reaction", "commanded")
+"""The groups of events that are reported apart: by their origin."""
 NOT_WATCHED = "not_watched"
 """Why an event is left out whose vehicle was not predicted throughout, from onset to commit."""
 
@@ -29,9 +26,8 @@ NOT_WATCHED = "not_watched"
 class LiveEvent(Settings):
     """One event of the traffic.
 
-    onset, commit: s of simulation time. end: end of the event's own motion, s. group: whether the driver did it by
-    himself. left_out: why the event is neutral, or None if it counts: alarms for a neutral event are neither right nor
-    false.
+    onset, commit: s of simulation time. end: end of the event's own motion, s. group: its origin. left_out: why the
+    event is neutral, or None if it counts: alarms for a neutral event are neither right nor false.
     """
 
     vehicle: str
@@ -39,7 +35,7 @@ class LiveEvent(Settings):
     onset: float
     commit: float
     end: float
-    group: Group
+    group: Origin
     left_out: str | None = None
 
 
@@ -72,7 +68,7 @@ def events_of(
                 onset=event.onset,
                 commit=event.commit,
                 end=judged.busy_until,
-                group="natural" if provenance(recording, event).origin in NATURAL else "commanded",
+                group=provenance(recording, event).origin,
                 left_out=reason,
             )
         )
@@ -103,9 +99,14 @@ def _watched(event: Event, decisions: Array, decision_s: float) -> bool:
     return bool((np.abs(decisions[nearest] - due) < 1e-6).all())
 
 
-def under_command(recording: Recording, vehicle: str, times: Array) -> Array:
-    """Return whether a vehicle is under command at some instants (s), or was shortly before, a mask (n,)."""
-    mask = np.zeros(len(times), dtype=bool)
-    for command in recording.commands_to.get(vehicle, ()):
-        mask |= (times >= command.start - COMMAND_REACH_S) & (times <= command.end + COMMAND_REACH_S)
-    return mask
+def groups_at(recording: Recording, vehicle: str, times: Array) -> IntArray:
+    """Return the group that a vehicle belongs to at some instants (s), numbers in GROUPS, (n,).
+
+    A vehicle is in the group of the latest reaction or command that it is under, or was or will be within a second;
+    otherwise it drives naturally.
+    """
+    group = np.zeros(len(times), np.int64)
+    for command in sorted(recording.commands_to.get(vehicle, ()), key=lambda command: command.start):
+        near = (times >= command.start - COMMAND_REACH_S) & (times <= command.end + COMMAND_REACH_S)
+        group[near] = GROUPS.index("reaction" if command.cause else "commanded")
+    return group

@@ -160,6 +160,7 @@ def result_of(
         macro_recall=_macro_recall(list(every.by_intention.values())),
         by_intention=every.by_intention,
         natural=scoring.group_scores(outcomes, live.scoring, name, "natural"),
+        reaction=scoring.group_scores(outcomes, live.scoring, name, "reaction"),
         commanded=scoring.group_scores(outcomes, live.scoring, name, "commanded"),
         recall_at=[] if sweep is None else [sweep.point(rate, live.scoring, name) for rate in rates],
         recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),

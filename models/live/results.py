@@ -109,9 +109,9 @@ class AlarmResult(Settings):
     name: of the predictor. alarms: chosen on the development seeds, and frozen. alarms_keep_to_rate: whether they keep
     to the wanted rate of false alarms there; if no threshold does, they have the highest F1. over_all: over the six
     intentions.
-    natural: events that drivers did by themselves, and false alarms about vehicles not under command. commanded: the
-    others. recall_at: the curve read on the measured seeds themselves, at rates. duty_cycle: share of the time in which
-    a vehicle's answers are at the threshold.
+    natural, reaction, commanded: events of that origin, and the time and false alarms of vehicles that drove naturally,
+    reacted to a cause, or were commanded then. recall_at: the curve read on the measured seeds themselves, at rates.
+    duty_cycle: share of the time in which a vehicle's answers are at the threshold.
     """
 
     name: str
@@ -121,6 +121,7 @@ class AlarmResult(Settings):
     macro_recall: float | None
     by_intention: dict[str, EventScores]
     natural: GroupScores
+    reaction: GroupScores
     commanded: GroupScores
     recall_at: list[CurvePoint]
     recall_by_time_to_commit: list[TimeToCommit]

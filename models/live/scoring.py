@@ -11,9 +11,10 @@ from scipy.stats import chi2
 
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.seeding import stream
+from labeling.events import Origin
 from labeling.intentions import KNOWN
 from models.live.alarms import Alarms, Levels, peaks, raised
-from models.live.events import GROUPS, Group
+from models.live.events import GROUPS
 from models.live.matching import EventTable
 from models.live.results import (
     COMMIT_IS,
@@ -39,7 +40,7 @@ class Outcome:
 
     intention, group: of each event that counts, numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: from its alarm
     to its commit and onset, s, NaN where it has none, (e,). false_intention, false_group: of each false alarm, (f,).
-    hours: for which vehicles were predicted, by group, (2,).
+    hours: for which vehicles were predicted, by group, (3,).
     """
 
     intention: IntArray
@@ -60,7 +61,7 @@ class Outcome:
         """Which events had an alarm, (e,)."""
         return np.isfinite(self.to_commit)
 
-    def of(self, intention: int | None = None, group: Group | None = None) -> Outcome:
+    def of(self, intention: int | None = None, group: Origin | None = None) -> Outcome:
         """Return the part of one intention, or group, or both."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
@@ -107,15 +108,15 @@ class Truth:
         hit = matching.event_alarm >= 0
         at = np.full(len(hit), np.nan)
         at[hit] = alarms.time_s[matching.event_alarm[hit]]
-        commanded = self.episode.commanded
-        shares = np.array([(~commanded).sum(), commanded.sum()]) * self.episode.facts.decision_s / 3600
+        group = self.episode.group
+        shares = np.bincount(group, minlength=len(GROUPS)) * self.episode.facts.decision_s / 3600
         return Outcome(
             intention=self.table.intention,
             group=self.group,
             to_commit=self.commit - at,
             to_onset=self.onset - at,
             false_intention=alarms.intention[matching.false],
-            false_group=commanded[alarms.row[matching.false]].astype(np.int64),
+            false_group=group[alarms.row[matching.false]],
             hours=shares,
         )
 
@@ -152,7 +153,7 @@ def event_scores(
 
 
 def group_scores(
-    outcomes: Sequence[Outcome], settings: ScoringSettings, key: str, group: Group | None = None
+    outcomes: Sequence[Outcome], settings: ScoringSettings, key: str, group: Origin | None = None
 ) -> GroupScores:
     """Return the scores over all intentions and of each, of one group of events or of all."""
     by_intention = {

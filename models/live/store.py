@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
+from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.files import replace_file
 from isacsim.settings import Settings
@@ -53,15 +53,15 @@ class EpisodeFacts(Settings):
 class LiveEpisode:
     """One episode, the n predictions vehicle by vehicle, in order of time.
 
-    vehicle: number of each prediction's TV in `names`, (n,). time_s: end of the window, (n,). commanded: whether the TV
-    was under command then, (n,). answers: of each predictor, by name; features are kept of the run alone.
+    vehicle: number of each prediction's TV in `names`, (n,). time_s: end of the window, (n,). group: the TV's group
+    then (`models.live.events.groups_at`), (n,). answers: of each predictor, by name; features of the run alone.
     """
 
     facts: EpisodeFacts
     names: tuple[str, ...]
     vehicle: IntArray
     time_s: Array
-    commanded: BoolArray
+    group: IntArray
     answers: Mapping[str, Answers]
 
     @property
@@ -82,7 +82,7 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
             pa.array(episode.vehicle, pa.int32()), pa.array(episode.names, pa.string())
         ),
         "time_s": pa.array(episode.time_s),
-        "commanded": pa.array(episode.commanded),
+        "group": pa.array(episode.group, pa.int8()),
     }
     for name, answers in episode.answers.items():
         columns[f"{name}.probabilities"] = _rows(answers.probabilities)
@@ -122,7 +122,7 @@ def read_episode(path: Path, features: bool = False) -> LiveEpisode:
         names=tuple(tv.dictionary.to_pylist()),
         vehicle=tv.indices.to_numpy().astype(np.int64),
         time_s=table["time_s"].to_numpy(),
-        commanded=table["commanded"].to_numpy(),
+        group=table["group"].to_numpy().astype(np.int64),
         answers={name: _answers(table, name) for name in predictors},
     )
 

@@ -11,7 +11,7 @@ from isacsim.traffic.recording import Command, Recording
 from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
-from models.live.events import NOT_WATCHED, LiveEvent, events_of, under_command
+from models.live.events import GROUPS, NOT_WATCHED, LiveEvent, events_of, groups_at
 from models.live.settings import LiveStudy
 
 ALWAYS = np.round(np.arange(0, 500) * 0.1, 9)
@@ -57,12 +57,16 @@ def test_without_a_connected_vehicle_ahead_an_event_is_neutral(recording: Record
     assert {event.left_out for event in events(recording, alone).values()} == {"no_uv"}
 
 
-def test_an_event_under_command_is_commanded(recording: Recording, study: LiveStudy) -> None:
+@pytest.mark.parametrize(("cause", "group"), [("", "commanded"), ("debris", "reaction")])
+def test_an_event_under_command_or_in_a_reaction_is_so_grouped(
+    recording: Recording, study: LiveStudy, cause: str, group: str
+) -> None:
     brake = events(recording, study)["hard_brake"]
-    command = Command(brake.vehicle, "hard_brake", brake.onset - 0.5, brake.commit + 0.5)
+    command = Command(brake.vehicle, "hard_brake", brake.onset - 0.5, brake.commit + 0.5, cause=cause)
     commanded = replace(recording, commands=(command,))
     groups = {intention: event.group for intention, event in events(commanded, study).items()}
-    assert groups == {"hard_brake": "commanded", "left_lane_change": "natural"}
+    assert groups == {"hard_brake": group, "left_lane_change": "natural"}
     times = np.array([command.start - 1.1, command.start - 0.9, command.end + 0.9, command.end + 1.1])
-    assert under_command(commanded, brake.vehicle, times).tolist() == [False, True, True, False]
-    assert not under_command(commanded, "lead0", times).any()
+    number = GROUPS.index(group)  # type: ignore[arg-type]
+    assert groups_at(commanded, brake.vehicle, times).tolist() == [0, number, number, 0]
+    assert not groups_at(commanded, "lead0", times).any()

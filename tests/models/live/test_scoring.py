@@ -9,7 +9,7 @@ from labeling.intentions import KNOWN
 from models.live import scoring
 from models.live.alarms import Alarms, Levels
 from models.live.background import IGNORED, NONE, Background, training_rows, window_labels
-from models.live.events import LiveEvent
+from models.live.events import GROUPS, LiveEvent
 from models.live.measuring import measure_random, no_alarms
 from models.live.predictions import Answers
 from models.live.scoring import Sweep, Truth, event_scores, lead_times
@@ -30,9 +30,10 @@ def episode(seed: int, *events: LiveEvent) -> LiveEpisode:
     time_s = np.tile(np.round(np.arange(COUNT) * 0.1, 9), 2)
     vehicle = np.repeat(np.arange(2), COUNT)
     rng = np.random.default_rng(seed)
+    group = np.where((vehicle == 1) & (time_s >= 30), GROUPS.index("commanded"), 0)
     probabilities = rng.dirichlet(np.ones(len(KNOWN)), 2 * COUNT).astype(np.float32)
     answers = Answers(probabilities, probabilities.max(axis=1), rng.random((2 * COUNT, 3)).astype(np.float32))
-    return LiveEpisode(facts, ("a", "b"), vehicle, time_s, (vehicle == 1) & (time_s >= 30), {RUN: answers})
+    return LiveEpisode(facts, ("a", "b"), vehicle, time_s, group, {RUN: answers})
 
 
 def event(vehicle: str, intention: str, onset: float, group: str = "natural", left_out: str | None = None) -> LiveEvent:
@@ -88,7 +89,9 @@ def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.Outcome
     assert sum(scores.false_alarms for scores in every.by_intention.values()) == every.over_all.false_alarms
     natural = scoring.group_scores(outcomes, SETTINGS, "toy", "natural").over_all
     commanded = scoring.group_scores(outcomes, SETTINGS, "toy", "commanded").over_all
-    assert (natural.events, commanded.events) == (3, 1)
+    reaction = scoring.group_scores(outcomes, SETTINGS, "toy", "reaction").over_all
+    assert (natural.events, reaction.events, commanded.events) == (3, 0, 1)
+    assert reaction.vehicle_hours == 0
     assert (natural.false_alarms, commanded.false_alarms) == (2, 1)
     assert natural.vehicle_hours == pytest.approx(3 / 60)
     assert commanded.vehicle_hours == pytest.approx(1 / 60)
