@@ -44,7 +44,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     counts = dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
-    origins = scalars.groupby(["intention", "origin", "cause", "cause_ttc_s"]).size()
+    origins = scalars.groupby(["intention", "origin"]).size()
     return {
         "path": str(dataset.path),
         "digest": dataset.digest,
