@@ -19,9 +19,9 @@ from labeling.intentions import KNOWN
 SENSED_S = 23e-6
 """Processor time per sensing instant, s."""
 YIELD = 0.9
-"""Samples that an episode of FULL_S gives, as a share of those that the selection allows; a shorter one gives fewer."""
-FULL_S = 240.0
-"""Duration from which on an episode gives that share, s."""
+"""Samples that a long episode gives, as a share of those that the selection allows; a shorter one gives fewer."""
+SAMPLE_S = 240 / 140
+"""Simulated time that an episode needs for each sample that the selection allows, to give that share, s."""
 INSTANT_BYTES = 12.9
 """Bytes on disk per state of a TV or UV; a TV has two at each instant, the sensed and the true one."""
 
@@ -43,7 +43,7 @@ def estimate(study: DatasetStudy) -> Estimate:
     """Estimate the cost of generating a study's dataset."""
     traffic, record, selection = study.traffic, study.record, study.selection
     allowed = len(KNOWN) * selection.per_class + selection.following
-    per_episode = YIELD * allowed * min(1.0, traffic.duration_s / FULL_S)
+    per_episode = YIELD * min(allowed, traffic.duration_s / SAMPLE_S)
     episodes = len(study.seeds) * len(study.scenarios)
     if selection.windows is not None:
         episodes = min(episodes, math.ceil(selection.windows / per_episode))

@@ -11,13 +11,22 @@ import cosim
 from isacsim.settings import checked
 from labeling.generation.cost_estimate import estimate, sensed_anew
 from labeling.generation.settings import DatasetStudy
+from models.studies.study import read_study
 from tests.support.scripted import small_study
 
 QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}
 
 
 def test_the_quick_study_as_it_was_measured() -> None:
-    """Its dataset was made of 13 episodes and holds 1654 samples in 95.6 MB."""
+    """Its dataset was made of 26 episodes of 120 s and holds 1574 samples."""
+    quick = read_study(None).dataset
+    cost = estimate(quick)
+    assert cost.episodes == 26
+    assert cost.samples == pytest.approx(1574, rel=0.1)
+
+
+def test_longer_episodes_as_they_were_measured() -> None:
+    """The quick study of version 0.2.0 was made of 13 episodes of 240 s and held 1654 samples in 95.6 MB."""
     cost = estimate(checked(DatasetStudy, {"seeds": {"first": 1, "last": 60}, "selection": QUICK}, "test"))
     assert cost.episodes == 13
     assert cost.samples == pytest.approx(1654, rel=0.1)
@@ -51,7 +60,7 @@ def test_a_dry_run_writes_nothing(
     assert cosim.main(["run", "--dry-run", "--json", "--jobs", "4"]) == 0
     captured = capfd.readouterr()
     result = json.loads(captured.out)
-    assert (result["cells"], result["trainings"], result["episodes"], result["jobs"]) == (1, 2, 13, 4)
+    assert (result["cells"], result["trainings"], result["episodes"], result["jobs"]) == (1, 2, 26, 4)
     assert result["seconds"] == pytest.approx(result["cpu_s"] / 4 + result["training_s"], abs=0.1)
     assert "1 cell, 2 trainings, 1 dataset: " in captured.err
     assert "1638 samples" in captured.err
