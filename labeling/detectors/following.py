@@ -44,7 +44,8 @@ class FollowingSettings(Settings):
 class FollowingDetector:
     """Finds following: the vehicle keeps its lane behind one leader, and nothing else happens around that time.
 
-    The leader is the same vehicle from `before_s` before an instant to `after_s` after it, always within `headway_s`.
+    The leader is the same vehicle from `before_s` before an instant to `after_s` after it, always ahead and within
+    `headway_s`. A vehicle that stands follows nobody.
     For that time the vehicle moves across its lane at no more than `lateral_mps`, and neither speeds up nor slows down
     by more than `acceleration_mps2`. No other event of the vehicle and no crossing of a marking lies within `clear_s`,
     and the vehicle is on the road for all of that time, because what it did before it was seen is not known.
@@ -83,9 +84,9 @@ class FollowingDetector:
 
         @cache
         def leader_at(k: int) -> str | None:
-            """Return the vehicle within the headway at check k."""
+            """Return the vehicle within the headway at check k; one that stands alongside is not ahead."""
             leader = view.surroundings.leader(view.vehicle, k * s.check_s, within_m[k - first])
-            return None if leader is None else leader.vehicle
+            return None if leader is None or leader.gap_m <= 0.0 else leader.vehicle
 
         events: list[Event] = []
         earliest = -np.inf

@@ -30,6 +30,15 @@ def test_a_leader_beyond_the_headway_is_not_followed() -> None:
     assert len(followings(far, headway_s=3.1)) == 5
 
 
+@pytest.mark.parametrize(("speed", "lead_m", "count"), [(30.0, 4.0, 0), (30.0, 6.0, 5), (0.0, 4.0, 0), (0.0, 6.0, 0)])
+def test_a_vehicle_alongside_is_no_leader_and_one_that_stands_follows_nobody(
+    speed: float, lead_m: float, count: int
+) -> None:
+    """Vehicles are 5 m long: 4 m apart, they stand side by side in a wide lane."""
+    recording = record(ROAD, Drive("tv", 0.0, speed, duration_s=60), Drive("lead", lead_m, speed, duration_s=60))
+    assert len(followings(recording)) == count
+
+
 def test_nothing_else_within_ten_seconds() -> None:
     brake = ramps((0, 30), (30, 30), (31.5, 21), (33, 21), (36, 30), (100, 30))
     recording = record(ROAD, Drive("tv", 0.0, brake, duration_s=60), Drive("lead", 60.0, brake, duration_s=60))
