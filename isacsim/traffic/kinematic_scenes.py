@@ -13,7 +13,8 @@ import numpy as np
 
 from isacsim.arrays import Array
 from isacsim.traffic.kinematic_profiles import duration_of, integral, move_aside, pulse, ramp_of, sway
-from isacsim.traffic.kinematic_settings import KinematicSettings, Range
+from isacsim.traffic.kinematic_settings import KinematicSettings
+from isacsim.traffic.setting_fields import Range
 
 STEP_S = 0.01
 STEADY_LEAD_S, STEADY_AFTER_S = 10.2, 12.8

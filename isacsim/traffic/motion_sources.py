@@ -20,7 +20,7 @@ from isacsim.traffic.kinematics import KinematicSource
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings
 
-SUMO_CPU_S = 0.061
+SUMO_CPU_S = 0.136
 """Processor time of a simulated second in steps of 0.01 s, s: the bundled motorway on one thread."""
 
 

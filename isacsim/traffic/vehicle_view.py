@@ -49,7 +49,7 @@ class VehicleView:
     @property
     def lane_width_m(self) -> float:
         """Width of the lane that the vehicle is in, m."""
-        return float(self._sumo.lane.getWidth(self._sumo.vehicle.getLaneID(self.vehicle)))
+        return float(self._sumo.lane.getWidth(self.lane))
 
     @property
     def width_m(self) -> float:

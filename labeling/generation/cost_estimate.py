@@ -1,7 +1,7 @@
 """Estimates the cost of generating a dataset: processor time, samples and disk space.
 
 The estimate uses measured constants and does not look at the scenarios. The constants come from the bundled motorway
-with default settings, one episode on one thread (`cosim generate motorway`, seed 1): 20 s of processor time for 330
+with default settings, one episode on one thread (`cosim generate motorway`, seed 1): 45 s of processor time for 330
 simulated seconds, 5.4 s for 118 records of 2000 sensing instants, 130 of the 140 samples that the selection allows, and
 58 kB for a sample of 2000 and 500 instants. Other networks and other machines may differ severalfold.
 """
