@@ -76,13 +76,28 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
 
 
-def run(folder: Path, environment: dict[str, str], words: str) -> str:
-    """What a command printed on standard output, in a process of its own."""
+def run_all(folder: Path, environment: dict[str, str], *commands: str) -> list[str]:
+    """What commands printed on standard output, one after the other, all in one process that has the package."""
+    code = (
+        "import contextlib, io, json, sys\n"
+        "import cosim\n"
+        "if __name__ == '__main__':\n"
+        "    printed = []\n"
+        "    for command in sys.argv[1:]:\n"
+        "        with contextlib.redirect_stdout(io.StringIO()) as shown:\n"
+        "            code = cosim.main(command.split())\n"
+        "        if code:\n"
+        "            sys.exit(f'{command}: {code}')\n"
+        "        printed.append(shown.getvalue())\n"
+        "    print(json.dumps(printed))\n"
+    )
+    (folder / "commands.py").write_text(code)
     done = subprocess.run(
-        [sys.executable, ROOT / "cosim.py", *words.split()], cwd=folder, env=environment, capture_output=True, text=True
+        [sys.executable, "commands.py", *commands], cwd=folder, env=environment, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    printed: list[str] = json.loads(done.stdout.splitlines()[-1])
+    return printed
 
 
 STUDY = """
@@ -90,7 +105,7 @@ STUDY = """
 scenarios = ["motorway"]
 source = "undisturbed"
 seeds = { first = 1, last = 2 }
-traffic = { run_in_s = 30.0, duration_s = 40.0 }
+traffic = { run_in_s = 20.0, duration_s = 25.0 }
 record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 
 [dataset.labels]
@@ -104,13 +119,20 @@ threshold_mps2 = 0.6
 def test_the_parts_of_an_installed_package_work_through_the_commands(parts: dict[str, str], tmp_path: Path) -> None:
     """One of each kind, added without touching a file of the project."""
     write_dataset(tmp_path / "data")
-    for words in ("-o gnss --sensor gnss", "-o codebook --estimator codebook", "-o best --fusion best_site"):
-        run(tmp_path, parts, f"sense data {words} --jobs 1 --quiet")
+    *_, train_help, _, evaluated = run_all(
+        tmp_path,
+        parts,
+        "sense data -o gnss --sensor gnss --jobs 1 --quiet",
+        "sense data -o codebook --estimator codebook --jobs 1 --quiet",
+        "sense data -o best --fusion best_site --jobs 1 --quiet",
+        "train --help",
+        "train data -o nearest --model nearest --quiet",
+        "evaluate nearest --data data --json --quiet",
+    )
     frame = Dataset.open(tmp_path / "gnss").frame(["sensor", "n_sites"])
     assert set(frame["sensor"]) == {"gnss"}
-    assert "nearest" in run(tmp_path, parts, "train --help")
-    run(tmp_path, parts, "train data -o nearest --model nearest --quiet")
-    metrics = json.loads(run(tmp_path, parts, "evaluate nearest --data data --json --quiet").splitlines()[-1])
+    assert "nearest" in train_help
+    metrics = json.loads(evaluated.splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
 

@@ -1,4 +1,4 @@
-"""Tensors on disk: written completely or not at all, and read without executing anything."""
+"""The files that a training leaves: tensors written completely or not at all, and read without executing anything."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lightning.fabric.plugins import TorchCheckpointIO
 
 from isacsim.errors import InputError
 from isacsim.files import replace_file
+
+HISTORY_FILE = "history.csv"
+"""Losses and scores of each epoch, in the folder of a run."""
 
 READ_ERRORS = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, pickle.UnpicklingError,
@@ -39,39 +41,3 @@ def read_tensors(path: Path) -> dict[str, Any]:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{path}: is damaged ({reason}); delete it, and training starts again") from None
     return content
-
-
-FOLDER = "<folder>"
-"""Stands in a checkpoint for the folder that it lies in."""
-
-
-class Checkpoints(TorchCheckpointIO):
-    """How Lightning writes and reads checkpoints; its own writer can leave half a file when the command is killed.
-
-    Lightning's callbacks remember the paths of their files. In a file these are relative to its folder, so the same
-    training gives the same bytes in any folder, and a folder that was moved can still be resumed.
-    """
-
-    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
-        """Write a checkpoint, completely or not at all."""
-        file = Path(path)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        callbacks = _with_prefix(checkpoint.get("callbacks", {}), str(file.parent), FOLDER)
-        write_tensors(file, {**checkpoint, "callbacks": callbacks})
-
-    def load_checkpoint(
-        self, path: str | Path, map_location: Any = None, weights_only: bool | None = None
-    ) -> dict[str, Any]:
-        """Read a checkpoint. Raises InputError if it is damaged."""
-        checkpoint = read_tensors(Path(path))
-        callbacks = _with_prefix(checkpoint.get("callbacks", {}), FOLDER, str(Path(path).parent))
-        return {**checkpoint, "callbacks": callbacks}
-
-
-def _with_prefix(value: Any, before: str, after: str) -> Any:
-    """Return plain values, nested in dictionaries, with a prefix of their texts and keys replaced by another."""
-    if isinstance(value, dict):
-        return {_with_prefix(key, before, after): _with_prefix(item, before, after) for key, item in value.items()}
-    if isinstance(value, str) and (value == before or value.startswith(f"{before}/")):
-        return after + value.removeprefix(before)
-    return value

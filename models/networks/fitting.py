@@ -11,18 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import lightning
-import torch
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 
 from isacsim.feedback import Feedback
 from models.data.windows import Records
 from models.fit_settings import FitSettings
-from models.networks.checkpoints import Checkpoints, read_tensors
-from models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData, torch_seed
+from models.networks.checkpoints import HISTORY_FILE, read_tensors
+from models.networks.lightning_checkpoints import Checkpoints
+from models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
 from models.networks.losses import inverse_frequency
 from models.networks.network import WindowNetwork
 
-HISTORY_FILE = "history.csv"
 CHECKPOINTS = "checkpoints"
 NETWORK_PREFIX = "network."
 """What Lightning puts before the names of the network's tensors in a checkpoint."""
@@ -34,11 +33,6 @@ class BestEpoch:
 
     best_epoch: int
     macro_f1: float
-
-
-def seed_weights(seed: int) -> None:
-    """Seed torch for the initial weights of a network; call it before the network is built."""
-    torch.manual_seed(torch_seed("weights", seed))
 
 
 def fit_network(

@@ -27,7 +27,7 @@ from models.data.pre_onset import pre_onset_windows
 from models.data.windows import Ends, Records, Windows, batches, cut, draw_ends
 from models.fit_settings import FitSettings
 from models.networks.losses import exposure_loss
-from models.networks.network import WindowNetwork
+from models.networks.network import WindowNetwork, torch_seed
 
 MONITOR = "validation_macro_f1"
 """The score that chooses the best epoch."""
@@ -40,11 +40,6 @@ Batch = tuple[Tensor, Tensor, Tensor]
 Variation = Callable[[int, Windows, IntArray], tuple[Windows, IntArray]]
 """Takes the number of a batch within its epoch, its windows and labels, and returns those to train on instead."""
 LabelledEnds = tuple[Ends, IntArray]
-
-
-def torch_seed(*keys: str | int) -> int:
-    """Return a seed for torch's own generator; keys name its purpose, as for `isacsim.seeding.stream`."""
-    return int(stream("torch", *keys).integers(2**62))
 
 
 class WindowData(lightning.LightningDataModule):

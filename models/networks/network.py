@@ -5,10 +5,21 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from isacsim import seeding
 from models.networks.losses import focal_loss
 
 N_STATES = 6
 """Components of a state: x, y, vx, vy, ax, ay."""
+
+
+def torch_seed(*keys: str | int) -> int:
+    """Return a seed for torch's own generator; keys name its purpose, as for `isacsim.seeding.stream`."""
+    return int(seeding.stream("torch", *keys).integers(2**62))
+
+
+def seed_weights(seed: int) -> None:
+    """Seed torch for the initial weights of a network; call it before the network is built."""
+    torch.manual_seed(torch_seed("weights", seed))
 
 
 class WindowNetwork(nn.Module):

@@ -13,8 +13,7 @@ from isacsim.feedback import Feedback
 from models.data.windows import Windows
 from models.fit_settings import FitSettings
 from models.networks.checkpoints import write_tensors
-from models.networks.fitting import fit_network, seed_weights
-from models.networks.network import WindowNetwork
+from models.networks.network import WindowNetwork, seed_weights
 from models.predictors.protocol import STATISTICS_S, FitSummary, FitTask, Outputs, Predictor, WindowShape, Workload
 
 WEIGHTS_FILE = "weights.pt"
@@ -43,6 +42,9 @@ class NetworkPredictor(Predictor):
 
     @classmethod
     def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        # Lightning takes seconds to import, and only training needs it.
+        from models.networks.fitting import fit_network
+
         seed_weights(task.settings.seed)
         network = cls.build(task.settings, task.shape)
         fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback)

@@ -8,7 +8,6 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import skops.io
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isacsim.files import replace_file
@@ -31,12 +30,16 @@ SCHEMA = "schema.json"
 
 def write_trees(path: Path, trees: HistGradientBoostingClassifier) -> None:
     """Write trees as a skops archive, completely or not at all. Raises OutputError."""
+    import skops.io
+
     content = reproducible(skops.io.dumps(trees))
     replace_file(path, lambda partial: partial.write_bytes(content))
 
 
 def read_trees(path: Path) -> HistGradientBoostingClassifier:
     """Read what `write_trees` wrote. Raises ValueError, or what skops raises, if the file holds anything else."""
+    import skops.io
+
     trees = skops.io.load(path, trusted=list(TRUSTED))
     if not isinstance(trees, HistGradientBoostingClassifier):
         raise ValueError(f"{path.name} holds no trees")

@@ -13,7 +13,7 @@ from isacsim.errors import InputError
 from models.evaluation import repeats
 from models.evaluation.evaluation import Evaluation
 from models.evaluation.repeats import Measured
-from models.networks.fitting import HISTORY_FILE
+from models.networks.checkpoints import HISTORY_FILE
 from models.report import figures
 from models.scores import open_set
 

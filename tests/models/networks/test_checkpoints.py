@@ -13,7 +13,8 @@ import torch
 from isacsim.errors import InputError, OutputError
 from models.data.windows import Records
 from models.networks import fitting
-from models.networks.checkpoints import Checkpoints, read_tensors, write_tensors
+from models.networks.checkpoints import read_tensors, write_tensors
+from models.networks.lightning_checkpoints import Checkpoints
 from models.run import Run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN

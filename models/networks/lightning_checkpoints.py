@@ -1,0 +1,45 @@
+"""How Lightning writes and reads checkpoints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from lightning.fabric.plugins import TorchCheckpointIO
+
+from models.networks.checkpoints import read_tensors, write_tensors
+
+FOLDER = "<folder>"
+"""Stands in a checkpoint for the folder that it lies in."""
+
+
+class Checkpoints(TorchCheckpointIO):
+    """How Lightning writes and reads checkpoints; its own writer can leave half a file when the command is killed.
+
+    Lightning's callbacks remember the paths of their files. In a file these are relative to its folder, so the same
+    training gives the same bytes in any folder, and a folder that was moved can still be resumed.
+    """
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
+        """Write a checkpoint, completely or not at all."""
+        file = Path(path)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        callbacks = _with_prefix(checkpoint.get("callbacks", {}), str(file.parent), FOLDER)
+        write_tensors(file, {**checkpoint, "callbacks": callbacks})
+
+    def load_checkpoint(
+        self, path: str | Path, map_location: Any = None, weights_only: bool | None = None
+    ) -> dict[str, Any]:
+        """Read a checkpoint. Raises InputError if it is damaged."""
+        checkpoint = read_tensors(Path(path))
+        callbacks = _with_prefix(checkpoint.get("callbacks", {}), FOLDER, str(Path(path).parent))
+        return {**checkpoint, "callbacks": callbacks}
+
+
+def _with_prefix(value: Any, before: str, after: str) -> Any:
+    """Return plain values, nested in dictionaries, with a prefix of their texts and keys replaced by another."""
+    if isinstance(value, dict):
+        return {_with_prefix(key, before, after): _with_prefix(item, before, after) for key, item in value.items()}
+    if isinstance(value, str) and (value == before or value.startswith(f"{before}/")):
+        return after + value.removeprefix(before)
+    return value
