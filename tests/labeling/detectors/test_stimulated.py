@@ -18,12 +18,12 @@ SETTINGS = LabelSettings()
 
 @pytest.fixture(scope="module")
 def stimulated() -> Recording:
-    """Two minutes of the motorway: many overtakes are commanded, most drivers are left alone."""
+    """A hundred seconds of the motorway: many overtakes are commanded, most drivers are left alone."""
     none = {name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")}
-    some = {"hard_brake": 10.0, "debris": 15.0, "swerve": 10.0, "surge": 10.0, "hard_accel": 10.0, "overtake": 40.0}
+    some = {"hard_brake": 10.0, "debris": 30.0, "swerve": 10.0, "surge": 10.0, "hard_accel": 10.0, "overtake": 40.0}
     rates = none | {f"{name}_per_vehicle_hour": rate for name, rate in some.items()}
     return record(
-        load("motorway"), 5, TrafficSettings(run_in_s=60.0, duration_s=120.0), ManeuverSettings.model_validate(rates)
+        load("motorway"), 5, TrafficSettings(run_in_s=40.0, duration_s=100.0), ManeuverSettings.model_validate(rates)
     )
 
 
