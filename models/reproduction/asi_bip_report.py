@@ -16,7 +16,7 @@ from models.report.figures import spoken
 from models.reproduction import drawings
 from models.reproduction.asi_bip_claims import asi_bip_claims
 from models.reproduction.claims import Claim
-from models.reproduction.estimates import Trainings, accuracy, class_f1, estimate, mean_f1, pooled
+from models.reproduction.estimates import Trainings, accuracy, class_f1, mean_f1, pooled, score
 from models.reproduction.pages import FIGURES, Part, Row, claims_part
 from models.reproduction.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from models.reproduction.sensing_cases import TRAINED, weather_cases
@@ -80,14 +80,14 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
         if case.name not in cases:
             continue
         counts = cases[case.name]
-        f1 = estimate(mean_f1, *(counts,))
+        f1 = score(mean_f1, counts)
         reference = CASES.get(case.paper_case) if case.paper_case and case not in weather else None
         rows.append(
             {
                 "case": case.title,
                 "paper's case": case.paper_case,
                 "paper: accuracy": reference and reference[0],
-                "ours: accuracy": estimate(accuracy, counts),
+                "ours: accuracy": score(accuracy, counts),
                 "paper: macro-F1": reference and reference[1],
                 "ours: macro-F1": f1,
                 "windows": int(pooled(counts).sum()) // len(counts),
@@ -137,8 +137,8 @@ def _training(out: Path) -> Part | None:
             {
                 "intention": spoken(name),
                 "paper: F1": CLASS_F1.get(name),
-                "ours: F1, test": estimate(class_f1(number), counts),
-                "ours: F1, validation": estimate(class_f1(number), validation),
+                "ours: F1, test": score(class_f1(number), counts),
+                "ours: F1, validation": score(class_f1(number), validation),
             }
         )
     text = "ASI-BIP on what the sites sense at 0 to 10 dB. The paper prints three of the six F1."
@@ -190,13 +190,13 @@ def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
         {
             "SNR, dB": level,
             "windows": int(pooled(by_snr[level]).sum()) // len(by_snr[level]),
-            "macro-F1": estimate(mean_f1, by_snr[level]),
-            **{spoken(name): estimate(class_f1(k), by_snr[level]) for k, name in enumerate(CLASSES)},
+            "macro-F1": score(mean_f1, by_snr[level]),
+            **{spoken(name): score(class_f1(k), by_snr[level]) for k, name in enumerate(CLASSES)},
         }
         for level in levels
     ]
     curves = {
-        spoken(name): [_value(estimate(class_f1(k), by_snr[level]).value) for level in levels]
+        spoken(name): [_value(score(class_f1(k), by_snr[level]).value) for level in levels]
         for k, name in enumerate(CLASSES)
     }
     labels = ("F1 by SNR, trained at 0 to 10 dB", "per-element SNR, dB", "F1")
@@ -216,8 +216,8 @@ def _literal(out: Path) -> Part | None:
     rows: list[Row] = [
         {
             "tokens": training.name,
-            "accuracy": estimate(accuracy, of_measure([training], "test")),
-            "macro-F1": estimate(mean_f1, of_measure([training], "test")),
+            "accuracy": score(accuracy, of_measure([training], "test")),
+            "macro-F1": score(mean_f1, of_measure([training], "test")),
             "parameters": training.parameters,
             "processor time of the training, s": training.cpu_s,
         }

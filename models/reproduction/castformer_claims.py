@@ -8,7 +8,7 @@ from itertools import pairwise
 from models.reproduction.castformer_variants import COMPLETE, MODULES
 from models.reproduction.claims import Claim, above
 from models.reproduction.estimates import Estimate, Trainings, difference, estimate, maneuver_f1
-from models.reproduction.paper_figures import ABLATION, BEST_ALPHA, HORIZON, HORIZONS_S, ORDERS
+from models.reproduction.paper_figures import ABLATION, BEST_ALPHA, HORIZON, HORIZONS_S, ORDERS, end_of
 
 Networks = Mapping[str, Mapping[int, Trainings]]
 """Confusion matrices by network and horizon, s."""
@@ -30,7 +30,7 @@ def _horizon(networks: Networks) -> list[Claim]:
             measured = estimate(difference(maneuver_f1), at[near], at[far])
         claims.append(
             Claim(
-                claim=f"F1 declines from -{near} s to -{far} s",
+                claim=f"F1 declines from {end_of(near)} to {end_of(far)}",
                 paper=f"{row[k]} % to {row[k + 1]} %",
                 rule=ABOVE_0,
                 measured=measured,
@@ -47,7 +47,7 @@ def _modules(networks: Networks) -> list[Claim]:
         gain = ABLATION[module][0] - ABLATION[""][0]
         claims.append(
             Claim(
-                claim=f"{module.upper()} alone improves the baseline at -0 s",
+                claim=f"{module.upper()} alone improves the baseline at 0 s",
                 paper=f"{gain:+.1f} points",
                 rule=ABOVE_0,
                 measured=measured,
@@ -57,7 +57,7 @@ def _modules(networks: Networks) -> list[Claim]:
     measured = _ahead(networks, COMPLETE.name, "modules-none")
     claims.append(
         Claim(
-            claim="The three modules together improve the baseline at -0 s",
+            claim="The three modules together improve the baseline at 0 s",
             paper=f"{ABLATION['rsf+cpe+fsn'][0] - ABLATION[''][0]:+.1f} points",
             rule=ABOVE_0,
             measured=measured,
@@ -85,7 +85,7 @@ def _others(stages: Mapping[str, Networks]) -> list[Claim]:
             measured = _ahead(networks, COMPLETE.name, name)
             claims.append(
                 Claim(
-                    claim=f"At -0 s, {choice} is better than {other}",
+                    claim=f"At 0 s, {choice} is better than {other}",
                     paper=ahead.get(other, "better, in a figure without numbers"),
                     rule=ABOVE_0,
                     measured=measured,

@@ -74,6 +74,13 @@ def estimate(statistic: Statistic, *conditions: Trainings) -> Estimate:
     return Estimate(value=value, low=bounds[0], high=bounds[1], sd=sd)
 
 
+def score(statistic: Statistic, counts: Trainings) -> Estimate:
+    """Return a score of one condition, between 0 and 1, and so its interval."""
+    result = estimate(statistic, counts)
+    low, high = (None if bound is None else min(max(bound, 0.0), 1.0) for bound in (result.low, result.high))
+    return result.model_copy(update={"low": low, "high": high})
+
+
 def _half_width(left_out: Array, values: Array) -> float:
     """Return half the width of the interval of a mean, NaN with fewer than two test seeds.
 

@@ -47,6 +47,11 @@ BEST_ALPHA = 0.1
 """Weight of the intention's loss that the paper finds best. Source: CaSTFormer, Fig. 6, which has no numbers."""
 
 
+def end_of(horizon_s: int) -> str:
+    """Return where an observation ends, as the paper writes it."""
+    return f"-{horizon_s} s" if horizon_s else "0 s"
+
+
 def contradictions() -> list[str]:
     """Return, in words, where the tables of the CaSTFormer paper contradict each other on the complete network.
 

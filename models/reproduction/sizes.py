@@ -78,8 +78,13 @@ ASI_BIP: dict[SizeName, AsiBipSize] = {
 
 RECORDS = {"duration_s": 11.5, "before_onset_s": 6.5}
 """Records that hold a window of 2.2 s that ends 4 s before a commit right at the onset, and a commit 4.5 s after it."""
-SCENES = {"lead_s": 8.0, "settle_s": 5.2, "following_scenes": 1}
-"""Scenes of the kinematic source that are long enough for such records."""
+SCENES = {
+    "lead_s": 8.0,
+    "settle_s": 5.2,
+    "following_scenes": 1,
+    "situation": {"uv_speed_mps": [10, 17]},
+}
+"""Scenes of the kinematic source that are long enough for such records, and so slow that the sites see all of them."""
 
 CASTFORMER: dict[SizeName, CastformerSize] = {
     "full": CastformerSize(

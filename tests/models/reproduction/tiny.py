@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from models.reproduction.sizes import AsiBipSize, CastformerSize
+from models.reproduction.sizes import RECORDS, SCENES, AsiBipSize, CastformerSize
 
 SLOW_RATES = {"tv_rate_hz": 40.0, "uv_rate_hz": 20.0}
 NETWORKS: dict[str, Any] = {
@@ -18,7 +18,7 @@ NETWORKS: dict[str, Any] = {
 def asi_bip(**changes: Any) -> AsiBipSize:
     """Return a size of which every stage takes about a second."""
     content: dict[str, Any] = {
-        "training_seeds": (0, 1),
+        "training_seeds": (0,),
         "snr_db": (-10, 20),
         "literal_epochs": 1,
         "weather_chains": ("isac",),
@@ -42,14 +42,14 @@ def castformer(**changes: Any) -> CastformerSize:
     """Return a size of which every stage takes about a second."""
     content: dict[str, Any] = {
         "folds": 2,
-        "alphas": (0.1, 1.0),
+        "alphas": (0.1,),
         "compared": ("trees",),
         "compared_epochs": 1,
         "dataset": {
             "seeds": {"first": 1, "last": 4},
             "selection": {"per_class": 1, "following": 0},
-            "kinematics": {"per_class": 1, "following_scenes": 1, "lead_s": 8.0, "settle_s": 5.2},
-            "record": {"duration_s": 11.5, "before_onset_s": 6.5, **SLOW_RATES},
+            "kinematics": {"per_class": 1, **SCENES},
+            "record": {**RECORDS, **SLOW_RATES},
         },
         "training": {**NETWORKS, "optimiser": {"epochs": 1}},
     }
