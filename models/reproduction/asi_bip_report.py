@@ -17,7 +17,7 @@ from models.reproduction import drawings
 from models.reproduction.asi_bip_claims import asi_bip_claims
 from models.reproduction.claims import Claim
 from models.reproduction.estimates import Trainings, accuracy, class_f1, mean_f1, pooled, score
-from models.reproduction.pages import FIGURES, Part, Row, claims_part
+from models.reproduction.pages import FIGURES, TABLES, Part, Row, claims_part, write_table
 from models.reproduction.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from models.reproduction.sensing_cases import TRAINED, weather_cases
 from models.reproduction.sizes import AsiBipSize
@@ -31,6 +31,7 @@ CLASSES = [intention.text for intention in KNOWN]
 def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]:
     """Return the parts of the page for the stages that were run, their figures drawn, and the claims."""
     (out / FIGURES).mkdir(exist_ok=True)
+    (out / TABLES).mkdir(exist_ok=True)
     cases, by_snr = case_counts(out, size), snr_counts(out)
     claims = asi_bip_claims(cases, by_snr)
     makers = (_data, _training, _unknown, _literal)
@@ -126,9 +127,12 @@ def _training(out: Path) -> Part | None:
     folder, drawn = out / FIGURES, []
     if scores[0].history:
         figures.loss_curves(pd.DataFrame(scores[0].history), folder / "fig3_loss.png")
+        history = [{"training seed": of.training_seed, **epoch} for of in scores for epoch in of.history or ()]
+        write_table(history, out / TABLES / "fig3_loss.csv")
         drawn.append(("fig3_loss.png", f"Training and validation, training seed {scores[0].training_seed}."))
     counts = of_measure(scores, "test")
     figures.confusion(np.array(pooled(counts).tolist()), CLASSES, folder / "fig3_confusion.png", "ASI-BIP")
+    write_table(_matrix(pooled(counts).tolist(), CLASSES), out / TABLES / "fig3_confusion.csv")
     drawn.append(("fig3_confusion.png", "Confusion on the test seeds, all trainings together."))
     rows: list[Row] = []
     for number, name in enumerate(CLASSES):
@@ -157,6 +161,13 @@ def _unknown(out: Path) -> Part | None:
     drawings.confidence(known, unknown, first.threshold, folder / "fig4_confidence.png")
     counts = np.sum([scores.confusion for scores in measured], axis=0).tolist()
     figures.confusion(np.array(counts), [*CLASSES, "unknown"], folder / "fig4_confusion.png", "ASI-BIP, thresholded")
+    points = [
+        {"false-positive rate": float(grid[k])} | {n: float(c[1][k]) for n, c in curves.items()} for k in range(RATES)
+    ]
+    write_table(points, out / TABLES / "fig4_roc.csv")
+    bins = [{"confidence from": k / len(known), "known": n, "following": unknown[k]} for k, n in enumerate(known)]
+    write_table(bins, out / TABLES / "fig4_confidence.csv")
+    write_table(_matrix(counts, [*CLASSES, "unknown"]), out / TABLES / "fig4_confusion.csv")
     rows: list[Row] = []
     for name in first.auroc:
         areas = np.array([scores.auroc[name] for scores in measured if name in scores.auroc])
@@ -243,6 +254,11 @@ def _mean(values: Sequence[Sequence[float]]) -> Array:
 
 def _total(measured: Sequence[UnknownScores], name: str) -> Array:
     return np.asarray(np.sum([getattr(scores, name) for scores in measured], axis=0), dtype=np.float64)
+
+
+def _matrix(counts: Sequence[Sequence[int]], names: Sequence[str]) -> list[Row]:
+    """Return a confusion matrix as rows, true intentions down and predicted ones across."""
+    return [{"true": name, **dict(zip(names, row, strict=True))} for name, row in zip(names, counts, strict=True)]
 
 
 def _value(number: float | None) -> float:

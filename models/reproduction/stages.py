@@ -12,18 +12,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from isacsim.errors import InputError
 from isacsim.feedback import Feedback
-from isacsim.files import claim, write_json
+from isacsim.files import claim, replace_file, write_json
 from isacsim.settings import Settings
 from isacsim.versions import OF_RUNS, versions
 from models.training.progress import Steps
 
 MARK = "reproduction.json"
 STAGES = "stages"
+ALWAYS = ("claims", "page")
+"""Names that stand for no stage: claims and page follow from the files of the stages, and are always written."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def chosen_stages(stages: Sequence[Stage], names: Sequence[str] | None) -> list[
     """Return the stages with these names or in these groups, all of them if None. Raises InputError for other names."""
     if names is None:
         return list(stages)
-    offered = list(dict.fromkeys(name for stage in stages for name in (stage.name, stage.group)))
+    offered = [*dict.fromkeys(name for stage in stages for name in (stage.name, stage.group)), *ALWAYS]
     if unknown := [name for name in names if name not in offered]:
         raise InputError(f"--stages {unknown[0]}: no such stage; choose among {', '.join(offered)}")
     return [stage for stage in stages if {stage.name, stage.group} & set(names)]
@@ -106,7 +109,9 @@ def run_stages(identity: Identity, stages: Sequence[Stage], folder: Path, worker
             title = f"stage {number + 1} of {len(stages)}, {stage.name}: {stage.question}"
             with steps.step(title, duration_s, file.is_file()):
                 if not file.is_file():
-                    write_json(file, stage.run())
+                    # Without line breaks: matrices would take a line for every number.
+                    content = json.dumps(stage.run()) + "\n"
+                    replace_file(file, partial(Path.write_text, data=content, encoding="utf-8"))
 
 
 def result_of(folder: Path, stage: str) -> dict[str, Any] | None:
