@@ -277,6 +277,49 @@ def evaluate(
     output.print_json(as_json, {"report": str(folder), **evaluation.result.model_dump(mode="json")})
 
 
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples(
+        "reproduce asi-bip --dry-run",
+        "reproduce castformer --quick",
+        "reproduce asi-bip -o results/paper --stages table1,fig5",
+    ),
+)
+def reproduce(
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help="Paper to reproduce: {papers}.")],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the paper's name, under results/.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Run every stage on little data: minutes, and figures that mean nothing.")
+    ] = False,
+    stages: Annotated[
+        str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
+    ] = None,
+    clips: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars."),
+    ] = None,
+    epochs: Annotated[int | None, typer.Option(min=1, help="Train the paper's network for this many epochs.")] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")] = False,
+    jobs: opt.Jobs = None,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Reproduce the experiments of a paper: its tables and figures beside ours, and a verdict on each claim.
+
+    Repeat the command to continue an interrupted reproduction.
+    """
+    from command_line.reproduction import reproduce_and_show, show_cost
+    from models.reproduction.reproduce import request
+
+    console, engine = output.console_of(quiet), opt.engine_of(jobs, None)
+    folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
+    wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
+    show = show_cost if dry_run else reproduce_and_show
+    output.print_json(as_json, show(wanted, engine, console))
+
+
 @network_app.command(
     "import",
     cls=HelpfulCommand,

@@ -52,6 +52,7 @@ PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
     "fusion_methods": _registered("isacsim.tracking.fusion_methods:FUSION_METHODS"),
     "height_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
     "motion_sources": _registered("isacsim.traffic.motion_sources:MOTION_SOURCES"),
+    "papers": _registered("models.reproduction.reproduce:PAPERS"),
     "predictors": _registered("models.predictors.registry:PREDICTORS"),
     "sensors": _registered("isacsim.sensors:SENSORS"),
     "set_back_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "set_back_m"),

@@ -1,0 +1,53 @@
+"""`reproduce`: from its arguments to a page and the verdicts on the console."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from command_line import output
+from command_line.progress import print_line
+
+if TYPE_CHECKING:
+    from labeling.generation.engine import Engine
+    from models.reproduction.reproduce import ReproductionResult, Request
+
+
+def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
+    """Show what a reproduction still costs, stage by stage. Returns what `--json` prints."""
+    from models.reproduction.reproduce import cost_in_words, expected_cost
+    from models.training.progress import spoken_time
+
+    cost = expected_cost(wanted, engine)
+    print_line(console, cost_in_words(cost))
+    for stage, seconds in cost.stages.items():
+        print_line(console, f"  {stage}: {spoken_time(seconds)}")
+    return cost.model_dump(mode="json")
+
+
+def reproduce_and_show(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
+    """Run a reproduction and show its verdicts. Returns what `--json` prints."""
+    from models.reproduction.reproduce import reproduce
+
+    result = reproduce(wanted, engine, output.feedback_of(console))
+    console.print(table(result))
+    if wanted.size != "full":
+        print_line(console, f"size {wanted.size}: these figures say nothing about the paper")
+    if result.not_run:
+        print_line(console, f"not run: {', '.join(result.not_run)}")
+    print_line(console, f"page: {result.page}")
+    return result.model_dump(mode="json")
+
+
+def table(result: ReproductionResult) -> Table:
+    """Return the checklist of claims for the terminal."""
+    from models.reproduction.pages import text_of
+
+    drawn = Table(title="What the paper claims", title_justify="left")
+    for name in ("claim", "verdict", "ours", "paper"):
+        drawn.add_column(name)
+    for claim in result.claims:
+        drawn.add_row(claim.claim, claim.verdict, text_of(claim.measured), claim.paper)
+    return drawn

@@ -1,0 +1,269 @@
+"""The experiments of the ASI-BIP paper as stages: Table I, Figs. 3 to 5, and what its text claims."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from isacsim.feedback import Feedback
+from isacsim.settings import checked, read_toml
+from labeling.dataset.dataset import Dataset
+from labeling.generation.cost_estimate import estimate, sensed_anew
+from labeling.generation.engine import Engine
+from labeling.generation.generate import generate
+from labeling.intentions import KNOWN
+from models.predictors.protocol import Workload
+from models.predictors.registry import PREDICTORS
+from models.reproduction.sensing_cases import (
+    GENERATED,
+    TRAINED,
+    SensingCase,
+    description,
+    of_groups,
+    sensed,
+    weather_cases,
+)
+from models.reproduction.sizes import AsiBipSize, merged
+from models.reproduction.stages import Stage
+from models.reproduction.trainings import Measure, Scores, WindowTraining, run_tasks, train_and_measure
+from models.settings import TrainSettings
+from models.studies.cost_estimate import INSTANTS
+from models.studies.study import Study
+from models.studies.sweep import finished, shared_split
+
+PAPER = "asi-bip"
+STUDY = "kinematic.toml"
+"""The bundled study of the paper's setting."""
+TABLE_1 = "table1"
+"""Group of the stages that fill Table I."""
+LITERAL_FACTOR = 8.0
+"""Processor time of a training step with 1,101 tokens, relative to one with pooled tokens (one thread, batch 32)."""
+PATCH_FACTOR = 0.4
+"""Processor time of a training step with patches of 10 and 5 samples, relative to one without."""
+
+
+def study_of(size: AsiBipSize) -> Study:
+    """Return the bundled kinematic study in a size, with the paper's optimiser and one thread a training."""
+    content = read_toml(Path(str(importlib.resources.files("studies") / STUDY)))
+    content = merged(content, {"dataset": size.dataset, "training": size.training})
+    content = merged(content, {"training": {"optimiser": {"clip_norm": 0.0, "threads": 1}}})
+    return checked(Study, content, STUDY)
+
+
+@dataclass(frozen=True)
+class AsiBipReproduction:
+    """The stages of the reproduction, in a folder.
+
+    engine: runs episodes, sensing and trainings. feedback: where progress is reported.
+    """
+
+    size: AsiBipSize
+    out: Path
+    engine: Engine
+    feedback: Feedback
+
+    @cached_property
+    def study(self) -> Study:
+        """Settings of datasets and trainings."""
+        return study_of(self.size)
+
+    def stages(self) -> list[Stage]:
+        """Return all stages, in order."""
+        seeds, training_s = len(self.size.training_seeds), self._training_s("asi-bip")
+        literal_s = (1 + LITERAL_FACTOR) * self.size.literal_epochs / self.study.training.optimiser.epochs * training_s
+        table = [
+            Stage(
+                name=case.name,
+                group=TABLE_1,
+                question=f"Table I, {case.title}",
+                cost_s=self._sensing_s(case) + seeds * training_s,
+                parallel=seeds,
+                run=partial(self._case, case),
+            )
+            for case in TRAINED
+        ]
+        weather = weather_cases(self.size.weather_chains)
+        test_share = self.study.training.split.test
+        weather_s = test_share * sum(self._sensing_s(case) for case, _ in weather)
+        snr_s = test_share * len(self.size.snr_db) * self._sensing_s(next(c for c in TRAINED if c.name == GENERATED))
+        measured_s = 0.05 * training_s * seeds
+        pooled_s = seeds * self._training_s("aligned")
+        return [
+            Stage("data", "data", "how many samples of each intention", self._generating_s(), 8, self._data),
+            *table,
+            Stage("weather", TABLE_1, "Table I, ISAC in adverse weather", weather_s + measured_s, 1, self._weather),
+            Stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
+            Stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
+            Stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s + measured_s, seeds, self._fig5),
+            Stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
+            Stage("literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal),
+        ]
+
+    def _data(self) -> dict[str, Any]:
+        generated, sides = self.generated(), self.sides()
+        table = generated.frame(("scenario", "seed", "intention"))
+        group = table["scenario"].astype(str) + "-" + table["seed"].astype(str)
+        known = table["intention"].isin([intention.text for intention in KNOWN])
+        counts = {
+            side: {
+                "known": int((group.isin(names) & known).sum()),
+                "following": int((group.isin(names) & ~known).sum()),
+            }
+            for side, names in sides.items()
+        }
+        return {"datasets": {GENERATED: description(generated)}, "sides": sides, "samples": counts}
+
+    def _case(self, case: SensingCase) -> dict[str, Any]:
+        dataset = self.dataset(case)
+        tasks = self._tasks(case.name, case, "asi-bip", self.size.training_seeds)
+        return {"dataset": description(dataset), **self._run(tasks, case.title)}
+
+    def _weather(self) -> dict[str, Any]:
+        cases, datasets, scores = weather_cases(self.size.weather_chains), {}, []
+        for case, trained in cases:
+            folder = self._dataset_folder(f"test-{case.name}")
+            dataset = sensed(self._test_records(), case, folder, self.engine, self.feedback)
+            datasets[case.name] = description(dataset)
+            measures = (Measure(name=case.name, dataset=folder),)
+            trained_case = next(c for c in TRAINED if c.name == trained)
+            self.dataset(trained_case)
+            tasks = self._tasks(case.name, trained_case, "asi-bip", self.size.training_seeds, measures)
+            scores += self._run(tasks, case.title)["trainings"]
+        return {"datasets": datasets, "trainings": scores}
+
+    def _fig3(self) -> dict[str, Any]:
+        case = self._isac()
+        folder = self.dataset(case).path
+        measures = (Measure(name="test", dataset=folder), Measure(name="validation", dataset=folder, side="validation"))
+        tasks = self._tasks("fig3", case, "asi-bip", self.size.training_seeds, measures)
+        return self._run([replace(task, history=True) for task in tasks], "Fig. 3")
+
+    def _fig4(self) -> dict[str, Any]:
+        case = self._isac()
+        self.dataset(case)
+        tasks = self._tasks("fig4", case, "asi-bip", self.size.training_seeds)
+        return self._run([replace(task, unknown=True) for task in tasks], "Fig. 4")
+
+    def _fig5(self) -> dict[str, Any]:
+        case, measures, datasets = self._isac(), [], {}
+        self.dataset(case)
+        for snr_db in self.size.snr_db:
+            folder = self._dataset_folder(f"test-snr_{snr_db:g}")
+            dataset = sensed(self._test_records(), case, folder, self.engine, self.feedback, f"{snr_db:g}")
+            datasets[f"{snr_db:g}"] = description(dataset)
+            measures.append(Measure(name=f"{snr_db:g}", dataset=folder))
+        tasks = self._tasks("fig5", case, "asi-bip", self.size.training_seeds, tuple(measures))
+        return {"snr_db": list(self.size.snr_db), "datasets": datasets, **self._run(tasks, "Fig. 5")}
+
+    def _aligned(self) -> dict[str, Any]:
+        case = self._isac()
+        self.dataset(case)
+        return self._run(self._tasks("aligned", case, "aligned", self.size.training_seeds), "aligned fusion")
+
+    def _literal(self) -> dict[str, Any]:
+        case = self._isac()
+        self.dataset(case)
+        seed, epochs = self.size.training_seeds[0], self.size.literal_epochs
+        content = self.study.training_of("asi-bip", seed).model_dump()
+        task = self._tasks("literal", case, "asi-bip", (seed,))[0]
+        tasks = []
+        for tokens in ("literal", "pooled"):
+            changes = {"asi_bip": {"tokens": tokens}, "optimiser": {"epochs": epochs}}
+            tasks.append(
+                replace(
+                    task,
+                    name=tokens,
+                    scores_file=task.scores_file.with_name(f"{tokens}.json"),
+                    training=TrainSettings.model_validate(merged(content, changes)),
+                    run=self._run_folder(tokens, seed),
+                )
+            )
+        return {"epochs": epochs, **self._run(tasks, "literal tokens")}
+
+    def generated(self) -> Dataset:
+        """Return the dataset that all cases are sensed from, generated unless it is there."""
+        folder = self._dataset_folder(GENERATED)
+        if finished(folder):
+            return Dataset.open(folder)
+        return generate(self.study.dataset, folder, self.engine, self.feedback)
+
+    def dataset(self, case: SensingCase) -> Dataset:
+        """Return a case's dataset, sensed anew unless it is there."""
+        generated = self.generated()
+        if case.name == GENERATED:
+            return generated
+        return sensed(generated, case, self._dataset_folder(case.name), self.engine, self.feedback)
+
+    def sides(self) -> dict[str, list[str]]:
+        """Return the scenario seeds to train, validate and test on, the same in all cases."""
+        return shared_split(self.generated(), self.study.training.split)
+
+    def _isac(self) -> SensingCase:
+        return next(case for case in TRAINED if case.name == GENERATED)
+
+    def _test_records(self) -> Dataset:
+        return of_groups(self.generated(), self.sides()["test"])
+
+    def _tasks(
+        self,
+        stage: str,
+        case: SensingCase,
+        model: str,
+        seeds: Sequence[int],
+        measures: tuple[Measure, ...] | None = None,
+    ) -> list[WindowTraining]:
+        """Return a training for each seed, on the dataset of a case; tasks of several stages share their predictors.
+
+        measures: what is measured; the windows of the test seeds when None.
+        """
+        folder, run = self._dataset_folder(case.name), case.name if model == "asi-bip" else f"{case.name}-{model}"
+        return [
+            WindowTraining(
+                name=f"{stage}, training seed {seed}",
+                scores_file=self.out / "work" / "scores" / stage / f"seed-{seed}.json",
+                dataset=folder,
+                sides=self.sides(),
+                training=self.study.training_of(model, seed),
+                run=self._run_folder(run, seed),
+                measures=measures or (Measure(name="test", dataset=folder),),
+            )
+            for seed in seeds
+        ]
+
+    def _run(self, tasks: list[WindowTraining], title: str) -> dict[str, Any]:
+        """Run tasks; return their scores as plain values."""
+        work: Callable[[WindowTraining], Scores] = train_and_measure
+        scores = run_tasks(work, tasks, self.engine, self.feedback, title)
+        return {"trainings": [training.model_dump(mode="json") for training in scores]}
+
+    def _dataset_folder(self, name: str) -> Path:
+        return self.out / "work" / "datasets" / name
+
+    def _run_folder(self, name: str, seed: int) -> Path:
+        return self.out / "work" / "runs" / name / f"seed-{seed}"
+
+    def _generating_s(self) -> float:
+        return estimate(self.study.dataset).cpu_s
+
+    def _sensing_s(self, case: SensingCase) -> float:
+        """Return the expected processor time of sensing all records as in a case, s."""
+        if case.name == GENERATED:
+            return 0.0
+        generated = estimate(self.study.dataset)
+        return sensed_anew(self.study.dataset, generated, case.sensor).cpu_s
+
+    def _training_s(self, model: str) -> float:
+        """Return the expected processor time of one training, s."""
+        study, training = self.study, self.study.training_of(model, 0)
+        samples, split = estimate(study.dataset).samples, training.split
+        record = study.dataset.record
+        scale = training.windows.window_s * (record.tv_rate_hz + record.uv_rate_hz) / INSTANTS
+        work = Workload(
+            (1 - split.validation - split.test) * samples, split.validation * samples, split.test * samples, scale
+        )
+        patched = model == "asi-bip" and "asi_bip" in self.size.training
+        return PREDICTORS[model].cost_s(work, training) * (PATCH_FACTOR if patched else 1.0)

@@ -1,0 +1,142 @@
+"""Reproduces a paper: its cost, its stages, and the page that stands at their end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from isacsim.errors import InputError
+from isacsim.feedback import SILENT, Feedback
+from isacsim.files import write_json
+from isacsim.settings import Settings
+from labeling.generation.engine import Engine
+from models.reproduction import asi_bip, castformer
+from models.reproduction.asi_bip_report import asi_bip_parts
+from models.reproduction.castformer_report import castformer_parts
+from models.reproduction.claims import Claim
+from models.reproduction.pages import CLAIMS, Part, write_pages
+from models.reproduction.sizes import ASI_BIP, CASTFORMER, AsiBipSize, CastformerSize, SizeName, merged
+from models.reproduction.stages import Cost, Stage, chosen_stages, cost_of, identity_of, run_stages
+from models.training.progress import spoken_time
+
+PAPERS = (asi_bip.PAPER, castformer.PAPER)
+
+
+class Reproduction(Protocol):
+    """The experiments of a paper."""
+
+    def stages(self) -> list[Stage]:
+        """Return all stages, in order."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to reproduce.
+
+    paper: one of PAPERS. size: its name. settings: the size itself. out: folder to write. stages: names or groups of
+    the stages to run, all if None. clips: folder of feature files for CaSTFormer, None for windows.
+    """
+
+    paper: str
+    size: SizeName | str
+    settings: AsiBipSize | CastformerSize
+    out: Path
+    stages: Sequence[str] | None = None
+    clips: Path | None = None
+
+    def reproduction(self, engine: Engine, feedback: Feedback) -> Reproduction:
+        """Return the experiments of the paper."""
+        if isinstance(self.settings, AsiBipSize):
+            return asi_bip.AsiBipReproduction(self.settings, self.out, engine, feedback)
+        return castformer.CastformerReproduction(self.settings, self.out, engine, feedback, self.clips)
+
+
+class ReproductionResult(Settings):
+    """What a reproduction came to: its page, the verdict on each claim, and the stages that were not run."""
+
+    page: Path
+    claims: list[Claim]
+    not_run: list[str]
+
+
+def request(
+    paper: str,
+    out: Path,
+    quick: bool = False,
+    stages: Sequence[str] | None = None,
+    clips: Path | None = None,
+    epochs: int | None = None,
+) -> Request:
+    """Return what to reproduce. Raises InputError for another paper, or for clips of a paper that has none.
+
+    epochs: of every network of the paper, in place of those of the size.
+    """
+    if paper not in PAPERS:
+        raise InputError(f"{paper}: no such paper; choose {' or '.join(PAPERS)}")
+    if clips is not None and paper != castformer.PAPER:
+        raise InputError(f"--clips applies to {castformer.PAPER} only; remove it")
+    size: SizeName = "quick" if quick else "full"
+    sizes: Mapping[SizeName, AsiBipSize | CastformerSize] = ASI_BIP if paper == asi_bip.PAPER else CASTFORMER
+    settings = sizes[size]
+    if epochs is not None:
+        training = merged(settings.training, {"optimiser": {"epochs": epochs, "patience": epochs}})
+        changed = settings.model_dump() | {"training": training}
+        if isinstance(settings, AsiBipSize):
+            changed["literal_epochs"] = min(epochs, settings.literal_epochs)
+        settings = type(settings).model_validate(changed)
+    return Request(paper, size, settings, out, stages, clips)
+
+
+def expected_cost(wanted: Request, engine: Engine) -> Cost:
+    """Return what a reproduction still costs. Raises InputError for stages that there are not."""
+    stages = chosen_stages(wanted.reproduction(engine, SILENT).stages(), wanted.stages)
+    return cost_of(stages, wanted.out, engine.workers)
+
+
+def cost_in_words(cost: Cost) -> str:
+    """Return the cost of a reproduction in one sentence."""
+    if not cost.stages:
+        return "every stage is finished; only the page is written"
+    longest = max(cost.stages, key=lambda name: cost.stages[name])
+    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers"
+    return (
+        f"{len(cost.stages)} stages to run: about {spoken_time(cost.cpu_s)} of processor time, "
+        f"{spoken_time(cost.seconds)} with {workers}; the longest, {longest}, {spoken_time(cost.stages[longest])}"
+    )
+
+
+def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> ReproductionResult:
+    """Run the stages of a paper that are not finished, and write the page of all that are.
+
+    engine: runs episodes, sensing and trainings. feedback: where the cost and the progress are reported.
+    Raises InputError where the folder holds something else, RunError where a stage fails.
+    """
+    stages = wanted.reproduction(engine, feedback).stages()
+    chosen = chosen_stages(stages, wanted.stages)
+    feedback.message(cost_in_words(cost_of(chosen, wanted.out, engine.workers)))
+    content: dict[str, Any] = wanted.settings.model_dump(mode="json")
+    if wanted.clips is not None:
+        content["clips"] = str(wanted.clips.resolve())
+    identity = identity_of(wanted.paper, wanted.size, content)
+    run_stages(identity, chosen, wanted.out, engine.workers, feedback)
+    missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, engine.workers).stages]
+    parts, claims = _parts(wanted)
+    write_json(wanted.out / f"{CLAIMS}.json", [claim.model_dump(mode="json") for claim in claims])
+    not_run = [f"{stage.name}: {stage.question}" for stage in missing]
+    page = write_pages(TITLES[wanted.paper], identity, parts, not_run, wanted.out)
+    return ReproductionResult(page=page, claims=claims, not_run=[stage.name for stage in missing])
+
+
+def _parts(wanted: Request) -> tuple[list[Part], list[Claim]]:
+    if isinstance(wanted.settings, AsiBipSize):
+        return asi_bip_parts(wanted.out, wanted.settings)
+    return castformer_parts(wanted.out)
+
+
+TITLES = {
+    asi_bip.PAPER: "ASI-BIP, reproduced",
+    castformer.PAPER: "CaSTFormer, reproduced",
+}
+"""Title of each paper's page."""

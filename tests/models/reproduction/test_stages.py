@@ -1,0 +1,67 @@
+"""Stages: chosen by name, run once, resumed, and refused in the folder of another reproduction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from isacsim.errors import InputError
+from isacsim.feedback import SILENT
+from models.reproduction.stages import Stage, chosen_stages, cost_of, identity_of, result_of, run_stages
+
+IDENTITY = identity_of("asi-bip", "tiny", {"seed": 1})
+
+
+def stage(name: str, runs: list[str], fails: bool = False, group: str = "") -> Stage:
+    def run() -> dict[str, Any]:
+        runs.append(name)
+        if fails:
+            raise RuntimeError("killed")
+        return {"name": name}
+
+    return Stage(name, group or name, f"what {name} answers", 60.0, 3, run)
+
+
+def test_a_killed_reproduction_goes_on_where_it_was(tmp_path: Path) -> None:
+    out, runs = tmp_path / "out", list[str]()
+    with pytest.raises(RuntimeError, match="killed"):
+        run_stages(IDENTITY, [stage("a", runs), stage("b", runs, fails=True)], out, 1, SILENT)
+    assert (result_of(out, "a"), result_of(out, "b")) == ({"name": "a"}, None)
+    run_stages(IDENTITY, [stage("a", runs), stage("b", runs)], out, 1, SILENT)
+    assert runs == ["a", "b", "b"]
+    assert result_of(out, "b") == {"name": "b"}
+
+
+def test_a_folder_holds_one_reproduction(tmp_path: Path) -> None:
+    run_stages(IDENTITY, [stage("a", [])], tmp_path / "out", 1, SILENT)
+    other = IDENTITY.model_copy(update={"settings": {"seed": 2}})
+    with pytest.raises(InputError, match="another paper, size, setting or version"):
+        run_stages(other, [stage("a", [])], tmp_path / "out", 1, SILENT)
+
+
+def test_stages_are_chosen_by_name_or_group() -> None:
+    stages = [stage("a", [], group="table"), stage("b", [], group="table"), stage("c", [])]
+    assert [chosen.name for chosen in chosen_stages(stages, ["table"])] == ["a", "b"]
+    assert [chosen.name for chosen in chosen_stages(stages, ["c", "b"])] == ["b", "c"]
+    assert chosen_stages(stages, None) == stages
+    assert chosen_stages(stages, ["page"]) == []
+    with pytest.raises(InputError, match="--stages d: no such stage; choose among a, table, b, c, claims, page"):
+        chosen_stages(stages, ["d"])
+
+
+def test_the_cost_is_that_of_what_is_not_finished(tmp_path: Path) -> None:
+    stages = [stage("a", []), stage("b", [])]
+    run_stages(IDENTITY, stages[:1], tmp_path / "out", 1, SILENT)
+    cost = cost_of(stages, tmp_path / "out", 2)
+    # Three parts of 20 s on two workers take two rounds.
+    assert cost.stages == {"b": 40.0}
+    assert (cost.cpu_s, cost.seconds) == (60.0, 40.0)
+
+
+def test_a_damaged_file_is_reported(tmp_path: Path) -> None:
+    run_stages(IDENTITY, [stage("a", [])], tmp_path / "out", 1, SILENT)
+    (tmp_path / "out" / "stages" / "a.json").write_text("{")
+    with pytest.raises(InputError, match=r"a\.json: is damaged"):
+        result_of(tmp_path / "out", "a")
