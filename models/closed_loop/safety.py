@@ -15,6 +15,7 @@ Sources: Hayward 1972 (TTC); Almqvist, Hydén and Risser 1991 (DRAC); Allen, Shi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -218,49 +219,73 @@ def _arrival(track: Track, row: int, lane: int, place_m: float, step_s: float, s
     return float((track.first_step + row + after - 1 + part) * step_s)
 
 
-@dataclass(frozen=True)
-class Figures:
-    """Safety and efficiency of some vehicle time.
-
-    vehicle_hours: measured. ttc_below_3_s, ttc_below_1_5_s: time below, s per vehicle-hour. drac_above_3_4_s: time in
-    which more than 3.4 m/s2 would be needed, s per vehicle-hour. drac_highest_mps2: the highest of all.
-    encroachments_below_1_5: entries into a lane with a post-encroachment time below 1.5 s, per vehicle-hour.
-    speed_mps: mean over time. travel_s_per_km: time to drive a kilometre. hardest_braking_mps2: hardest deceleration.
-    """
-
-    vehicle_hours: float
-    ttc_below_3_s: float
-    ttc_below_1_5_s: float
-    drac_above_3_4_s: float
-    drac_highest_mps2: float
-    encroachments_below_1_5: float
-    speed_mps: float
-    travel_s_per_km: float
-    hardest_braking_mps2: float
-
-
 TTC_S = (3.0, 1.5)
 DRAC_MPS2 = 3.4
 """Braking above this is beyond what drivers usually manage (Archer 2005: 3.35 m/s2)."""
 PET_S = 1.5
 
 
-def figures(driving: Driving, entries: Encroachments, rows: BoolArray, of_entries: BoolArray) -> Figures | None:
-    """Return the figures of the chosen rows and entries; None if no row is chosen."""
-    if not rows.any():
-        return None
-    hours = float(rows.sum()) * driving.every_s / 3600.0
-    ttc, drac, speed = driving.ttc_s[rows], driving.drac_mps2[rows], driving.speed[rows]
-    per_hour = driving.every_s / hours
-    mean_speed = float(speed.mean())
-    return Figures(
-        vehicle_hours=hours,
-        ttc_below_3_s=float((ttc < TTC_S[0]).sum()) * per_hour,
-        ttc_below_1_5_s=float((ttc < TTC_S[1]).sum()) * per_hour,
-        drac_above_3_4_s=float((drac > DRAC_MPS2).sum()) * per_hour,
-        drac_highest_mps2=float(drac.max()),
-        encroachments_below_1_5=float((entries.pet_s[of_entries] < PET_S).sum()) / hours,
-        speed_mps=mean_speed,
-        travel_s_per_km=1000.0 / mean_speed if mean_speed > 0.0 else float("inf"),
-        hardest_braking_mps2=float(-min(driving.acceleration[rows].min(), 0.0)),
-    )
+@dataclass(frozen=True)
+class Totals:
+    """What some vehicles did in some time, summed up.
+
+    hours: vehicle-hours. km: driven. ttc_below_3_s, ttc_below_1_5_s, drac_above_3_4_s: time in which a vehicle was
+    there, s. entries_below_1_5: entries into a lane with a post-encroachment time below 1.5 s. drac_highest_mps2,
+    hardest_braking_mps2: the highest of all; 0 without any.
+    """
+
+    hours: float
+    km: float
+    ttc_below_3_s: float
+    ttc_below_1_5_s: float
+    drac_above_3_4_s: float
+    entries_below_1_5: int
+    drac_highest_mps2: float
+    hardest_braking_mps2: float
+
+    @classmethod
+    def of(cls, driving: Driving, entries: Encroachments, rows: BoolArray, of_entries: BoolArray) -> Totals:
+        """Sum up chosen rows of the driving, (n,), and chosen entries, (m,)."""
+        every_s, ttc, drac = driving.every_s, driving.ttc_s[rows], driving.drac_mps2[rows]
+        return cls(
+            hours=float(rows.sum()) * every_s / 3600.0,
+            km=float(driving.speed[rows].sum()) * every_s / 1000.0,
+            ttc_below_3_s=float((ttc < TTC_S[0]).sum()) * every_s,
+            ttc_below_1_5_s=float((ttc < TTC_S[1]).sum()) * every_s,
+            drac_above_3_4_s=float((drac > DRAC_MPS2).sum()) * every_s,
+            entries_below_1_5=int((entries.pet_s[of_entries] < PET_S).sum()),
+            drac_highest_mps2=float(drac.max(initial=0.0)),
+            hardest_braking_mps2=float((-driving.acceleration[rows]).max(initial=0.0)),
+        )
+
+
+FIGURES = {
+    "ttc_below_3_s": "time below 3 s of time to collision, s per vehicle-hour",
+    "ttc_below_1_5_s": "time below 1.5 s of time to collision, s per vehicle-hour",
+    "drac_above_3_4_s": "time in which more than 3.4 m/s2 would be needed to avoid a collision, s per vehicle-hour",
+    "entries_below_1_5": "entries into a lane with a post-encroachment time below 1.5 s, per vehicle-hour",
+    "drac_highest_mps2": "highest deceleration rate to avoid a collision, m/s2, mean over seeds",
+    "hardest_braking_mps2": "hardest deceleration, m/s2, mean over seeds",
+    "mean_speed_mps": "mean speed, m/s",
+    "travel_s_per_km": "time to drive a kilometre, s",
+}
+"""The figures of an arm, and their units."""
+
+
+def figures(totals: Sequence[Totals]) -> dict[str, float]:
+    """Return the figures of several seeds together, by the names in FIGURES; NaN where nothing was driven."""
+    hours, km = sum(part.hours for part in totals), sum(part.km for part in totals)
+
+    def per_hour(name: str) -> float:
+        return float(sum(getattr(part, name) for part in totals)) / hours if hours else np.nan
+
+    def mean(name: str) -> float:
+        return float(np.mean([getattr(part, name) for part in totals])) if hours else np.nan
+
+    rates = ("ttc_below_3_s", "ttc_below_1_5_s", "drac_above_3_4_s", "entries_below_1_5")
+    return {
+        **{name: per_hour(name) for name in rates},
+        **{name: mean(name) for name in ("drac_highest_mps2", "hardest_braking_mps2")},
+        "mean_speed_mps": km / hours / 3.6 if hours else np.nan,
+        "travel_s_per_km": 3600.0 * hours / km if km else np.nan,
+    }

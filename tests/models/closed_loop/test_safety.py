@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from labeling.road.straight_road import ScriptedVehicle, straight_road
-from models.closed_loop.safety import driving_of, encroachments, figures
+from models.closed_loop.safety import Driving, Totals, driving_of, encroachments, figures
 
 
-def rows_of(driving, vehicle: str) -> np.ndarray:
+def rows_of(driving: Driving, vehicle: str) -> np.ndarray:
     return np.flatnonzero(driving.vehicle == driving.names.index(vehicle))
 
 
@@ -26,12 +26,11 @@ def test_a_follower_that_closes_in_at_constant_speed_has_the_closed_forms() -> N
     np.testing.assert_allclose(driving.drac_mps2[rows], closing_mps**2 / (2 * left_m), rtol=1e-9)
     assert np.isinf(driving.ttc_s[rows_of(driving, "ahead")]).all()
     everything = np.ones(len(driving.time_s), bool)
-    measured = figures(driving, encroachments(recording), everything, np.ones(0, bool))
-    assert measured is not None
+    measured = figures([Totals.of(driving, encroachments(recording), everything, np.ones(0, bool))])
     # TTC falls by one second a second from 19 s, so nothing is below 3 s within 15 s; the mean speed is 22.5 m/s.
-    assert measured.ttc_below_3_s == 0.0
-    assert (measured.speed_mps, measured.travel_s_per_km) == pytest.approx((22.5, 1000 / 22.5))
-    assert measured.drac_highest_mps2 == pytest.approx(25.0 / (2 * 20.0))
+    assert measured["ttc_below_3_s"] == 0.0
+    assert (measured["mean_speed_mps"], measured["travel_s_per_km"]) == pytest.approx((22.5, 1000 / 22.5))
+    assert measured["drac_highest_mps2"] == pytest.approx(25.0 / (2 * 20.0))
 
 
 def test_exposure_is_time_below_the_thresholds() -> None:
@@ -40,18 +39,16 @@ def test_exposure_is_time_below_the_thresholds() -> None:
     )
     driving = driving_of(recording)
     rows = driving.vehicle == driving.names.index("behind")
-    measured = figures(driving, encroachments(recording), rows, np.ones(0, bool))
-    assert measured is not None
+    measured = Totals.of(driving, encroachments(recording), rows, np.ones(0, bool))
     # The gap of 100 m closes at 10 m/s: TTC is below 3 s for the last two seconds, below 1.5 s for half a second.
-    assert measured.ttc_below_3_s * measured.vehicle_hours == pytest.approx(2.0, abs=0.11)
-    assert measured.ttc_below_1_5_s * measured.vehicle_hours == pytest.approx(0.5, abs=0.11)
+    assert measured.ttc_below_3_s == pytest.approx(2.0, abs=0.11)
+    assert measured.ttc_below_1_5_s == pytest.approx(0.5, abs=0.11)
 
 
 def test_braking_is_the_slope_of_the_speed() -> None:
     recording = straight_road(ScriptedVehicle("one", [(0, 30.0), (5, 30.0), (9, 14.0), (20, 14.0)], duration_s=15.0))
     driving = driving_of(recording)
-    measured = figures(driving, encroachments(recording), np.ones(len(driving.time_s), bool), np.ones(0, bool))
-    assert measured is not None
+    measured = Totals.of(driving, encroachments(recording), np.ones(len(driving.time_s), bool), np.ones(0, bool))
     assert measured.hardest_braking_mps2 == pytest.approx(4.0, rel=1e-3)
 
 
