@@ -62,13 +62,13 @@ class ClosedLoopFacts(Settings):
     """What holds for all arms.
 
     settings: of the loop. scored_vehicle_hours: in `after_alarms` of the arm `none`. placebo_equals_none: whether the
-    traffic of both is the same to the last bit, as it has to be; None if one of them was not run. seeds: measured.
+    traffic of both is the same to the last bit, as it has to be. seeds: measured.
     """
 
     settings: ClosedLoopSettings
     latency: ClosedLoopLatency
     scored_vehicle_hours: float
-    placebo_equals_none: bool | None
+    placebo_equals_none: bool
     seeds: int
 
 

@@ -16,7 +16,7 @@ Arm = Literal["none", "placebo", "random", "radar", "isac", "truth"]
 ARMS: dict[Arm, str] = {
     "none": "nothing is sensed or sent",
     "placebo": "alarms by ISAC sensing; nothing is sent",
-    "random": "advisories on alarms drawn at random, as often as ISAC raised them on the development seeds",
+    "random": "advisories on alarms drawn at random, as often as ISAC raised them in the open loop",
     "radar": "advisories on alarms by the onboard radar of the UV",
     "isac": "advisories on alarms by ISAC sensing",
     "truth": "advisories on alarms by the true motion of the TV",
