@@ -29,7 +29,8 @@ class Knowledge:
 
     time_s: s. tv, uv: the pairs whose window is complete, B names each. windows: of the TV, (B, 6, T), and of the UV,
     (B, 6, U), in the scenario's plane. answers: of the predictor to them, None without one. surroundings: who is in
-    which lane. uv_of: the connected leader of each vehicle that has one.
+    which lane. uv_of: the connected leader of each vehicle that has one. reported: the newest report of each vehicle
+    that has arrived, x, y, vx, vy, ax, ay, (6,); the network gets those of connected vehicles.
     """
 
     time_s: float
@@ -39,14 +40,15 @@ class Knowledge:
     answers: Answers | None
     surroundings: Surroundings
     uv_of: Mapping[str, str]
+    reported: Mapping[str, Array]
 
 
 @dataclass
 class Network:
     """Watches TVs by the rule of the open loop: the UV of a window is the connected leader when the window begins.
 
-    A TV is sensed while it has a connected leader, and for the length of a window after. lags: from the newest report
-    of a UV to the end of the window (`Timing.report_delay_s`).
+    A TV is sensed while it has a connected leader, and for the length of a window after. The newest report of a UV is
+    `timing.report_delay_s` old at the end of a window. answering: None where nothing is predicted.
     """
 
     scenario: Scenario
@@ -83,7 +85,10 @@ class Network:
         tv, uv = self._ready()
         windows = self._windows(tv, uv)
         answers = self.answering(*windows, self._lanes) if self.answering and tv else None
-        return Knowledge(piece.end_s, tv, uv, windows, answers, surroundings, self._pairs[-1])
+        reported = {
+            name: states[:, -1 - self._delay] for name, states in self._uv.items() if states.shape[1] > self._delay
+        }
+        return Knowledge(piece.end_s, tv, uv, windows, answers, surroundings, self._pairs[-1], reported)
 
     def _paired(self, surroundings: Surroundings, piece: Piece) -> dict[str, Pair]:
         settings = self.study.pairs

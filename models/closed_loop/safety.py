@@ -95,7 +95,9 @@ def driving_of(recording: Recording, surroundings: Surroundings | None = None, e
 
     step = np.concatenate([np.empty(0, np.int64), *(t.first_step + part for t, part in zip(tracks, rows, strict=True))])
     acceleration = [
-        condition(np.asarray(track.speed), recording.step_s, SMOOTHING_S, 1, part) if len(track) > 1 else 0.0 * part
+        condition(np.asarray(track.speed), recording.step_s, SMOOTHING_S, 1, part)
+        if len(track) > 1
+        else np.zeros(len(part))
         for track, part in zip(tracks, rows, strict=True)
     ]
     speed, length = column("speed"), np.array([track.length_m for track in tracks])
@@ -122,6 +124,13 @@ def _rows(recording: Recording, track: Track, stride: int) -> IntArray:
     for first, after in recording.parked.get(track.vehicle, ()):
         rows = rows[(rows + track.first_step < first) | (rows + track.first_step >= after)]
     return rows
+
+
+def _acceleration(recording: Recording, track: Track, rows: IntArray) -> Array:
+    """Return the conditioned acceleration along the lane at some rows of a track, m/s2, (n,)."""
+    if len(track) < 2:
+        return np.zeros(len(rows))
+    return condition(np.asarray(track.speed), recording.step_s, SMOOTHING_S, 1, rows)
 
 
 def _leaders(step: IntArray, lane: IntArray, pos: Array, vehicle: IntArray, length: Array) -> tuple[IntArray, Array]:

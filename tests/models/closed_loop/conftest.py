@@ -15,9 +15,9 @@ from models.run import Run
 from tests.support.roads import straight_road, vehicle
 
 SITES = "".join(
-    f'<poi id="s{k}" x="{100 + 120 * k}" y="{(-40, 60)[k % 2]}" type="isac_site"><param key="height" value="20"/>'
-    f'<param key="azimuth" value="{(0, 180)[k % 2]}"/></poi>'
-    for k in range(8)
+    f'<poi id="s{k}" x="{100 + 80 * k}" y="{(-150, 150)[k // 2 % 2]}" type="isac_site"><param key="height" value="20"/>'
+    f'<param key="azimuth" value="{(0, 180)[k // 2 % 2]}"/></poi>'
+    for k in range(10)
 )
 
 
