@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import gymnasium
 import numpy as np
@@ -52,7 +52,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
     scenario: bundled name or path. run: folder of a trained predictor; None: the network senses but predicts nothing.
     duration_s, run_in_s: of an episode, s. every_s: time between two actions, s. slots: vehicles that can be advised
     at once. advisory_cost: what sending one costs, in the unit of the reward. natural: drivers are left alone.
-    settings: content of `ClosedLoopSettings`.
+    sensor: what senses the TVs, isac, radar or truth. settings: content of `ClosedLoopSettings`.
 
     Observation, (slots, FEATURES): the connected vehicles that follow a sensed TV, the one that would reach it first
     in front. Action, (slots,): for each, 0 nothing, or the number of one of INSTRUCTIONS plus 1. Reward: minus the time
@@ -74,6 +74,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         slots: int = 8,
         advisory_cost: float = 0.01,
         natural: bool = False,
+        sensor: Literal["isac", "radar", "truth"] = "isac",
         settings: dict[str, Any] | None = None,
     ) -> None:
         infer = None if run is None else Infer.load(Path(run))
@@ -85,7 +86,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         self._decisions_per_step = round(every_s / self._study.live.streams.decision_s)
         if self._decisions_per_step < 1:
             raise InputError(f"every_s {every_s:g} s is shorter than the network's time between decisions")
-        self._slots, self._cost = slots, advisory_cost
+        self._slots, self._cost, self._sensor = slots, advisory_cost, sensor
         self.observation_space = spaces.Box(-np.inf, np.inf, (slots, len(FEATURES)), np.float32)
         self.action_space = spaces.MultiDiscrete(np.full(slots, len(INSTRUCTIONS) + 1))
         self._loop: ClosedLoop | None = None
@@ -103,7 +104,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
             raise InputError("an environment is already running in this process; close it, or use AsyncVectorEnv")
         traffic_seed = int(self.np_random.integers(2**31 - 1))
         self._loop = ClosedLoop.of(
-            self._scenario, traffic_seed, self._study, self._settings, self._shape, "isac", self._answering
+            self._scenario, traffic_seed, self._study, self._settings, self._shape, self._sensor, self._answering
         )
         self._decisions, AdvisoryEnv._running = self._loop.decisions(), self
         self._decision = self._advance()

@@ -19,7 +19,7 @@ PROMPT = ClosedLoopSettings(advisories=AdvisorySettings(network_delay_s=0.0, rea
 
 @pytest.fixture(scope="module")
 def episodes(study: LiveStudy, scenario: Scenario, infer: Infer, alarming: Alarming) -> dict[Arm, ArmEpisode]:
-    arms: tuple[Arm, ...] = ("none", "placebo", "isac", "random", "radar", "truth")
+    arms: tuple[Arm, ...] = ("none", "placebo", "isac", "random", "radar")
     return {arm: run_arm(study, PROMPT, scenario, 1, arm, infer, alarming) for arm in arms}
 
 
@@ -82,7 +82,7 @@ def test_the_network_sees_the_recordings_motion_trailing_by_the_kernel(
         knowledge = decision.knowledge
         assert decision.moment.time_s - knowledge.time_s == pytest.approx(0.6)
         known += [(knowledge.time_s, tv, window) for tv, window in zip(knowledge.tv, knowledge.windows[0], strict=True)]
-    assert len(known) > 30
+    assert len(known) > 20
     for time_s, tv, window in known[::10]:
         times = time_s + (np.arange(-window.shape[1], 0) + 1) / infer.run.card.tv_rate_hz
         truth = motion.states(recording, recording.tracks[tv], times, study.dataset.motion)

@@ -20,7 +20,7 @@ from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
 
 PROMPT = AdvisorySettings(network_delay_s=0.0, reaction_s=(0.0, 0.0))
-SETTINGS = ClosedLoopSettings(arms=("none", "placebo", "isac"), advisories=PROMPT, after_s=4.0)
+SETTINGS = ClosedLoopSettings(arms=("none", "placebo", "truth"), advisories=PROMPT, after_s=4.0)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def evaluation(trees_run: Run, study: LiveStudy, folder: Path) -> ClosedLoopEval
 def test_the_result_says_what_the_contract_asks_for(evaluation: ClosedLoopEvaluation, folder: Path) -> None:
     stored = json.loads((folder / "metrics.json").read_text())
     assert ClosedLoopResult.model_validate(stored) == evaluation.result
-    assert list(stored["arms"]) == ["none", "placebo", "isac"]
+    assert list(stored["arms"]) == ["none", "placebo", "truth"]
     for arm in stored["arms"].values():
         assert set(arm["after_alarms"]) == set(arm["difference"]) == set(FIGURES)
     assert stored["closed_loop"]["placebo_equals_none"] is True
@@ -48,7 +48,7 @@ def test_arms_without_advisories_do_not_differ(evaluation: ClosedLoopEvaluation)
     placebo = evaluation.result.arms["placebo"]
     assert {difference.value for difference in placebo.difference.values()} <= {0.0, None}
     assert placebo.alarms > 0
-    isac = evaluation.result.arms["isac"]
+    isac = evaluation.result.arms["truth"]
     assert isac.advisories == sum(isac.fates.values()) > 0
 
 
@@ -60,7 +60,7 @@ def test_a_resumed_evaluation_repeats_nothing_and_gives_the_same_bytes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     before = (folder / "metrics.json").read_bytes()
-    lost = folder / "arms" / f"{evaluation.result.scenario}-2-isac.parquet"
+    lost = folder / "arms" / f"{evaluation.result.scenario}-2-truth.parquet"
     bytes_of_lost = lost.read_bytes()
     lost.unlink()
     run_arms: list[tuple[int, str]] = []
@@ -73,10 +73,10 @@ def test_a_resumed_evaluation_repeats_nothing_and_gives_the_same_bytes(
         return run_arm(*arguments)  # type: ignore[arg-type]
 
     monkeypatch.setattr(episode, "run_arm", noted)
-    with pytest.raises(RunError, match="1 of 6 arms failed, seed 2, arm isac"):
+    with pytest.raises(RunError, match="1 of 6 arms failed, seed 2, arm truth"):
         evaluate_advisories(trees_run, study, SETTINGS, folder, InlineEngine())
     evaluate_advisories(trees_run, study, SETTINGS, folder, InlineEngine())
-    assert run_arms == [(2, "isac"), (2, "isac")]
+    assert run_arms == [(2, "truth"), (2, "truth")]
     assert lost.read_bytes() == bytes_of_lost
     assert (folder / "metrics.json").read_bytes() == before
 
