@@ -227,6 +227,7 @@ def train(
         "evaluate predictor --data data",
         "evaluate predictor --data data --against floor",
         "evaluate predictor --traffic motorway --duration 120",
+        "evaluate predictor --traffic motorway --duration 60 --advisories",
     ),
 )
 def evaluate(
@@ -248,6 +249,9 @@ def evaluate(
     seeds: opt.MeasuredSeeds = None,
     development: opt.DevelopmentSeeds = None,
     duration: opt.Duration = None,
+    natural: opt.NaturalTraffic = False,
+    advisories: opt.Advisories = False,
+    conditioning: opt.ConditioningKind = None,
     jobs: opt.Jobs = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
@@ -258,7 +262,7 @@ def evaluate(
     """
     from command_line.live import LiveArguments, evaluate_and_show, source_of
 
-    live = LiveArguments(seeds, development, duration, jobs)
+    live = LiveArguments(seeds, development, duration, jobs, natural, advisories, conditioning)
     if source_of(data, traffic, live) == "traffic":
         console = output.console_of(quiet)
         output.print_json(as_json, evaluate_and_show(run, str(traffic), live, out, against or (), console))

@@ -16,6 +16,8 @@ from isacsim.errors import InputError
 from isacsim.parsing import number_range
 
 if TYPE_CHECKING:
+    from models.closed_loop.results import ClosedLoopResult
+    from models.closed_loop.settings import ClosedLoopSettings
     from models.live.results import EventScores, TrafficResult
 
 
@@ -27,6 +29,9 @@ class LiveArguments:
     development: str | None
     duration: float | None
     jobs: int | None
+    natural: bool | None = None
+    advisories: bool | None = None
+    conditioning: str | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -34,9 +39,11 @@ def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Li
     if (data is None) == (traffic is None):
         raise InputError("evaluate on a dataset (--data DATASET) or in traffic (--traffic SCENARIO): give one of them")
     if traffic is not None:
+        if live.conditioning is not None and not live.advisories:
+            raise InputError("--conditioning applies to a closed loop: give --advisories")
         return "traffic"
     for name, value in asdict(live).items():
-        if value is not None:
+        if value:
             raise InputError(f"--{name} applies to an evaluation in traffic: give --traffic SCENARIO")
     return "data"
 
@@ -55,23 +62,82 @@ def evaluate_and_show(
         None if text is None else number_range(text, f"--{name}", int, "1001:1004")
         for name, text in (("seeds", arguments.seeds), ("development", arguments.development))
     )
-    study = study_of(loaded.card, scenario, seeds, development, arguments.duration)
-    folder = out or run / f"traffic-{Path(scenario).name}"
-    evaluation = evaluate_traffic(
-        loaded,
-        study,
-        folder,
-        LocalEngine(arguments.jobs or options.cores()),
-        output.feedback_of(console),
-        [load_run(path) for path in against],
-    )
+    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, natural=bool(arguments.natural))
+    folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
+    engine, feedback = LocalEngine(arguments.jobs or options.cores()), output.feedback_of(console)
+    others = [load_run(path) for path in against]
+    closed: ClosedLoopResult | None = None
+    if arguments.advisories:
+        from models.closed_loop.evaluation import evaluate_advisories
+        from models.report.advisory_figures import arms
+
+        settings = closed_loop_settings(arguments)
+        closed_loop = evaluate_advisories(loaded, study, settings, folder, engine, feedback, others)
+        evaluation, closed = closed_loop.open_loop, closed_loop.result
+        arms(closed, folder / "arms.png")
+    else:
+        evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others)
     draw_live_figures(evaluation, folder)
     console.print(table(evaluation.result))
     for line in verdict(evaluation.result):
         print_line(console, line)
+    if closed is not None:
+        console.print(arm_table(closed))
+        for line in arm_verdict(closed):
+            print_line(console, line)
     print_line(console, f"figures and metrics.json: {folder}")
-    result = evaluation.result.model_dump(mode="json")
+    result = (closed or evaluation.result).model_dump(mode="json")
     return {"report": str(folder), **result, "real_time_factor": evaluation.real_time_factor}
+
+
+def closed_loop_settings(arguments: LiveArguments) -> ClosedLoopSettings:
+    """Return the settings of a closed loop. Raises InputError where an argument is wrong."""
+    from isacsim.settings import checked
+    from models.closed_loop.settings import ClosedLoopSettings
+
+    given = {} if arguments.conditioning is None else {"conditioning": arguments.conditioning}
+    return checked(ClosedLoopSettings, given, "arguments")
+
+
+def arm_table(result: ClosedLoopResult) -> Table:
+    """Return the arms of a closed loop for the terminal."""
+    facts = result.closed_loop
+    title = f"closed loop: {facts.scored_vehicle_hours:.2f} vehicle-hours after alarms, {facts.seeds} seeds"
+    drawn = Table(title=title, title_justify="left")
+    drawn.add_column("arm", no_wrap=True)
+    for name in ("alarms", "advisories", "TTC < 3 s", "TTC < 1.5 s", "DRAC > 3.4", "against none", "travel s/km"):
+        drawn.add_column(name, justify="right")
+    for arm, measured in result.arms.items():
+        values = measured.after_alarms
+        shown = [_number(values[name]) for name in ("ttc_below_3_s", "ttc_below_1_5_s", "drac_above_3_4_s")]
+        relative = measured.difference["ttc_below_1_5_s"].relative
+        change = "-" if relative is None else f"{100 * relative:+.0f} %"
+        drawn.add_row(
+            arm, str(measured.alarms), str(measured.advisories), *shown, change, _number(values["travel_s_per_km"])
+        )
+    return drawn
+
+
+def arm_verdict(result: ClosedLoopResult) -> list[str]:
+    """Return what the arms say, a line each."""
+    latency = result.closed_loop.latency
+    low, high = latency.reaction_s
+    lines = [
+        f"latency: sensing {latency.sensing_s:g} s, network {latency.network_s:g} s, driver {low:g} to {high:g} s; "
+        "TTC and DRAC in s per vehicle-hour; `against none` is TTC < 1.5 s"
+    ]
+    if "isac" in result.arms:
+        for name, text in (("ttc_below_1_5_s", "time below 1.5 s of TTC"), ("travel_s_per_km", "travel time")):
+            difference = result.arms["isac"].difference[name]
+            if difference.relative is not None:
+                interval = difference.relative_interval
+                between = f" ({100 * interval.low:+.0f} to {100 * interval.high:+.0f} %)" if interval else ""
+                lines.append(f"ISAC against none: {text} {100 * difference.relative:+.1f} %{between}")
+    return lines
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def table(result: TrafficResult) -> Table:

@@ -71,6 +71,24 @@ Duration = Annotated[
     float | None,
     typer.Option(metavar="S", min=1.0, help="With --traffic: simulated time of each seed, s. Default: the dataset's."),
 ]
+NaturalTraffic = Annotated[
+    bool, typer.Option("--natural", help="With --traffic: leave the drivers alone, without causes or commands.")
+]
+Advisories = Annotated[
+    bool,
+    typer.Option(
+        "--advisories",
+        help="With --traffic: also close the loop: advisories to connected vehicles on alarms, in several arms.",
+    ),
+]
+ConditioningKind = Annotated[
+    str | None,
+    typer.Option(
+        "--conditioning",
+        metavar="KIND",
+        help="With --advisories: how running traffic is smoothed, trailing (0.6 s late) or causal. Default: trailing.",
+    ),
+]
 Spacing = Annotated[
     float | None, typer.Option(metavar="M", help="Distance between masts along the road, m. Default: {spacing_m}.")
 ]

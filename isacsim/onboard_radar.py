@@ -147,7 +147,7 @@ def sense_onboard(
     others = blockers if blockers is not None else [None] * len(keys)
     time_s = (np.arange(motion.shape[2]) - count) / rate_hz
     scans = [
-        _scan(motion[k], time_s, _pose(carrier, k, time_s, key), settings, key, others[k]) for k, key in enumerate(keys)
+        scan(motion[k], time_s, _pose(carrier, k, time_s, key), settings, key, others[k]) for k, key in enumerate(keys)
     ]
     fixes = [filled(scan.fixes) for scan in scans]
     tracks = track(
@@ -195,7 +195,7 @@ def _pose(carrier: Carrier, record: int, time_s: Array, key: tuple[str | int, ..
     )
 
 
-def _scan(
+def scan(
     motion: Array,
     time_s: Array,
     pose: Pose,

@@ -261,7 +261,7 @@ def fix(
         time_s=(np.arange(motion.shape[1]) - count) / rate_hz,
     )
     level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
-    measured, deviation, power = _measure(true, level, settings, key)
+    measured, deviation, power = measure(true, level, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
     used = assigned & (power > threshold) & plausible(measured, settings.view)
     fuse = FUSION_METHODS[settings.fusion.method]
@@ -295,7 +295,7 @@ def _unseen(count: int, n_sites: int) -> Observed:
     return Observed(fixes, n_sites, 0.0, 0.0)
 
 
-def _measure(
+def measure(
     true: Array, level_db: Array, settings: SensingSettings, key: tuple[str | int, ...]
 ) -> tuple[Array, Array, Array]:
     """Draw and estimate every echo: measured values and their deviations, (S, I, 3), and power, (S, I)."""

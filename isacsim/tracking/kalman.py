@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array, BoolArray
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.settings import Settings
 
 
@@ -53,12 +53,14 @@ class Tracks:
     """Filtered states of B records.
 
     state: x, y, vx, vy, ax, ay, (B, S, 6). covariance: after the last step, (B, 6, 6). innovation: normalised
-    innovation squared of each fix, (B, S); zero for the first fix and where there is none.
+    innovation squared of each fix, (B, S); zero for the first fix and where there is none. refused: number of outliers
+    in a row up to the last step, (B,).
     """
 
     state: Array
     covariance: Array
     innovation: Array
+    refused: IntArray
 
 
 def transition(step_s: float) -> Array:
@@ -88,20 +90,32 @@ def start(fix: Array, covariance: Array, settings: TrackingSettings) -> tuple[Ar
     return state, spread
 
 
-def track(fixes: Array, covariances: Array, valid: BoolArray, step_s: float, settings: TrackingSettings) -> Tracks:
+def track(
+    fixes: Array,
+    covariances: Array,
+    valid: BoolArray,
+    step_s: float,
+    settings: TrackingSettings,
+    before: Tracks | None = None,
+) -> Tracks:
     """Filter the fixes of B records.
 
     fixes: x, y, vx, vy, (B, S, 4). covariances: (B, S, 4, 4). valid: (B, S); where false, the filter only predicts. The
     first fix of every record must be valid, or have a covariance that says how uncertain it is.
+    before: what came of the fixes before these, of the same records; the filter goes on from there. A record that is
+    filtered piece by piece gives what it gives as a whole.
     """
     move, noise = transition(step_s), process_noise(step_s, settings.jerk_density)
-    state, spread = start(fixes[:, 0], covariances[:, 0], settings)
     states = np.empty((*fixes.shape[:2], 6))
     innovations = np.zeros(fixes.shape[:2])
-    states[:, 0] = state
     missing = ~valid
-    refused = np.zeros(len(fixes), dtype=np.int64)
-    for k in range(1, fixes.shape[1]):
+    if before is None:
+        state, spread = start(fixes[:, 0], covariances[:, 0], settings)
+        states[:, 0] = state
+        refused = np.zeros(len(fixes), dtype=np.int64)
+    else:
+        state, spread, refused = before.state[:, -1], before.covariance, before.refused.copy()
+    for k in range(1 if before is None else 0, fixes.shape[1]):
         state = (move @ state[..., None])[..., 0]
         spread = move @ spread @ move.T + noise
         # A fix that is not valid has no weight: its gain is set to zero.
@@ -122,4 +136,4 @@ def track(fixes: Array, covariances: Array, valid: BoolArray, step_s: float, set
             state[lost], spread[lost] = start(fixes[lost, k], covariances[lost, k], settings)
             refused[lost] = 0
         states[:, k] = state
-    return Tracks(states, spread, innovations)
+    return Tracks(states, spread, innovations, refused)

@@ -176,6 +176,10 @@ class Director:
                 self._close_ramps(sumo, time)
         self._step += 1
 
+    def commands_now(self, vehicle: str) -> bool:
+        """Return whether a vehicle is under command or reacts to a cause."""
+        return vehicle in self._active
+
     def finish(self, time: float) -> None:
         """End the maneuvers that are still under way when the simulation ends; SUMO must still be running."""
         for vehicle, active in list(self._active.items()):

@@ -6,7 +6,8 @@ import contextlib
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -51,12 +52,42 @@ class TrafficError(RunError):
     """SUMO failed during a simulation. The message gives SUMO's reason in one line."""
 
 
+@dataclass(frozen=True)
+class Moment:
+    """A running simulation just before one of its steps.
+
+    sumo: the libsumo module. time_s: simulation time. recorded: whether the state at this time is recorded, as after
+    the run-in.
+    """
+
+    sumo: Any
+    director: Director
+    time_s: float
+    recorded: bool
+
+
 def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> Recording:
     """Simulate a scenario and record every vehicle's state at every step after the run-in.
 
     Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
     recordings. Only one simulation can run in a process at a time.
     Raises InputError where SUMO refuses the scenario, TrafficError where it fails during the simulation.
+    """
+    moments = record_stepwise(scenario, seed, traffic, maneuvers)
+    while True:
+        try:
+            next(moments)
+        except StopIteration as stop:
+            recording: Recording = stop.value
+            return recording
+
+
+def record_stepwise(
+    scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings
+) -> Generator[Moment, None, Recording]:
+    """Do what `record` does, and pause before every step, so that the caller can read and command vehicles.
+
+    Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation.
     """
     messages: Counter[str] = Counter()
     begin = round(scenario.begin_s / traffic.step_s)
@@ -68,6 +99,7 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         try:
             for step in range(begin, last):
+                yield Moment(sumo, director, step * traffic.step_s, step >= first)
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
                 log.step(sumo)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from pydantic import Field
@@ -44,8 +45,13 @@ def connected(recording: Recording, track: Track, settings: PairSettings) -> boo
     """Return whether a vehicle is connected. One that is connected at some share is so at every larger share."""
     if settings.uv_kinds is not None and track.kind not in settings.uv_kinds:
         return False
-    draw = stream("connected", recording.scenario, recording.seed, track.vehicle).random()
-    return bool(draw < settings.connected_share)
+    return _connected_draw(recording.scenario, recording.seed, track.vehicle) < settings.connected_share
+
+
+@lru_cache(maxsize=4096)
+def _connected_draw(scenario: str, seed: int, vehicle: str) -> float:
+    """Return the number between 0 and 1 that decides at which share a vehicle is connected."""
+    return float(stream("connected", scenario, seed, vehicle).random())
 
 
 def may_be_tv(track: Track, settings: PairSettings) -> bool:

@@ -17,6 +17,7 @@ from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
 from labeling.intentions import KNOWN, Intention
 from models.live.alarms import NEVER
 from models.live.events import LiveEvent
+from models.live.predictions import Answers
 from models.live.settings import BackgroundSettings
 from models.live.store import RUN, LiveEpisode
 
@@ -50,7 +51,7 @@ class Background:
         if len(np.unique(label)) < 2 or not (label == NONE).any():
             return None
         features = np.concatenate(
-            [inputs(episode)[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
+            [inputs(episode.answers[RUN])[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
         )
         trees = HistGradientBoostingClassifier(
             max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
@@ -60,19 +61,22 @@ class Background:
 
     def levels(self, episode: LiveEpisode) -> Float32Array:
         """Return the log-odds of every intention at each prediction of an episode that holds features, (n, 6)."""
-        level = np.full((len(episode.time_s), len(KNOWN)), NEVER, np.float32)
+        return self.levels_of(episode.answers[RUN])
+
+    def levels_of(self, answers: Answers) -> Float32Array:
+        """Return the log-odds of every intention for answers with features, (n, 6)."""
+        level = np.full((len(answers.score), len(KNOWN)), NEVER, np.float32)
         if not len(level):
             return level
-        probabilities = np.clip(self.trees.predict_proba(inputs(episode)), LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
+        probabilities = np.clip(self.trees.predict_proba(inputs(answers)), LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
         for column, known in enumerate(self.trees.classes_.tolist()):
             if known != NONE:
                 level[:, known] = np.log(probabilities[:, column] / (1 - probabilities[:, column]))
         return level
 
 
-def inputs(episode: LiveEpisode) -> Float32Array:
+def inputs(answers: Answers) -> Float32Array:
     """Return the features of the trees, (n, F + 6)."""
-    answers = episode.answers[RUN]
     return np.concatenate([answers.features, np.log(np.maximum(answers.probabilities, 1e-12))], axis=1)
 
 

@@ -23,6 +23,7 @@ from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
 from isacsim.scenarios.scenario import Scenario
 from isacsim.settings import Settings, checked, read_json
+from isacsim.traffic.director import LEFT_ALONE
 from isacsim.traffic.motion import REACH
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_RUNS, versions
@@ -77,11 +78,13 @@ def study_of(
     development: tuple[int, int] | None = None,
     duration_s: float | None = None,
     live: LiveSettings | None = None,
+    natural: bool = False,
 ) -> LiveStudy:
     """Return the evaluation of a run in a scenario, by the settings of the dataset that it was trained on.
 
     Traffic, labels, pairs and reports are as there; sensing uses the link budget, at the rates of the run. A dataset
     whose study is not known stands for the defaults. seeds, development: first and last. duration_s: of each episode.
+    natural: drivers are left alone: no causes, commands or disturbances.
     Raises InputError where an argument is wrong.
     """
     try:
@@ -93,6 +96,8 @@ def study_of(
     content |= {"scenarios": (scenario,), "seeds": {"first": first, "last": last}, "source": "sumo"}
     content["record"] |= {"tv_rate_hz": card.tv_rate_hz, "uv_rate_hz": card.uv_rate_hz}
     content["sensing"]["channel"] |= {"kind": "link"}
+    if natural:
+        content["maneuvers"] |= LEFT_ALONE
     if duration_s is not None:
         content["traffic"] |= {"duration_s": duration_s}
     chosen_on = development or DEVELOPMENT

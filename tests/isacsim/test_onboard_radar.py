@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isacsim.errors import InputError
-from isacsim.onboard_radar import UNKNOWN_SPEED_MPS, Carrier, Cycles, Pose, RadarSettings, _scan, sense_onboard
+from isacsim.onboard_radar import UNKNOWN_SPEED_MPS, Carrier, Cycles, Pose, RadarSettings, scan, sense_onboard
 from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
 from tests.support.sensing_road import RATE_HZ, drive, hard_brake
 
@@ -182,7 +182,7 @@ def test_the_fixes_say_how_good_they_are() -> None:
     pose = Pose(state, state, np.zeros(8000))
     values, places = [], []
     for k in range(20):
-        fixes = _scan(tv, time_s, pose, RadarSettings(), ("nees", k), None).fixes
+        fixes = scan(tv, time_s, pose, RadarSettings(), ("nees", k), None).fixes
         error = (fixes.state - tv[:4].T)[fixes.valid]
         bearing = np.arctan2(*(tv[:2] - state[:2])[::-1])[fixes.valid]
         seen = np.zeros((len(error), 3, 4))

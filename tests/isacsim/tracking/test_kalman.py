@@ -119,3 +119,18 @@ def test_outliers_are_left_out_and_a_lost_vehicle_is_found_again() -> None:
     moved = track(fixes, covariance, valid, STEP_S, TrackingSettings())
     assert np.abs(moved.state[0, 238, :2] - states[0, 238, :2]).max() < 0.1
     assert np.abs(moved.state[0, -1, :2] - 300 - states[0, -1, :2]).max() < 0.1
+
+
+@pytest.mark.parametrize("cuts", [(40,), (1, 2, 77)])
+def test_a_record_filtered_piece_by_piece_is_the_record(cuts: tuple[int, ...]) -> None:
+    fixes, covariance, valid = random_fixes(3, 120, 4)
+    fixes[:, 60:100, :2] += 300.0  # outliers, then a new start
+    whole = track(fixes, covariance, valid, STEP_S, TrackingSettings())
+    before, states = None, []
+    for part in np.split(np.arange(120), cuts):
+        before = track(fixes[:, part], covariance[:, part], valid[:, part], STEP_S, TrackingSettings(), before)
+        states.append(before.state)
+    assert (np.concatenate(states, axis=1) == whole.state).all()
+    assert before is not None
+    assert (before.covariance == whole.covariance).all()
+    assert (before.refused == whole.refused).all()

@@ -1,0 +1,38 @@
+"""Alarms as they come are the alarms of the whole episode."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from labeling.intentions import KNOWN
+from models.closed_loop.alarms import AlarmStream
+from models.live.alarms import Levels, alarms
+from models.live.predictions import Answers
+from models.live.settings import AlarmSettings
+
+
+@pytest.mark.parametrize(("k", "n"), [(1, 1), (2, 3), (4, 5)])
+def test_one_answer_at_a_time_raises_the_alarms_of_the_episode(k: int, n: int) -> None:
+    rng = np.random.default_rng(k)
+    settings = AlarmSettings(method="reject", threshold=0.4, k=k, n=n, refractory_s=0.8)
+    # Three vehicles over 400 decisions; each is answered most of the time, with levels that wander.
+    level = np.cumsum(rng.normal(0.0, 0.3, (3, 400, len(KNOWN))), axis=1).astype(np.float32)
+    answered = rng.random((3, 400)) > 0.08
+    vehicle, decision = np.nonzero(answered)
+    time_s = np.round(decision * 0.1, 9)
+    begins = np.ones(len(vehicle), bool)
+    begins[1:] = (np.diff(vehicle) != 0) | (np.diff(time_s) > 0.15)
+    whole = alarms(Levels(level[answered], vehicle, time_s, begins), settings)
+    expected = sorted(zip(whole.time_s.tolist(), whole.vehicle.tolist(), whole.intention.tolist(), strict=True))
+
+    stream = AlarmStream(settings, lambda answers: answers.score, 0.1)
+    raised = []
+    for number in range(400):
+        present = np.flatnonzero(answered[:, number])
+        answers = Answers(np.empty((len(present), 6), np.float32), level[present, number], np.empty((0, 0), np.float32))
+        for alarm in stream.raised([str(v) for v in present], answers, round(number * 0.1, 9)):
+            intention = [known.text for known in KNOWN].index(alarm.intention)
+            raised.append((alarm.time_s, int(alarm.tv), intention))
+    assert len(expected) > 20
+    assert sorted(raised) == expected
