@@ -28,7 +28,7 @@ from labeling.generation.engine import Engine
 from models.data.windows import Records, WindowSettings, draw_ends
 from models.evaluation.metrics import confusion
 from models.evaluation.predictions import Predictions, predict
-from models.networks.fitting import HISTORY_FILE
+from models.networks.checkpoints import HISTORY_FILE
 from models.reproduction.estimates import Counts
 from models.reproduction.unknown_class import UnknownScores, unknown_scores
 from models.run import Run
