@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
+from models.reproduction.paper_figures import BEST_ALPHA
+
 MODULES = ("rsf", "cpe", "fsn")
 ATTENTIONS = ("bda", "self", "joint", "one_way")
 ORDERS = ("rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf")
@@ -74,7 +76,9 @@ def orders() -> list[Variant]:
 def alphas(values: tuple[float, ...]) -> list[Variant]:
     """Return the variants of Fig. 6: the weight of the intention's loss."""
     return [
-        COMPLETE if alpha == 0.1 else Variant(f"alpha-{alpha:g}", f"alpha {alpha:g}", castformer={"alpha": alpha})
+        COMPLETE
+        if alpha == BEST_ALPHA
+        else Variant(f"alpha-{alpha:g}", f"alpha {alpha:g}", castformer={"alpha": alpha})
         for alpha in values
     ]
 

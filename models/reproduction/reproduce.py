@@ -35,12 +35,12 @@ class Reproduction(Protocol):
 class Request:
     """What to reproduce.
 
-    paper: one of PAPERS. size: its name. settings: the size itself. out: folder to write. stages: names or groups of
-    the stages to run, all if None. clips: folder of feature files for CaSTFormer, None for windows.
+    paper: one of PAPERS. size: name of the size. settings: the size itself. out: folder to write. stages: names or
+    groups of the stages to run, all if None. clips: folder of feature files for CaSTFormer, None for windows.
     """
 
     paper: str
-    size: SizeName | str
+    size: str
     settings: AsiBipSize | CastformerSize
     out: Path
     stages: Sequence[str] | None = None

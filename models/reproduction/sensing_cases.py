@@ -129,5 +129,5 @@ def description(dataset: Dataset) -> dict[str, Any]:
         "samples": dataset.meta.samples,
         "by_intention": dataset.meta.by_intention(),
         "left_out": dataset.meta.left_out(),
-        "median_position_error_m": round(float(np.median(errors)), 3) if errors else None,
+        "median_position_error_m": round(float(np.median(errors)), 5) if errors else None,
     }
