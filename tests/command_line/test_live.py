@@ -98,6 +98,8 @@ def test_options_of_the_closed_loop_need_one() -> None:
         source_of(None, "motorway", LiveArguments(None, None, None, None, conditioning="causal"))
     with pytest.raises(InputError, match="--advisories applies to an evaluation in traffic"):
         source_of(Path("data"), None, LiveArguments(None, None, None, None, advisories=True))
+    with pytest.raises(InputError, match="--false-alarms applies to an evaluation in traffic"):
+        source_of(Path("data"), None, LiveArguments(None, None, None, None, false_alarms=3.0))
     with pytest.raises(InputError, match="conditioning"):
         live.closed_loop_settings(LiveArguments(None, None, None, None, advisories=True, conditioning="later"))
 
@@ -110,12 +112,15 @@ def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monke
         raise InputError("stop")
 
     monkeypatch.setattr(closed_loop_evaluation, "evaluate_advisories", stop)
-    arguments = LiveArguments("3:4", "5:6", 20.0, 1, natural=True, advisories=True, conditioning="causal")
+    arguments = LiveArguments(
+        "3:4", "5:6", 20.0, 1, natural=True, advisories=True, conditioning="causal", false_alarms=9.0
+    )
     with pytest.raises(InputError, match="stop"):
         live.evaluate_and_show(run.path, "motorway", arguments, None, (), Console())
     ((study, settings, out),) = calls
     assert study.dataset.maneuvers.quiet
     assert settings.conditioning == "causal"
+    assert study.live.choice.false_alarms_per_vehicle_hour == 9.0
     assert out == run.path / "traffic-motorway-natural"
 
 
