@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from models.closed_loop.results import ClosedLoopResult
     from models.closed_loop.settings import ClosedLoopSettings
     from models.live.results import EventScores, TrafficResult
+    from models.live.settings import LiveSettings
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class LiveArguments:
     natural: bool | None = None
     advisories: bool | None = None
     conditioning: str | None = None
+    false_alarms: float | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -44,7 +46,7 @@ def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Li
         return "traffic"
     for name, value in asdict(live).items():
         if value:
-            raise InputError(f"--{name} applies to an evaluation in traffic: give --traffic SCENARIO")
+            raise InputError(f"--{name.replace('_', '-')} applies to an evaluation in traffic: give --traffic SCENARIO")
     return "data"
 
 
@@ -62,7 +64,8 @@ def evaluate_and_show(
         None if text is None else number_range(text, f"--{name}", int, "1001:1004")
         for name, text in (("seeds", arguments.seeds), ("development", arguments.development))
     )
-    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, natural=bool(arguments.natural))
+    settings, natural = live_settings(arguments), bool(arguments.natural)
+    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural)
     folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
     engine, feedback = LocalEngine(arguments.jobs or options.cores()), output.feedback_of(console)
     others = [load_run(path) for path in against]
@@ -71,8 +74,8 @@ def evaluate_and_show(
         from models.closed_loop.evaluation import evaluate_advisories
         from models.report.advisory_figures import arms
 
-        settings = closed_loop_settings(arguments)
-        closed_loop = evaluate_advisories(loaded, study, settings, folder, engine, feedback, others)
+        loop_settings = closed_loop_settings(arguments)
+        closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others)
         evaluation, closed = closed_loop.open_loop, closed_loop.result
         arms(closed, folder / "arms.png")
     else:
@@ -88,6 +91,16 @@ def evaluate_and_show(
     print_line(console, f"figures and metrics.json: {folder}")
     result = (closed or evaluation.result).model_dump(mode="json")
     return {"report": str(folder), **result, "real_time_factor": evaluation.real_time_factor}
+
+
+def live_settings(arguments: LiveArguments) -> LiveSettings:
+    """Return the settings of watching, alarms and scores. Raises InputError where an argument is wrong."""
+    from isacsim.settings import checked
+    from models.live.settings import LiveSettings
+
+    rate = arguments.false_alarms
+    choice = {} if rate is None else {"choice": {"false_alarms_per_vehicle_hour": rate}}
+    return checked(LiveSettings, choice, "arguments")
 
 
 def closed_loop_settings(arguments: LiveArguments) -> ClosedLoopSettings:

@@ -71,6 +71,14 @@ Duration = Annotated[
     float | None,
     typer.Option(metavar="S", min=1.0, help="With --traffic: simulated time of each seed, s. Default: the dataset's."),
 ]
+FalseAlarms = Annotated[
+    float | None,
+    typer.Option(
+        "--false-alarms",
+        metavar="RATE",
+        help="With --traffic: choose alarms with at most so many false ones per vehicle-hour. Default: 1.",
+    ),
+]
 NaturalTraffic = Annotated[
     bool, typer.Option("--natural", help="With --traffic: leave the drivers alone, without causes or commands.")
 ]

@@ -13,6 +13,11 @@ import cosim
 from command_line import live
 from command_line.live import LiveArguments, evaluate_and_show, source_of
 from isacsim.errors import InputError
+from models.closed_loop import evaluation as closed_loop_evaluation
+from models.closed_loop.results import ArmResult, ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult
+from models.closed_loop.safety import Totals, figures
+from models.closed_loop.scoring import differences
+from models.closed_loop.settings import ClosedLoopSettings
 from models.live import evaluation
 from models.live.settings import LiveStudy
 from models.run import Run
@@ -86,3 +91,63 @@ def test_the_study_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch
     (study,) = studies
     assert study.seeds == [5, 6, 3, 4]
     assert study.dataset.traffic.duration_s == 20.0
+
+
+def test_options_of_the_closed_loop_need_one() -> None:
+    with pytest.raises(InputError, match="--conditioning applies to a closed loop: give --advisories"):
+        source_of(None, "motorway", LiveArguments(None, None, None, None, conditioning="causal"))
+    with pytest.raises(InputError, match="--advisories applies to an evaluation in traffic"):
+        source_of(Path("data"), None, LiveArguments(None, None, None, None, advisories=True))
+    with pytest.raises(InputError, match="--false-alarms applies to an evaluation in traffic"):
+        source_of(Path("data"), None, LiveArguments(None, None, None, None, false_alarms=3.0))
+    with pytest.raises(InputError, match="conditioning"):
+        live.closed_loop_settings(LiveArguments(None, None, None, None, advisories=True, conditioning="later"))
+
+
+def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[LiveStudy, ClosedLoopSettings, Path]] = []
+
+    def stop(loaded: Run, study: LiveStudy, settings: ClosedLoopSettings, out: Path, *rest: object) -> None:
+        calls.append((study, settings, out))
+        raise InputError("stop")
+
+    monkeypatch.setattr(closed_loop_evaluation, "evaluate_advisories", stop)
+    arguments = LiveArguments(
+        "3:4", "5:6", 20.0, 1, natural=True, advisories=True, conditioning="causal", false_alarms=9.0
+    )
+    with pytest.raises(InputError, match="stop"):
+        live.evaluate_and_show(run.path, "motorway", arguments, None, (), Console())
+    ((study, settings, out),) = calls
+    assert study.dataset.maneuvers.quiet
+    assert settings.conditioning == "causal"
+    assert study.live.choice.false_alarms_per_vehicle_hour == 9.0
+    assert out == run.path / "traffic-motorway-natural"
+
+
+def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
+    none, advised = (Totals(1.0, 90.0, 100.0, danger, 10.0, 3, 4.0, 6.0) for danger in (20.0, 15.0))
+
+    def arm(totals: Totals, sent: int) -> ArmResult:
+        change = differences([totals] * 3, [none] * 3)
+        return ArmResult(
+            what="", alarms=4, advisories=sent, fates={}, predicted_hours=1.0, collided=0, first_advisory_s={},
+            after_alarms=dict(figures([totals])), all_traffic=dict(figures([totals])), difference=change,
+            difference_all_traffic=change,
+        )  # fmt: skip
+
+    facts = ClosedLoopFacts(
+        settings=ClosedLoopSettings(),
+        latency=ClosedLoopLatency(sensing_s=0.6, network_s=0.1, reaction_s=(0.6, 1.6)),
+        scored_vehicle_hours=3.0,
+        placebo_equals_none=True,
+        seeds=3,
+    )
+    result = ClosedLoopResult.model_construct(arms={"none": arm(none, 0), "isac": arm(advised, 5)}, closed_loop=facts)
+    console = Console(file=io.StringIO(), width=140)
+    console.print(live.arm_table(result))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "3.00 vehicle-hours after alarms, 3 seeds" in shown
+    assert "-25 %" in shown
+    lines = live.arm_verdict(result)
+    assert lines[0].startswith("latency: sensing 0.6 s, network 0.1 s, driver 0.6 to 1.6 s")
+    assert lines[1] == "ISAC against none: time below 1.5 s of TTC -25.0 % (-25 to -25 %)"
