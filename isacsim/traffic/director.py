@@ -8,7 +8,7 @@ event came of it is for the detectors to find in the recording.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -175,6 +175,11 @@ class Director:
             if self.settings.closed_ramp_end_per_lane_hour > 0.0:
                 self._close_ramps(sumo, time)
         self._step += 1
+
+    @property
+    def commanded(self) -> Collection[str]:
+        """The vehicles that the next step may command."""
+        return self._active.keys()
 
     def finish(self, time: float) -> None:
         """End the maneuvers that are still under way when the simulation ends; SUMO must still be running."""
