@@ -38,14 +38,14 @@ def run(duration_s: float = 3600.0) -> dict[str, Any]:
     if not STATUS.is_file():
         raise InputError(f"this benchmark reads {STATUS}, which only Linux has: run it there")
     study = DatasetStudy(scenarios=(SCENARIO,), traffic=TrafficSettings(duration_s=duration_s))
-    with _sampled() as recording:
+    with sampled() as recording:
         recorded = record(load(SCENARIO), SEED, study.traffic, ManeuverSettings())
-    with _sampled() as labelling:
+    with sampled() as labelling:
         labels = label(recorded, study.labels)
     return {
-        "recording": _peaks(recording),
-        "recording_first_tenth": _peaks(recording[: len(recording) // 10 + 1]),
-        "labelling": _peaks(labelling),
+        "recording": peaks(recording),
+        "recording_first_tenth": peaks(recording[: len(recording) // 10 + 1]),
+        "labelling": peaks(labelling),
         "rows": sum(map(len, recorded.tracks.values())),
         "vehicles": len(recorded.tracks),
         "events": len(labels.events),
@@ -54,7 +54,7 @@ def run(duration_s: float = 3600.0) -> dict[str, Any]:
 
 
 @contextmanager
-def _sampled() -> Iterator[list[dict[str, float]]]:
+def sampled() -> Iterator[list[dict[str, float]]]:
     """Yields a list that fills with the memory of the process, MiB, every tenth of a second while the block runs."""
     samples = [_memory()]
     done = threading.Event()
@@ -78,11 +78,12 @@ def _memory() -> dict[str, float]:
     return {name: int(words[words.index(field) + 1]) / 1024.0 for name, field in QUANTITIES.items()}
 
 
-def _peaks(samples: list[dict[str, float]]) -> dict[str, float]:
+def peaks(samples: list[dict[str, float]]) -> dict[str, float]:
+    """Return the largest of each quantity, MiB."""
     return {name: round(max(sample[name] for sample in samples)) for name in QUANTITIES}
 
 
 if __name__ == "__main__":
     began = time.monotonic()
-    peaks = run(*map(float, sys.argv[1:2]))
-    print(json.dumps({**peaks, "wall_s": round(time.monotonic() - began)}, indent=2))
+    results = run(*map(float, sys.argv[1:2]))
+    print(json.dumps({**results, "wall_s": round(time.monotonic() - began)}, indent=2))

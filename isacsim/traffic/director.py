@@ -8,7 +8,7 @@ event came of it is for the detectors to find in the recording.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -176,9 +176,10 @@ class Director:
                 self._close_ramps(sumo, time)
         self._step += 1
 
-    def commands_now(self, vehicle: str) -> bool:
-        """Return whether a vehicle is under command or reacts to a cause."""
-        return vehicle in self._active
+    @property
+    def commanded(self) -> Collection[str]:
+        """The vehicles that the next step may command."""
+        return self._active.keys()
 
     def finish(self, time: float) -> None:
         """End the maneuvers that are still under way when the simulation ends; SUMO must still be running."""

@@ -20,7 +20,8 @@ from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.traffic.director import Director, ManeuverSettings
 from isacsim.traffic.recording import Incidents, Recording
-from isacsim.traffic.state_log import StateLog
+from isacsim.traffic.sampled_log import SampledLog
+from isacsim.traffic.state_log import EveryStepLog, StateLog
 from isacsim.traffic.sway import SwaySettings, add_sway
 
 LOG_FILE = "messages.log"
@@ -39,7 +40,14 @@ class TrafficSettings(Settings):
         0.01,
         gt=0.0,
         le=0.1,
-        description="simulation step, and interval between states, s; a whole number of milliseconds",
+        description="simulation step, and interval between recorded states, s; a whole number of milliseconds",
+    )
+    sample_s: float = Field(
+        0.1,
+        gt=0.0,
+        le=1.0,
+        description="longest interval at which states are taken from SUMO, s; the others are rebuilt; with step_s, all "
+        "are taken",
     )
     action_step_s: float = Field(0.1, gt=0.0, le=1.0, description="interval between a driver's decisions, s")
     lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="width of a sublane, m")
@@ -93,7 +101,7 @@ def record_stepwise(
     begin = round(scenario.begin_s / traffic.step_s)
     first = begin + round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)
-    log = StateLog(scenario, traffic.step_s, first)
+    log = state_log(scenario, traffic, first)
     with session(scenario, seed, traffic, messages, log) as sumo:
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
@@ -102,7 +110,8 @@ def record_stepwise(
                 yield Moment(sumo, director, step * traffic.step_s, step >= first)
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
-                log.step(sumo)
+                log.step(sumo, director.commanded)
+            log.finish(sumo)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
@@ -121,6 +130,14 @@ def record_stepwise(
         lefthand=scenario.lefthand,
         parked=log.parked(tracks),
     )
+
+
+def state_log(scenario: Scenario, traffic: TrafficSettings, first: int) -> StateLog:
+    """Return the log that takes states as often as the settings say. first: the first step whose outcome it records."""
+    interval_s = min(traffic.sample_s, traffic.action_step_s)
+    if interval_s < 2.0 * traffic.step_s:
+        return EveryStepLog(scenario, traffic.step_s, first)
+    return SampledLog(scenario, traffic.step_s, first, interval_s)
 
 
 @contextlib.contextmanager

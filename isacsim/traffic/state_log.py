@@ -12,7 +12,8 @@ system on which an open file can be removed: Linux or macOS, not Windows.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -27,6 +28,7 @@ from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Track
 
 Numbers = npt.NDArray[np.integer[Any]]
+Rebuild = Callable[[str, Numbers, Array], tuple[int, Array]]
 
 COLUMNS = {
     "x": "vehicle_x",
@@ -42,19 +44,108 @@ TIME, VEHICLE, LANE = "timestep_time", "vehicle_id", "vehicle_lane"
 BATCH_ROWS = 100_000
 
 
-class StateLog:
-    """The states of every vehicle of one simulation. first: the first step whose outcome is recorded."""
+class StateLog(ABC):
+    """What is kept of one simulation: the states of every vehicle, its incidents, and its stays beside the road.
+
+    first: the step whose outcome is the first to be recorded.
+    """
 
     def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
         self._scenario = scenario
         self._step_s = step_s
         self._first = first
         self._facts: dict[str, tuple[str, float, float]] = {}
-        self._path = Path()
-        self._states: IO[bytes] | None = None
         self._parked: dict[str, list[tuple[int, int | None]]] = {}
+        # Of the latest step: who departed, began to teleport, and is about to return to the road.
+        self._departed: Sequence[str] = ()
+        self._teleporting: Sequence[str] = ()
+        self._returning: Sequence[str] = ()
         self.collided: set[str] = set()
         self.teleported: set[str] = set()
+
+    @abstractmethod
+    def options(self, folder: Path) -> dict[str, str]:
+        """Return the options to start SUMO with. folder: for files that exist while SUMO starts."""
+
+    @abstractmethod
+    def attach(self) -> None:
+        """Prepare to record. Call once SUMO has started."""
+
+    @abstractmethod
+    def blocks(self) -> Iterator[tuple[str, int, Array]]:
+        """Yield name, first step and states (6, n) of each vehicle that has any, in order of first appearance.
+
+        The rows are those of `COLUMNS`, and the lane's index as an integer of the same bits. Call after SUMO has ended.
+        """
+
+    def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
+        """Take what is missing of the last step. Call after it, while SUMO is still running."""
+
+    def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
+        """Note which vehicles departed, parked, collided or teleported in this step.
+
+        sumo: the running libsumo module. commanded: the vehicles that may be moved by commands in the next step.
+        """
+        vehicle = sumo.vehicle
+        self._departed = sumo.simulation.getDepartedIDList()
+        for name in self._departed:
+            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
+        for collision in sumo.simulation.getCollisions():
+            self.collided |= {collision.collider, collision.victim}
+        self._note_parking(sumo)
+        self._teleporting = sumo.simulation.getStartingTeleportIDList()
+        self.teleported.update(self._teleporting)
+
+    def _note_parking(self, sumo: Any) -> None:
+        started = sumo.simulation.getParkingStartingVehiclesIDList()
+        self._returning = sumo.simulation.getParkingEndingVehiclesIDList()
+        if not started and not self._returning:
+            return
+        step = round(sumo.simulation.getTime() / self._step_s)
+        for name in started:
+            self._parked.setdefault(name, []).append((step, None))
+        for name in self._returning:  # SUMO reports it in the last step in which the vehicle is still beside the road
+            if name in self._parked:
+                self._parked[name][-1] = (self._parked[name][-1][0], step + 1)
+
+    def parked(self, tracks: Mapping[str, Track]) -> dict[str, tuple[tuple[int, int], ...]]:
+        """Return the stays beside the road of the vehicles that have one within their track, as in `Recording`."""
+        stays = {}
+        for name, track in tracks.items():
+            end = track.first_step + len(track)
+            spans = [(first, end if after is None else after) for first, after in self._parked.get(name, ())]
+            stays[name] = tuple((a, min(b, end)) for a, b in spans if a < end and b > track.first_step)
+        return {name: spans for name, spans in stays.items() if spans}
+
+    def tracks(self) -> dict[str, Track]:
+        """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
+
+        Call after SUMO has ended.
+        """
+        tracks = {}
+        for name, first_step, block in self.blocks():
+            if name in self.collided or name in self.teleported:
+                continue
+            kind, length, width = self._facts[name]
+            tracks[name] = Track(
+                vehicle=name,
+                kind=kind,
+                length_m=length,
+                width_m=width,
+                first_step=first_step,
+                lane=np.asarray(block[-1].view(np.int64)),
+                **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
+            )
+        return tracks
+
+
+class FileLog(StateLog):
+    """Takes states from the file that SUMO writes."""
+
+    def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
+        super().__init__(scenario, step_s, first)
+        self._path = Path()
+        self._states: IO[bytes] | None = None
 
     def options(self, folder: Path) -> dict[str, str]:
         """Return the options to start SUMO with. Its file is in the given folder until `attach` is called."""
@@ -75,68 +166,15 @@ class StateLog:
         self._states = self._path.open("rb")
         self._path.unlink()
 
-    def step(self, sumo: Any) -> None:
-        """Note which vehicles departed, parked, collided or teleported in this step.
-
-        sumo: the running libsumo module.
-        """
-        vehicle = sumo.vehicle
-        for name in sumo.simulation.getDepartedIDList():
-            if vehicle.getParameter(name, "has.fcd.device") != "true":
+    def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
+        """Note what happened, as every log does. Raises InputError for a vehicle that SUMO does not write."""
+        super().step(sumo, commanded)
+        for name in self._departed:
+            if sumo.vehicle.getParameter(name, "has.fcd.device") != "true":
                 raise InputError(
                     f"{self._scenario.name}: vehicle {name} has the parameter has.fcd.device = false, so it cannot be "
                     "recorded: remove the parameter"
                 )
-            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
-        for collision in sumo.simulation.getCollisions():
-            self.collided |= {collision.collider, collision.victim}
-        self._note_parking(sumo)
-        self.teleported.update(sumo.simulation.getStartingTeleportIDList())
-
-    def _note_parking(self, sumo: Any) -> None:
-        started = sumo.simulation.getParkingStartingVehiclesIDList()
-        ended = sumo.simulation.getParkingEndingVehiclesIDList()
-        if not started and not ended:
-            return
-        step = round(sumo.simulation.getTime() / self._step_s)
-        for name in started:
-            self._parked.setdefault(name, []).append((step, None))
-        for name in ended:  # SUMO reports it in the last step in which the vehicle is still beside the road
-            if name in self._parked:
-                self._parked[name][-1] = (self._parked[name][-1][0], step + 1)
-
-    def parked(self, tracks: Mapping[str, Track]) -> dict[str, tuple[tuple[int, int], ...]]:
-        """Return the stays beside the road of the vehicles that have one within their track, as in `Recording`."""
-        stays = {}
-        for name, track in tracks.items():
-            end = track.first_step + len(track)
-            spans = [(first, end if after is None else after) for first, after in self._parked.get(name, ())]
-            stays[name] = tuple((a, min(b, end)) for a, b in spans if a < end and b > track.first_step)
-        return {name: spans for name, spans in stays.items() if spans}
-
-    def tracks(self) -> dict[str, Track]:
-        """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
-
-        Call after SUMO has ended: only then is its file complete.
-        """
-        sorter = RowSorter()
-        for rows in self._batches():
-            sorter.add(*rows)
-        tracks = {}
-        for name, first_step, block in sorter.blocks():
-            if name in self.collided or name in self.teleported:
-                continue
-            kind, length, width = self._facts[name]
-            tracks[name] = Track(
-                vehicle=name,
-                kind=kind,
-                length_m=length,
-                width_m=width,
-                first_step=first_step,
-                lane=np.asarray(block[-1].view(np.int64)),
-                **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
-            )
-        return tracks
 
     def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
         """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
@@ -159,6 +197,17 @@ class StateLog:
             yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block
 
 
+class EveryStepLog(FileLog):
+    """Takes the state of every vehicle at every step."""
+
+    def blocks(self) -> Iterator[tuple[str, int, Array]]:
+        """Yield the states of each vehicle; only when SUMO has ended is its file complete."""
+        sorter = RowSorter()
+        for rows in self._batches():
+            sorter.add(*rows)
+        yield from sorter.blocks()
+
+
 def _values(column: Any) -> npt.NDArray[Any]:
     """The numbers of a column. Its own `to_numpy` takes a quarter of a second to import pandas."""
     return np.asarray(np.from_dlpack(column))
@@ -170,18 +219,45 @@ class _Vehicle:
 
     first_step: int
     last_step: int = 0
-    waiting: list[Array] = field(default_factory=list)
+    waiting: list[tuple[Numbers, Array]] = field(default_factory=list)
     place: tuple[int, int] = (0, 0)
 
 
-class RowSorter:
-    """Collects rows that come step by step, and stores them by vehicle in a temporary file."""
+class BlockFile:
+    """A temporary file of blocks of states, which come back as views into it."""
 
     def __init__(self) -> None:
-        self._vehicles: dict[str, _Vehicle] = {}
-        self._present: set[str] = set()
         self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
         self._written = 0
+
+    def write(self, block: Array) -> tuple[int, int]:
+        """Append a block, shape (6, n). Returns its place: the index of its first value, and n."""
+        place = self._written, block.shape[1]
+        self._file.write(np.ascontiguousarray(block).tobytes())
+        self._written += block.size
+        return place
+
+    def views(self, places: Iterable[tuple[int, int]]) -> Iterator[Array]:
+        """Yield the blocks of some places, shape (6, n). Call once everything is written."""
+        self._file.flush()
+        values = np.memmap(self._file, np.float64, "r+", shape=(self._written,)) if self._written else np.empty(0)
+        for start, n in places:
+            yield values[start : start + n * ROWS].reshape(ROWS, n)
+
+
+class RowSorter:
+    """Collects rows that come step by step, and stores them by vehicle in a temporary file.
+
+    interval: steps between two rows of a vehicle. rebuild: returns the first step and the rows to store of a vehicle,
+    given its name and the steps and values of its rows; as they are when absent.
+    """
+
+    def __init__(self, interval: int = 1, rebuild: Rebuild | None = None) -> None:
+        self._interval = interval
+        self._rebuild = rebuild
+        self._vehicles: dict[str, _Vehicle] = {}
+        self._present: set[str] = set()
+        self._file = BlockFile()
 
     def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Array) -> None:
         """Add rows: block[:, k] is the state of vehicle names[which[k]] at steps[k].
@@ -196,32 +272,36 @@ class RowSorter:
             name, rows = names[present[k]], rows_of[k]
             vehicle = self._vehicles.setdefault(name, _Vehicle(first_step=int(steps[rows[0]])))
             vehicle.last_step = int(steps[rows[-1]])
-            vehicle.waiting.append(block[:, rows])
+            vehicle.waiting.append((steps[rows], block[:, rows]))
             self._present.add(name)
-        self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - 1})
+        self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - self._interval})
 
-    def blocks(self) -> Iterator[tuple[str, int, Array]]:
-        """Yield name, first step and block (6, n) of each vehicle, in order of first appearance. Call last."""
+    def blocks(self, others: Collection[str] = ()) -> Iterator[tuple[str, int, Array]]:
+        """Yield name, first step and block (6, n) of each vehicle, in order of first appearance. Call last.
+
+        others: vehicles that may have had no row, but are to be rebuilt nevertheless; they come last.
+        """
+        for name in others:
+            if name not in self._vehicles:
+                self._vehicles[name] = _Vehicle(0, waiting=[(np.empty(0, np.int64), np.empty((ROWS, 0)))])
+                self._present.add(name)
         self._write(set(self._present))
-        self._file.flush()
-        if not self._written:
-            return
-        values = np.memmap(self._file, np.float64, "r+", shape=(self._written,))
-        for name, vehicle in self._vehicles.items():
-            start, n = vehicle.place
-            yield name, vehicle.first_step, values[start : start + n * ROWS].reshape(ROWS, n)
+        views = self._file.views(vehicle.place for vehicle in self._vehicles.values())
+        for (name, vehicle), block in zip(self._vehicles.items(), views, strict=True):
+            yield name, vehicle.first_step, block
 
     @property
     def waiting_rows(self) -> int:
         """Number of rows in memory."""
-        return sum(part.shape[1] for name in self._present for part in self._vehicles[name].waiting)
+        return sum(part.shape[1] for name in self._present for _, part in self._vehicles[name].waiting)
 
     def _write(self, gone: set[str]) -> None:
         for name in gone:
             vehicle = self._vehicles[name]
-            block = np.concatenate(vehicle.waiting, axis=1)
+            block = np.concatenate([part for _, part in vehicle.waiting], axis=1)
+            if self._rebuild is not None:
+                steps = np.concatenate([steps for steps, _ in vehicle.waiting])
+                vehicle.first_step, block = self._rebuild(name, steps, block)
             vehicle.waiting.clear()
-            vehicle.place = (self._written, block.shape[1])
-            self._file.write(np.ascontiguousarray(block).tobytes())
-            self._written += block.size
+            vehicle.place = self._file.write(block)
         self._present -= gone

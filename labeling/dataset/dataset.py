@@ -257,6 +257,14 @@ class Dataset:
         for table in self._tables(list(names)):
             yield {name: states_of(table[name]) for name in names}
 
+    def record(self, name: str, row: int) -> Float32Array:
+        """Return one row of an array column, (6, length), by reading the shard that holds it."""
+        for shard in self.meta.shards:
+            if row < shard.samples:
+                return np.asarray(states_of(self._table(shard, [name])[name])[row])
+            row -= shard.samples
+        raise IndexError(f"the dataset has {len(self)} rows")
+
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
 
@@ -291,15 +299,19 @@ class Dataset:
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the named columns of one shard after the other. Raises InputError if a shard is damaged."""
         for shard in self.meta.shards:
-            path = self.shard_path(shard)
-            try:
-                yield read_table(path, columns)
-            except (OSError, ValueError) as error:
-                reason = " ".join(str(error).split())
-                raise InputError(
-                    f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same "
-                    f"`{self.meta.maker}` again"
-                ) from None
+            yield self._table(shard, columns)
+
+    def _table(self, shard: Shard, columns: list[str]) -> pa.Table:
+        """Return the named columns of a shard. Raises InputError if it is damaged."""
+        path = self.shard_path(shard)
+        try:
+            return read_table(path, columns)
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same "
+                f"`{self.meta.maker}` again"
+            ) from None
 
     def _faults(self, shard: Shard) -> Iterator[str]:
         """Yield what is wrong with a shard."""

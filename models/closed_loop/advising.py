@@ -74,7 +74,7 @@ class Advisor:
             if vehicle not in present or is_parked(sumo, vehicle):
                 self._end(vehicle, moment.time_s)
                 sent.fate = "gone"
-            elif moment.director.commands_now(vehicle):
+            elif vehicle in moment.director.commanded:
                 self._end(vehicle, moment.time_s)
                 _let_go(sumo, vehicle)
                 sent.fate = "dropped"
@@ -93,7 +93,7 @@ class Advisor:
         elif (
             vehicle in self._active
             or self._rested.get(vehicle, 0.0) > moment.time_s
-            or moment.director.commands_now(vehicle)
+            or vehicle in moment.director.commanded
         ):
             sent.fate = "busy"
         else:

@@ -6,7 +6,7 @@ so that the last TV sample and the last UV sample of a window are simultaneous; 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal, Self
@@ -22,6 +22,7 @@ from isacsim.seeding import stream
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
 from models.data.lane_map import LaneMap
+from models.data.states import COMPONENTS, States, StatesOnDisk, take, windows_of
 
 if TYPE_CHECKING:
     from labeling.dataset.dataset import Dataset
@@ -33,6 +34,9 @@ COLUMNS = (
     "sample_id", "scenario", "seed", "label", "origin", "t_start", "t_onset", "t_commit", "snr_db", "n_sites",
 )  # fmt: skip
 """The scalar columns of a dataset that predictors and their evaluation read."""
+
+IN_MEMORY_BYTES = 2 * 2**30
+"""States of a dataset that take more than this stay on disk."""
 
 START_SHARE = 0.05
 """Share of a window over which the TV's velocity at its start is averaged."""
@@ -83,23 +87,34 @@ class SplitSettings(Settings):
 
 @dataclass(frozen=True)
 class Records:
-    """The records of a dataset, in memory.
+    """The records of a dataset.
 
-    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates. table: one row per record, with COLUMNS. lane_maps: the
-    roads of their scenarios, for predictors that look at lanes.
+    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk. table: one row per record, with
+    COLUMNS. lane_maps: the roads of their scenarios, for predictors that look at lanes.
     """
 
-    tv: Float32Array
-    uv: Float32Array
+    tv: States
+    uv: States
     tv_rate_hz: float
     uv_rate_hz: float
     table: pd.DataFrame
     lane_maps: LaneMaps | None = None
 
     @classmethod
-    def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self:
-        """Read all records of a dataset; sensed: the column that gives the TV's states."""
-        arrays = dataset.arrays(sensed, "uv")
+    def of(
+        cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv", in_memory_bytes: int = IN_MEMORY_BYTES
+    ) -> Self:
+        """Open the records of a dataset.
+
+        sensed: the column that gives the TV's states; other columns of states are not read. in_memory_bytes: states
+        that take more are left on disk. Windows are the same, to the last bit, wherever the states are.
+        """
+        lengths = {sensed: dataset.meta.tv_length, "uv": dataset.meta.uv_length}
+        arrays: Mapping[str, States]
+        if 4 * COMPONENTS * sum(lengths.values()) * len(dataset) <= in_memory_bytes:
+            arrays = dataset.arrays(*lengths)
+        else:
+            arrays = StatesOnDisk.copied(dataset.arrays_by_shard(*lengths), len(dataset), lengths)
         table = dataset.frame(COLUMNS)
         rates = dataset.meta
 
@@ -116,7 +131,9 @@ class Records:
     def take(self, rows: npt.NDArray[np.bool_] | IntArray) -> Records:
         """Return the records of some rows, given as a mask (N,) or as positions."""
         table = self.table.iloc[np.flatnonzero(rows) if rows.dtype == bool else rows].reset_index(drop=True)
-        return Records(self.tv[rows], self.uv[rows], self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps)
+        return Records(
+            take(self.tv, rows), take(self.uv, rows), self.tv_rate_hz, self.uv_rate_hz, table, self.lane_maps
+        )
 
     @property
     def label(self) -> IntArray:
@@ -252,8 +269,8 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     if len(ends) and not (first <= ends.step.min() and ends.step.max() <= last):
         raise ValueError(f"windows end at UV samples {ends.step.min()} to {ends.step.max()}; {first} to {last} fit")
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
-    tv = _gather(records.tv, ends.row, tv_end, n_tv)
-    uv = _gather(records.uv, ends.row, ends.step, n_uv)
+    tv = windows_of(records.tv, ends.row, tv_end, n_tv)
+    uv = windows_of(records.uv, ends.row, ends.step, n_uv)
     windows = in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
     if records.lane_maps is None:
         return windows
@@ -312,13 +329,6 @@ def _turned(states: Array, origin: Array, cos: Array, sin: Array) -> Array:
     u, v = np.moveaxis(pairs - shift, 2, 0)
     c, s = cos[:, None, None], sin[:, None, None]
     return np.stack([c * u + s * v, c * v - s * u], axis=2).reshape(states.shape)
-
-
-def _gather(states: Float32Array, row: IntArray, last: IntArray, n: int) -> Array:
-    """Return the n samples that end at `last` of each of some records, (len(row), 6, n)."""
-    index = last[:, None] + np.arange(1 - n, 1)
-    taken = states[row[:, None, None], np.arange(states.shape[1])[None, :, None], index[:, None, :]]
-    return np.asarray(taken, dtype=np.float64)
 
 
 def split(records: Records, settings: SplitSettings) -> dict[str, list[str]]:

@@ -53,10 +53,11 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     out, evaluated = Path(folder), evaluation.measured[0]
     draw_figures(evaluation, out)
     choice = choose_record(evaluated.predictions)
-    records, truth = Records.of(dataset), dataset.arrays("tv_truth")["tv_truth"]
-    row = int(np.flatnonzero(records.table["sample_id"] == choice.sample_id)[0])
+    sample_ids = dataset.frame(["sample_id"])["sample_id"]
+    row = int(np.flatnonzero(sample_ids == choice.sample_id)[0])
+    records, truth = Records.of(dataset), dataset.record("tv_truth", row)
     scenario = str(records.table["scenario"].iloc[row])
-    view = record_view(evaluated.run, records, truth[row], row)
+    view = record_view(evaluated.run, records, truth.astype(np.float64), row)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
     return write_page(evaluation.result, out, choice.rule)
 
@@ -87,9 +88,9 @@ def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordVie
     snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
     return RecordView(
         title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
-        tv=records.tv[row],
+        tv=np.asarray(records.tv[row], np.float64),
         truth=truth,
-        uv=records.uv[row],
+        uv=np.asarray(records.uv[row], np.float64),
         t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
         t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
         commit_s=float(table["t_commit"] - table["t_onset"]),

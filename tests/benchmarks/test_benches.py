@@ -31,7 +31,14 @@ def test_traffic_compares_recording_with_bare_stepping(
     monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda **_: SHORT)
     monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 1)
     result = reported("traffic", capfd)
-    assert {"ratio", "ratio_of", "ratio_with_maneuvers", "simulated_s_per_cpu_s", "vehicles"} <= set(result)
+    assert {
+        "ratio",
+        "ratio_of",
+        "ratio_every_step",
+        "ratio_with_maneuvers",
+        "simulated_s_per_cpu_s",
+        "vehicles",
+    } <= set(result)
     assert set(result["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]
     assert result["vehicles"] > 5  # type: ignore[operator]
 

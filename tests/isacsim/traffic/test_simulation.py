@@ -15,12 +15,12 @@ from isacsim.traffic.director import Director, ManeuverSettings
 from isacsim.traffic.motion import condition
 from isacsim.traffic.recording import COLUMNS, Recording
 from isacsim.traffic.simulation import LOG_FILE, WARNING, TrafficSettings, record, session
-from isacsim.traffic.state_log import StateLog
+from isacsim.traffic.state_log import EveryStepLog
 from isacsim.traffic.sway import SwaySettings
 from tests.support.roads import straight_road, vehicle
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
-SHORT = TrafficSettings(run_in_s=40.0, duration_s=15.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
+SHORT = TrafficSettings(sample_s=0.01, run_in_s=40.0, duration_s=15.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
 HARD = BrakeCommandSettings(peak_mps2=(6.0, 8.0), drop_mps=(10.0, 14.0))
 BRAKING = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, hard_brake=HARD, rest_s=1.0)
 
@@ -149,7 +149,7 @@ def test_a_vehicle_that_cannot_be_recorded_is_refused(tmp_path: Path) -> None:
 def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scenario = load(straight_road(tmp_path / "road", vehicle("a")))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    log = StateLog(scenario, 0.01, 0)
+    log = EveryStepLog(scenario, 0.01, 0)
     with session(scenario, 1, TrafficSettings(), log=log) as sumo:
         for _ in range(100):
             sumo.simulationStep()

@@ -54,8 +54,9 @@ def test_only_rows_of_vehicles_on_the_road_wait_in_memory() -> None:
     assert len(list(sorter.blocks())) == 2000
 
 
-def test_reading_in_small_batches_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    traffic = TrafficSettings(run_in_s=40.0, duration_s=8.0)
+@pytest.mark.parametrize("sample_s", [0.01, 0.1])
+def test_reading_in_small_batches_changes_nothing(sample_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    traffic = TrafficSettings(sample_s=sample_s, run_in_s=40.0, duration_s=8.0)
     whole = record(load("motorway"), 3, traffic, ManeuverSettings())
     monkeypatch.setattr("isacsim.traffic.state_log.BATCH_ROWS", 997)
     parts = record(load("motorway"), 3, traffic, ManeuverSettings())

@@ -64,7 +64,7 @@ def test_the_rates_and_limits_are_those_of_the_director() -> None:
     assert [name for name in table if "." not in name] == list(single)
     for name, field in single.items():
         assert table[name][:2] == [written(field.default), unit(name)], name
-    for name in ("step_s", "action_step_s"):
+    for name in ("step_s", "sample_s", "action_step_s"):
         assert table[f"traffic.{name}"][0] == written(getattr(TrafficSettings(), name))
 
 

@@ -1,0 +1,95 @@
+"""Recordings from samples are those from every step."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
+from isacsim.traffic.recording import COLUMNS, Recording
+from isacsim.traffic.simulation import TrafficSettings, record
+from tests.support.recording_match import conditioned_rms
+from tests.support.roads import straight_road, vehicle
+
+BUSY = ManeuverSettings(
+    hard_brake_per_vehicle_hour=60.0, swerve_per_vehicle_hour=60.0, left_change_per_vehicle_hour=60.0, rest_s=1.0
+)
+SHORT = TrafficSettings(run_in_s=45.0, duration_s=12.0)
+
+
+def both(where: str | Path, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> tuple[Recording, Recording]:
+    """The recording from samples and that from every step."""
+    every_step = traffic.model_copy(update={"sample_s": traffic.step_s})
+    scenario = load(str(where))
+    return record(scenario, 3, traffic, maneuvers), record(scenario, 3, every_step, maneuvers)
+
+
+@pytest.fixture(scope="module")
+def recorded() -> tuple[Recording, Recording]:
+    return both("motorway", SHORT, BUSY)
+
+
+def test_both_are_of_the_same_traffic(recorded: tuple[Recording, Recording]) -> None:
+    sampled, full = recorded
+    assert (sampled.commands, sampled.incidents, sampled.parked) == (full.commands, full.incidents, full.parked)
+    assert len(full.commands) > 5
+    assert list(sampled.tracks) == list(full.tracks)
+    for name, track in full.tracks.items():
+        assert (sampled.tracks[name].first_step, len(sampled.tracks[name])) == (track.first_step, len(track))
+
+
+def test_raw_states_differ_by_less_than_a_thousandth(recorded: tuple[Recording, Recording]) -> None:
+    """Root mean square; what is sampled is the same, to the last bit."""
+    sampled, full = recorded
+    same = []
+    for column in (name for name in COLUMNS if name not in ("lane", "lane_lat")):
+        error = np.concatenate(
+            [getattr(sampled.tracks[name], column) - getattr(track, column) for name, track in full.tracks.items()]
+        )
+        assert np.sqrt(np.mean(error**2)) < 1e-3, column
+        same.append(np.mean(error == 0.0))
+    assert 0.1 < min(same) < 1.0, "states are neither all rebuilt nor all taken"
+    flipped = [np.sum(sampled.tracks[name].lane != track.lane) for name, track in full.tracks.items()]
+    assert max(flipped) <= 10
+
+
+def test_conditioned_states_differ_by_less_than_a_millimetre(recorded: tuple[Recording, Recording]) -> None:
+    x, v, a = conditioned_rms(*recorded)
+    assert 0.0 < x < 1e-3
+    assert v < 5e-3
+    assert a < 5e-2
+
+
+def test_a_stay_beside_the_road_begins_and_ends_at_its_steps(tmp_path: Path) -> None:
+    stop = '<busStop id="stop" lane="e0_1" startPos="180" endPos="220"/>'
+    bus = vehicle("bus").replace("/>", '><stop busStop="stop" duration="6" parking="true"/></vehicle>')
+    road = straight_road(tmp_path / "road", bus, additional=stop)
+    sampled, full = both(road, TrafficSettings(run_in_s=0.0, duration_s=40.0), ManeuverSettings(**LEFT_ALONE))
+    assert sampled.parked == full.parked != {}
+    y, whole_y = sampled.tracks["bus"].y, full.tracks["bus"].y
+    assert np.ptp(whole_y) > 1.0
+    np.testing.assert_allclose(y, whole_y, atol=0.02)
+    np.testing.assert_array_equal(sampled.tracks["bus"].lane, full.tracks["bus"].lane)
+
+
+def test_a_driver_that_decides_at_every_step_is_followed(tmp_path: Path) -> None:
+    """Behind a slower one, so that its acceleration changes at every step; and one that arrives in mid-lane."""
+    hasty = '<vType id="hasty" actionStepLength="0.01" accel="2.5" decel="4"/>'
+    slow = vehicle("slow", speed=8.0).replace("/>", ' arrivalPos="300"/>')
+    demand = hasty + slow + vehicle("hurried", depart=4.0).replace('type="car"', 'type="hasty"')
+    road = straight_road(tmp_path / "road", demand)
+    sampled, full = both(road, TrafficSettings(run_in_s=0.0, duration_s=35.0), ManeuverSettings(**LEFT_ALONE))
+    assert list(sampled.tracks) == list(full.tracks)
+    for name, track in full.tracks.items():
+        assert len(sampled.tracks[name]) == len(track)
+        np.testing.assert_allclose(sampled.tracks[name].x, track.x, atol=5e-3)
+
+
+def test_a_vehicle_that_is_on_the_road_for_less_than_a_sample_has_its_track(tmp_path: Path) -> None:
+    brief = vehicle("brief", depart=1.03, lane=0, position=1450.0).replace("/>", ' arrivalPos="1451"/>')
+    brief = '<route id="first" edges="e0"/>' + brief.replace('route="all"', 'route="first"')
+    road = straight_road(tmp_path / "road", vehicle("a") + brief)
+    sampled, full = both(road, TrafficSettings(run_in_s=0.0, duration_s=3.0), ManeuverSettings(**LEFT_ALONE))
+    assert list(sampled.tracks) == list(full.tracks)
+    assert [len(track) for track in sampled.tracks.values()] == [len(track) for track in full.tracks.values()]

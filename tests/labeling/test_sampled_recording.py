@@ -1,0 +1,50 @@
+"""Labels of recordings from samples are those of recordings from every step."""
+
+from collections import Counter
+
+import pytest
+
+from isacsim.scenarios.scenario import load
+from isacsim.traffic.director import ManeuverSettings
+from isacsim.traffic.simulation import TrafficSettings, record
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
+from tests.support.recording_match import Match, conditioned_rms, match_events
+
+BUSY = ManeuverSettings(
+    hard_brake_per_vehicle_hour=40.0, swerve_per_vehicle_hour=40.0, left_change_per_vehicle_hour=40.0
+)
+SEEDS = range(1, 11)
+
+
+def compared(scenario: str, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> tuple[Match, float]:
+    """Match the events, and return the rms difference of conditioned positions, m."""
+    every_step = traffic.model_copy(update={"sample_s": traffic.step_s})
+    full, sampled = (record(load(scenario), seed, settings, maneuvers) for settings in (every_step, traffic))
+    labels, others = (label(recording, LabelSettings()) for recording in (full, sampled))
+    return match_events(labels, others), conditioned_rms(full, sampled)[0]
+
+
+def test_the_labels_are_the_same() -> None:
+    match, rms_m = compared("motorway", 2, TrafficSettings(run_in_s=40.0, duration_s=20.0), BUSY)
+    assert len(match.events) >= 4
+    assert match.matched == match.events
+    assert not match.surplus
+    assert rms_m < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["motorway", "ramp_weave", "urban", "city"])
+def test_ten_seeds_have_the_same_labels(scenario: str) -> None:
+    """At least 99.5 % of the events of all seeds; of no intention is more than that lost, or one event."""
+    events, matched, surplus = Counter[str](), Counter[str](), Counter[str]()
+    for seed in SEEDS:
+        match, rms_m = compared(scenario, seed, TrafficSettings(), ManeuverSettings())
+        events.update(match.events)
+        matched.update(match.matched)
+        surplus.update(match.surplus)
+        assert rms_m < 1e-3, seed
+    lost = events - matched
+    assert lost.total() <= 0.005 * events.total(), lost
+    assert surplus.total() <= 0.005 * events.total(), surplus
+    assert all(number <= max(1.0, 0.005 * events[kind]) for kind, number in lost.items()), lost
