@@ -8,7 +8,7 @@ event came of it is for the detectors to find in the recording.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -177,7 +177,7 @@ class Director:
         self._step += 1
 
     @property
-    def commanded(self) -> Collection[str]:
+    def commanded(self) -> Set[str]:
         """The vehicles that the next step may command."""
         return self._active.keys()
 

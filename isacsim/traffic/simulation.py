@@ -7,7 +7,7 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -65,13 +65,15 @@ class Moment:
     """A running simulation just before one of its steps.
 
     sumo: the libsumo module. time_s: simulation time. recorded: whether the state at this time is recorded, as after
-    the run-in.
+    the run-in. steered: for the caller to name the vehicles that it commands in this step, so that their states are
+    taken from SUMO as often as those of vehicles that the director commands.
     """
 
     sumo: Any
     director: Director
     time_s: float
     recorded: bool
+    steered: set[str] = field(default_factory=set)
 
 
 def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> Recording:
@@ -107,10 +109,11 @@ def record_stepwise(
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         try:
             for step in range(begin, last):
-                yield Moment(sumo, director, step * traffic.step_s, step >= first)
+                moment = Moment(sumo, director, step * traffic.step_s, step >= first)
+                yield moment
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
-                log.step(sumo, director.commanded)
+                log.step(sumo, director.commanded | moment.steered)
             log.finish(sumo)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None

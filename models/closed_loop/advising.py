@@ -85,6 +85,7 @@ class Advisor:
         self._due = [item for item in self._due if item[0] > moment.time_s + 1e-9]
         for _, sent in due:
             self._begin(moment, sent, present)
+        moment.steered.update(self._active)
 
     def _begin(self, moment: Moment, sent: Sent, present: set[str]) -> None:
         vehicle = sent.advisory.vehicle

@@ -8,7 +8,7 @@ import pytest
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
 from isacsim.traffic.recording import COLUMNS, Recording
-from isacsim.traffic.simulation import TrafficSettings, record
+from isacsim.traffic.simulation import TrafficSettings, record, record_stepwise
 from tests.support.recording_match import conditioned_rms
 from tests.support.roads import straight_road, vehicle
 
@@ -93,3 +93,26 @@ def test_a_vehicle_that_is_on_the_road_for_less_than_a_sample_has_its_track(tmp_
     sampled, full = both(road, TrafficSettings(run_in_s=0.0, duration_s=3.0), ManeuverSettings(**LEFT_ALONE))
     assert list(sampled.tracks) == list(full.tracks)
     assert [len(track) for track in sampled.tracks.values()] == [len(track) for track in full.tracks.values()]
+
+
+def test_vehicles_that_the_caller_steers_are_sampled_more_often(tmp_path: Path) -> None:
+    """A speed that changes between two decisions of the driver is followed where the caller names the vehicle."""
+    scenario = load(str(straight_road(tmp_path / "road", vehicle("steered"))))
+    traffic = TrafficSettings(run_in_s=0.0, duration_s=12.0)
+
+    def speed(settings: TrafficSettings, named: bool) -> np.ndarray:
+        moments = record_stepwise(scenario, 3, settings, ManeuverSettings(**LEFT_ALONE))
+        while True:
+            try:
+                moment = next(moments)
+            except StopIteration as stop:
+                recording: Recording = stop.value
+                return recording.tracks["steered"].speed
+            if 4.0 <= moment.time_s < 8.0:
+                moment.sumo.vehicle.setSpeed("steered", 15.0 + 0.3 * np.sin(2 * np.pi * moment.time_s / 0.35))
+                moment.steered.update({"steered"} if named else ())
+
+    full = speed(traffic.model_copy(update={"sample_s": traffic.step_s}), True)
+    error, unnamed_error = (np.abs(speed(traffic, named) - full).max() for named in (True, False))
+    assert error < 0.1
+    assert unnamed_error > 3 * error
