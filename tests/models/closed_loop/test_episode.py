@@ -66,7 +66,9 @@ def test_alarms_of_the_placebo_arm_are_those_of_isac_until_the_first_advisory(
     assert alarms[0] == alarms[1] != []
 
 
-@pytest.mark.parametrize(("arm", "within_m"), [("truth", 0.02), ("isac", 0.5), ("radar", 3.0)])
+@pytest.mark.parametrize(
+    ("arm", "within_m"), [("truth", 0.02), ("isac", 0.5), pytest.param("radar", 3.0, marks=pytest.mark.slow)]
+)
 def test_the_network_sees_the_recordings_motion_trailing_by_the_kernel(
     study: LiveStudy, scenario: Scenario, infer: Infer, arm: Arm, within_m: float
 ) -> None:
