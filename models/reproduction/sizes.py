@@ -60,16 +60,16 @@ ASI_BIP: dict[SizeName, AsiBipSize] = {
     "quick": AsiBipSize(
         training_seeds=(0,),
         snr_db=(-30, -20, -10, 0, 10, 20),
-        literal_epochs=4,
+        literal_epochs=2,
         weather_chains=("isac",),
         dataset={
-            "seeds": {"first": 1, "last": 20},
-            "selection": {"per_class": 4, "following": 4},
-            "kinematics": {"per_class": 4, "following_scenes": 4},
+            "seeds": {"first": 1, "last": 16},
+            "selection": {"per_class": 3, "following": 3},
+            "kinematics": {"per_class": 3, "following_scenes": 3},
         },
         training={
             "split": {"validation": 0.15, "test": 0.3},
-            "optimiser": {"epochs": 12, "patience": 12, "learning_rate": 1e-3},
+            "optimiser": {"epochs": 6, "patience": 6, "learning_rate": 1e-3},
             "asi_bip": PATCHED,
         },
     ),
