@@ -66,8 +66,8 @@ def at_every_step(samples: Samples, last_step: int, road: Road, step_s: float) -
     lane = taken[LANE].astype(np.int64)
     places = road.places(lane, taken[LANE_POS])
     aside = taken[: Y + 1] - places.points(taken[LANE_POS], taken[LANE_LAT])
-    moved_aside = np.diff(aside, axis=1, append=aside[:, -1:])
-    drift = _without_jumps(moved_aside)
+    # A vehicle leaves the road at a sample (`SampledLog`), and is on it until then.
+    drift = _without_jumps(np.diff(aside, axis=1, append=aside[:, -1:]))
     block = np.empty((ROWS, int(gaps.sum())))
     block[:, first_row] = taken
     crossings = {
@@ -97,7 +97,6 @@ def at_every_step(samples: Samples, last_step: int, road: Road, step_s: float) -
                 )
         points = road.follow(places, of_gap, lanes, lane_pos, lane_lat)
         points += aside[:, of_gap, None] + drift[:, of_gap, None] * (elapsed / gap)
-        points += (moved_aside - drift)[:, of_gap, None] * later
         rows = first_row[of_gap, None] + np.arange(1, gap)
         for row, values in zip(block, (*points, speed, lane_pos, lane_lat, lanes), strict=True):
             row[rows] = values

@@ -43,7 +43,7 @@ class TrafficSettings(Settings):
         description="simulation step, and interval between recorded states, s; a whole number of milliseconds",
     )
     sample_s: float = Field(
-        0.1,
+        0.01,
         gt=0.0,
         le=1.0,
         description="longest interval at which states are taken from SUMO, s; the others are rebuilt; with step_s, all "

@@ -34,7 +34,7 @@ def test_traffic_compares_recording_with_bare_stepping(
     assert {
         "ratio",
         "ratio_of",
-        "ratio_every_step",
+        "ratio_sampled",
         "ratio_with_maneuvers",
         "simulated_s_per_cpu_s",
         "vehicles",

@@ -19,8 +19,10 @@ SEEDS = range(1, 11)
 
 def compared(scenario: str, seed: int, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> tuple[Match, float]:
     """Match the events, and return the rms difference of conditioned positions, m."""
-    every_step = traffic.model_copy(update={"sample_s": traffic.step_s})
-    full, sampled = (record(load(scenario), seed, settings, maneuvers) for settings in (every_step, traffic))
+    full, sampled = (
+        record(load(scenario), seed, traffic.model_copy(update={"sample_s": sample_s}), maneuvers)
+        for sample_s in (0.01, 0.1)
+    )
     labels, others = (label(recording, LabelSettings()) for recording in (full, sampled))
     return match_events(labels, others), conditioned_rms(full, sampled)[0]
 

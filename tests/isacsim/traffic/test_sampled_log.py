@@ -20,9 +20,11 @@ SHORT = TrafficSettings(run_in_s=45.0, duration_s=12.0)
 
 def both(where: str | Path, traffic: TrafficSettings, maneuvers: ManeuverSettings) -> tuple[Recording, Recording]:
     """The recording from samples and that from every step."""
-    every_step = traffic.model_copy(update={"sample_s": traffic.step_s})
     scenario = load(str(where))
-    return record(scenario, 3, traffic, maneuvers), record(scenario, 3, every_step, maneuvers)
+    sampled, full = (
+        record(scenario, 3, traffic.model_copy(update={"sample_s": sample_s}), maneuvers) for sample_s in (0.1, 0.01)
+    )
+    return sampled, full
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +100,7 @@ def test_a_vehicle_that_is_on_the_road_for_less_than_a_sample_has_its_track(tmp_
 def test_vehicles_that_the_caller_steers_are_sampled_more_often(tmp_path: Path) -> None:
     """A speed that changes between two decisions of the driver is followed where the caller names the vehicle."""
     scenario = load(str(straight_road(tmp_path / "road", vehicle("steered"))))
-    traffic = TrafficSettings(run_in_s=0.0, duration_s=12.0)
+    traffic = TrafficSettings(run_in_s=0.0, duration_s=12.0, sample_s=0.1)
 
     def speed(settings: TrafficSettings, named: bool) -> np.ndarray:
         moments = record_stepwise(scenario, 3, settings, ManeuverSettings(**LEFT_ALONE))
