@@ -13,7 +13,7 @@ from models.reproduction import castformer_variants as variants
 from models.reproduction import drawings
 from models.reproduction.castformer_claims import castformer_claims
 from models.reproduction.claims import Claim
-from models.reproduction.estimates import Trainings, maneuver_f1, score
+from models.reproduction.estimates import Trainings, maneuver_f1, pooled, score
 from models.reproduction.pages import FIGURES, Part, Row, claims_part
 from models.reproduction.paper_figures import ABLATION, HORIZON, HORIZONS_S, ORDERS, contradictions, end_of
 from models.reproduction.stages import result_of
@@ -39,9 +39,12 @@ class Measured:
     scores: Sequence[Scores]
 
     def at(self, horizon_s: int) -> Trainings:
-        """Return the confusion matrices at a horizon: every scenario seed is tested by exactly one fold."""
+        """Return the confusion matrices at a horizon, by fold.
+
+        The fold is the unit of the intervals: it has a training of its own, so they cover trainings, too.
+        """
         folds = of_measure(self.scores, str(horizon_s))
-        return [{group: counts for fold in folds for group, counts in fold.items()}]
+        return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds)}]
 
 
 def measured_of(out: Path, stage: str) -> list[Measured]:
@@ -121,8 +124,9 @@ def _table(out: Path, stage: str, measured: Sequence[Measured]) -> Part:
     labels = (STAGES[stage], "observation ends this long before the action, s", "F1 of Eq. (13)")
     drawings.lines(curves, list(HORIZONS_S), out / FIGURES / figure, labels, reference)
     text = (
-        "F1 of macro precision and macro recall, Eq. (13), over all folds together; 95 % intervals over the test "
-        "seeds. The paper's numbers are of Brain4Cars, so compare the order of the networks, not single numbers."
+        "F1 of macro precision and macro recall, Eq. (13), over all folds together. 95 % intervals are over the folds, "
+        "each with a training of its own. The paper's numbers are of Brain4Cars, so compare the order of the networks, "
+        "not single numbers."
     )
     return Part(stage, STAGES[stage], text, rows, [(figure, f"{STAGES[stage]}. Dotted: the paper.")])
 

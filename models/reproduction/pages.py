@@ -78,7 +78,8 @@ def claims_part(claims: Sequence[Claim]) -> Part:
     ]
     text = (
         "A verdict follows from the 95 % interval alone: a claim holds, or does not hold, where the whole interval "
-        "says so, and is not told otherwise. Intervals cover the test seeds and, with several trainings, the trainings."
+        "says so, and is not told otherwise. Intervals cover the test seeds or folds, and the trainings "
+        "where there are several."
     )
     return Part(CLAIMS, "What the paper claims", text, rows)
 

@@ -14,9 +14,10 @@ from models.predictors.castformer import CastformerSettings
 from models.reproduction import castformer_variants as variants
 from models.reproduction.castformer import CastformerReproduction, folds_of, sides_of
 from models.reproduction.castformer_clips import shortened
-from models.reproduction.castformer_report import paper_rows
+from models.reproduction.castformer_report import Measured, paper_rows
 from models.reproduction.paper_figures import contradictions
 from models.reproduction.sizes import CASTFORMER
+from models.reproduction.trainings import Scores
 from tests.models.reproduction import tiny
 from tests.support.scripted import InlineEngine
 
@@ -78,6 +79,13 @@ def test_a_network_of_several_tables_is_trained_once(tmp_path: Path) -> None:
     assert trained == {
         "data": 8, "horizon": 2, "ablation": 14, "attention": 6, "orders": 6, "alpha": 1, "compared": 2,
     }  # fmt: skip
+
+
+def test_the_unit_of_an_interval_is_the_fold() -> None:
+    folds = [{"road-1": [[2, 1], [0, 3]], "road-2": [[1, 0], [0, 1]]}, {"road-3": [[0, 4], [1, 0]]}]
+    scores = [Scores(name="", training_seed=0, counts={"3": fold}, windows={}) for fold in folds]
+    measured = Measured("complete", "CaSTFormer", scores).at(3)
+    assert measured == [{"fold 0": [[3, 1], [0, 4]], "fold 1": [[0, 4], [1, 0]]}]
 
 
 def test_a_clip_ends_early() -> None:
