@@ -36,7 +36,7 @@ from models.settings import TrainSettings
 from models.training.training import train_records
 
 NATURAL, OTHER, BOTH = "natural", "other", "both"
-LEAST = 40
+LEAST = 30
 """Records of an intention of each origin without which it does not take part."""
 VALIDATION_SHARE = 0.15
 ENDS_PER_RECORD = 4
