@@ -97,7 +97,7 @@ def measure(folder: str, kind: str) -> dict[str, float]:
         "open_s": round(opened - begin, 2),
         "windows_per_s": round(count / took, 1),
         **{f"{name}_before": idle[name] for name in QUANTITIES},
-        **{name: peak[name] for name in QUANTITIES},
+        **{name: max(idle[name], peak[name]) for name in QUANTITIES},
     }
 
 

@@ -85,7 +85,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
         "labeling.generation.engine.LocalEngine.run",
-        "models.predictors.network_predictor.fit_network",
+        "models.networks.fitting.fit_network",
         "models.predictors.trees.fit_trees",
         "models.predictors.trees.TreesPredictor.__call__",
     ):

@@ -26,7 +26,7 @@ SMALL = TrainSettings.model_validate(
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "TUNED", SMALL)
-    monkeypatch.setattr(bench, "PREDICTORS", ("asi-bip", "trees", "uv-alone"))
+    monkeypatch.setattr(bench, "PREDICTORS", ("asi-bip", "trees"))
     monkeypatch.setattr(bench, "COMPARED", ("trees",))
     monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
     monkeypatch.setattr(bench, "draw_figures", lambda *_: None)
@@ -40,11 +40,11 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
     assert result == json.loads((tmp_path / "out" / "predictors.json").read_text())
     for ends in ("early", "late"):
         rows = result[ends]["predictors"]
-        assert [row["training_seeds"] for row in rows] == [[0, 1]] * 3
+        assert [row["training_seeds"] for row in rows] == [[0, 1]] * 2
         assert "paired_difference" not in rows[0]
         assert all(set(row["paired_difference"]["macro_f1"]) >= {"difference", "low", "high"} for row in rows[1:])
-        assert len(result[ends]["unknown"]) == 6
-    assert [row["name"] for row in result["by_window_end"]] == ["ASI-BIP", "boosted trees", "UV alone"]
+        assert len(result[ends]["unknown"]) == 4
+    assert [row["name"] for row in result["by_window_end"]] == ["ASI-BIP", "boosted trees"]
     assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in result["by_window_end"])
     for row in result["longer"].values():
         assert [predictor["name"] for predictor in row["predictors"]] == ["ASI-BIP", "boosted trees"]
