@@ -240,13 +240,16 @@ def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> N
 
 
 BACKWARDS = """
-import time
+import sys, time
 
 began, real = time.monotonic(), time.time
+BATCHING = {"distributed.batched", "tornado.ioloop"}
 
 
 def shifted():
     "The wall clock, set back by an hour every other second."
+    if sys._getframe(1).f_globals.get("__name__") in BATCHING:
+        return real()
     return real() - 3600.0 * int((time.monotonic() - began) / 2)
 
 
@@ -269,7 +272,11 @@ if __name__ == "__main__":
 
 
 def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
-    """In the command, the scheduler and the workers alike."""
+    """In the command, the scheduler and the workers alike.
+
+    But for the pause of 2 ms that dask leaves between two batches of messages: it ends by the wall clock, so a step
+    back that falls into it delays the messages by as much.
+    """
     (tmp_path / "sitecustomize.py").write_text(BACKWARDS)
     (tmp_path / "command.py").write_text(COMMAND)
     root = Path(cosim.__file__).parent
