@@ -291,22 +291,13 @@ def evaluate(
     ),
 )
 def reproduce(
-    paper: Annotated[str, typer.Argument(metavar="PAPER", help="Paper to reproduce: {papers}.")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the paper's name, under results/.")
-    ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Run every stage on little data: minutes, and figures that mean nothing.")
-    ] = False,
-    stages: Annotated[
-        str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
-    ] = None,
-    clips: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars."),
-    ] = None,
-    epochs: Annotated[int | None, typer.Option(min=1, help="Train the paper's network for this many epochs.")] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")] = False,
+    paper: opt.Paper,
+    out: opt.ReproductionFolder = None,
+    quick: opt.QuickSize = False,
+    stages: opt.Stages = None,
+    clips: opt.Clips = None,
+    epochs: opt.PaperEpochs = None,
+    dry_run: opt.CostOnly = False,
     jobs: opt.Jobs = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,

@@ -97,6 +97,21 @@ ConditioningKind = Annotated[
         help="With --advisories: how running traffic is smoothed, trailing (0.6 s late) or causal. Default: trailing.",
     ),
 ]
+Paper = Annotated[str, typer.Argument(metavar="PAPER", help="Paper to reproduce: {papers}.")]
+ReproductionFolder = Annotated[
+    Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the paper's name, under results/.")
+]
+QuickSize = Annotated[
+    bool, typer.Option("--quick", help="Run every stage on little data: minutes, and figures that mean nothing.")
+]
+Stages = Annotated[
+    str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
+]
+Clips = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars.")
+]
+PaperEpochs = Annotated[int | None, typer.Option(min=1, help="Train the paper's network for this many epochs.")]
+CostOnly = Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")]
 Spacing = Annotated[
     float | None, typer.Option(metavar="M", help="Distance between masts along the road, m. Default: {spacing_m}.")
 ]

@@ -251,7 +251,6 @@ def fix(
     # An empty slot repeats the first site; what it measures is not used.
     number = np.where(assigned, slots, slots[:, :1])
     panels = all_panels.take(number)
-    true = panels.measured(motion[:4].T)
     count = run_in_snapshots(rate_hz, settings.tracking)
     geometry = EchoGeometry(
         position=motion[:2].T,
@@ -261,14 +260,30 @@ def fix(
         time_s=(np.arange(motion.shape[1]) - count) / rate_hz,
     )
     level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
-    measured, deviation, power = measure(true, level, settings, key)
-    threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
-    used = assigned & (power > threshold) & plausible(measured, settings.view)
-    fuse = FUSION_METHODS[settings.fusion.method]
-    fixes = filled(fuse(measured, deviation, used, panels, settings.fusion))
+    fixes, used = fused(motion[:4].T, assigned, panels, level, settings, key)
+    fixes = filled(fixes)
     if fixes.valid[: count + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
     return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
+
+
+def fused(
+    states: Array,
+    assigned: BoolArray,
+    panels: Panels,
+    level_db: Array,
+    settings: SensingSettings,
+    key: tuple[str | int, ...],
+) -> tuple[Fixes, BoolArray]:
+    """Draw the echoes of S snapshots at I panels, estimate from them, and fuse the estimates that are used.
+
+    states: true x, y, vx, vy, (S, 4). assigned, panels, level_db: whether a slot has a panel, that panel, and the SNR
+    of its echo, dB, each (S, I). key: seeds the draws. Returns the fixes, and which echoes they rest on, (S, I).
+    """
+    measured, deviation, power = _measure(panels.measured(states), level_db, settings, key)
+    threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
+    used = assigned & (power > threshold) & plausible(measured, settings.view)
+    return FUSION_METHODS[settings.fusion.method](measured, deviation, used, panels, settings.fusion), used
 
 
 def _heading_rad(motion: Array, carried: int) -> Array:
@@ -295,7 +310,7 @@ def _unseen(count: int, n_sites: int) -> Observed:
     return Observed(fixes, n_sites, 0.0, 0.0)
 
 
-def measure(
+def _measure(
     true: Array, level_db: Array, settings: SensingSettings, key: tuple[str | int, ...]
 ) -> tuple[Array, Array, Array]:
     """Draw and estimate every echo: measured values and their deviations, (S, I, 3), and power, (S, I)."""

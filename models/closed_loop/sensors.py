@@ -12,17 +12,16 @@ from typing import Protocol
 
 import numpy as np
 
-from isacsim.arrays import Array, BoolArray, IntArray
+from isacsim.arrays import Array, IntArray
 from isacsim.heading import heading_rad
 from isacsim.onboard_radar import Pose, RadarSettings, scan
 from isacsim.panels import Panels
 from isacsim.radio.blockage import CAR_HEIGHT_M, HIGH_KINDS, TRUCK_HEIGHT_M, Blockers
 from isacsim.radio.channel import EchoGeometry, snr_db
 from isacsim.scenarios.scenario import Scenario
-from isacsim.sensing import CONFIRMED, LEAST_SITES, SensingSettings, assign, filled, measure, plausible
+from isacsim.sensing import CONFIRMED, LEAST_SITES, SensingSettings, assign, filled, fused
 from isacsim.tracking import kalman
 from isacsim.tracking.fusion import Fixes
-from isacsim.tracking.fusion_methods import FUSION_METHODS
 from isacsim.tracking.kalman import TrackingSettings, Tracks
 from labeling.generation.settings import ReportSettings
 from models.closed_loop.world import Piece, Vehicle, numbers
@@ -150,7 +149,6 @@ class IsacSensor:
         count, instants, echoes = slots.shape
         assigned = slots >= 0
         number = np.where(assigned, slots, slots[:, :, :1]).reshape(-1, echoes)
-        used_slots: BoolArray = assigned.reshape(-1, echoes)
         panels = self._panels.take(number)
         flat = motion.transpose(0, 2, 1).reshape(-1, 6)
         level = np.concatenate(
@@ -160,12 +158,9 @@ class IsacSensor:
             ]
         )
         key = ("live", self.scenario.name, self.seed, f"{piece.end_s:.6f}")
-        measured, deviation, power = measure(panels.measured(flat[:, :4]), level, self.settings, key)
-        threshold = np.log(8 * self.settings.waveform.size / self.settings.false_alarm)
-        used = used_slots & (power > threshold) & plausible(measured, self.settings.view)
-        fused = FUSION_METHODS[self.settings.fusion.method](measured, deviation, used, panels, self.settings.fusion)
+        fixes, _ = fused(flat[:, :4], assigned.reshape(-1, echoes), panels, level, self.settings, key)
         parts = [slice(k * instants, (k + 1) * instants) for k in range(count)]
-        return [Fixes(fused.state[part], fused.covariance[part], fused.valid[part]) for part in parts]
+        return [Fixes(fixes.state[part], fixes.covariance[part], fixes.valid[part]) for part in parts]
 
     def _level(self, piece: Piece, name: str, motion: Array, number: IntArray) -> Array:
         """Return the SNR of a vehicle's echoes, dB, (m, I). Slow draws hold from its acquisition on."""

@@ -29,13 +29,7 @@ def _horizon(networks: Networks) -> list[Claim]:
             at = networks[COMPLETE.name]
             measured = estimate(difference(maneuver_f1), at[near], at[far])
         claims.append(
-            Claim(
-                claim=f"F1 declines from {end_of(near)} to {end_of(far)}",
-                paper=f"{row[k]} % to {row[k + 1]} %",
-                rule=ABOVE_0,
-                measured=measured,
-                verdict=above(measured),
-            )
+            _improves(f"F1 declines from {end_of(near)} to {end_of(far)}", f"{row[k]} % to {row[k + 1]} %", measured)
         )
     return claims
 
@@ -46,25 +40,12 @@ def _modules(networks: Networks) -> list[Claim]:
         measured = _ahead(networks, f"modules-{module}", "modules-none")
         gain = ABLATION[module][0] - ABLATION[""][0]
         claims.append(
-            Claim(
-                claim=f"{module.upper()} alone improves the baseline at 0 s",
-                paper=f"{gain:+.1f} points",
-                rule=ABOVE_0,
-                measured=measured,
-                verdict=above(measured),
-            )
+            _improves(f"{module.upper()} alone improves the baseline at 0 s", f"{gain:+.1f} points", measured)
         )
     measured = _ahead(networks, COMPLETE.name, "modules-none")
-    claims.append(
-        Claim(
-            claim="The three modules together improve the baseline at 0 s",
-            paper=f"{ABLATION['rsf+cpe+fsn'][0] - ABLATION[''][0]:+.1f} points",
-            rule=ABOVE_0,
-            measured=measured,
-            verdict=above(measured),
-        )
-    )
-    return claims
+    gain = ABLATION["rsf+cpe+fsn"][0] - ABLATION[""][0]
+    together = "The three modules together improve the baseline at 0 s"
+    return [*claims, _improves(together, f"{gain:+.1f} points", measured)]
 
 
 def _others(stages: Mapping[str, Networks]) -> list[Claim]:
@@ -84,15 +65,18 @@ def _others(stages: Mapping[str, Networks]) -> list[Claim]:
             other = name.removeprefix(prefix)
             measured = _ahead(networks, COMPLETE.name, name)
             claims.append(
-                Claim(
-                    claim=f"At 0 s, {choice} is better than {other}",
-                    paper=ahead.get(other, "better, in a figure without numbers"),
-                    rule=ABOVE_0,
-                    measured=measured,
-                    verdict=above(measured),
+                _improves(
+                    f"At 0 s, {choice} is better than {other}",
+                    ahead.get(other, "better, in a figure without numbers"),
+                    measured,
                 )
             )
     return claims
+
+
+def _improves(claim: str, paper: str, measured: Estimate | None) -> Claim:
+    """Return the claim that a difference is above 0."""
+    return Claim(claim=claim, paper=paper, rule=ABOVE_0, measured=measured, verdict=above(measured))
 
 
 def _ahead(networks: Networks, first: str, second: str, horizon_s: int = 0) -> Estimate | None:

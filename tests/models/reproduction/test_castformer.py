@@ -15,7 +15,7 @@ from models.reproduction import castformer_variants as variants
 from models.reproduction.castformer import CastformerReproduction, folds_of, sides_of
 from models.reproduction.castformer_clips import shortened
 from models.reproduction.castformer_report import Measured, paper_rows
-from models.reproduction.paper_figures import contradictions
+from models.reproduction.paper_figures import ABLATION, HORIZON, contradictions
 from models.reproduction.sizes import CASTFORMER
 from models.reproduction.trainings import Scores
 from tests.models.reproduction import tiny
@@ -96,6 +96,7 @@ def test_a_clip_ends_early() -> None:
 
 
 def test_the_papers_contradictions_are_named() -> None:
+    assert HORIZON["CaSTFormer"] == ABLATION["rsf+cpe+fsn"], "Tables 3 and 4 are of the same network"
     sentences = contradictions()
     assert len(sentences) == 2
     assert "-3 s" in sentences[0]
