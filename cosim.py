@@ -250,6 +250,8 @@ def evaluate(
     development: opt.DevelopmentSeeds = None,
     duration: opt.Duration = None,
     false_alarms: opt.FalseAlarms = None,
+    truth: opt.TrueMotion = False,
+    alone: opt.AloneRun = None,
     natural: opt.NaturalTraffic = False,
     advisories: opt.Advisories = False,
     conditioning: opt.ConditioningKind = None,
@@ -263,7 +265,9 @@ def evaluate(
     """
     from command_line.live import LiveArguments, evaluate_and_show, source_of
 
-    live = LiveArguments(seeds, development, duration, jobs, natural, advisories, conditioning, false_alarms)
+    live = LiveArguments(
+        seeds, development, duration, jobs, natural, advisories, conditioning, false_alarms, truth, alone
+    )
     if source_of(data, traffic, live) == "traffic":
         console = output.console_of(quiet)
         output.print_json(as_json, evaluate_and_show(run, str(traffic), live, out, against or (), console))

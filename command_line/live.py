@@ -34,6 +34,8 @@ class LiveArguments:
     advisories: bool | None = None
     conditioning: str | None = None
     false_alarms: float | None = None
+    truth: bool | None = None
+    alone: Path | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -69,17 +71,18 @@ def evaluate_and_show(
     folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
     engine, feedback = LocalEngine(arguments.jobs or options.cores()), output.feedback_of(console)
     others = [load_run(path) for path in against]
+    alone = None if arguments.alone is None else load_run(arguments.alone)
     closed: ClosedLoopResult | None = None
     if arguments.advisories:
         from models.closed_loop.evaluation import evaluate_advisories
         from models.report.advisory_figures import arms
 
         loop_settings = closed_loop_settings(arguments)
-        closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others)
+        closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others, alone=alone)
         evaluation, closed = closed_loop.open_loop, closed_loop.result
         arms(closed, folder / "arms.png")
     else:
-        evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others)
+        evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others, alone=alone)
     draw_live_figures(evaluation, folder)
     console.print(table(evaluation.result))
     for line in verdict(evaluation.result):
@@ -99,8 +102,9 @@ def live_settings(arguments: LiveArguments) -> LiveSettings:
     from models.live.settings import LiveSettings
 
     rate = arguments.false_alarms
-    choice = {} if rate is None else {"choice": {"false_alarms_per_vehicle_hour": rate}}
-    return checked(LiveSettings, choice, "arguments")
+    choice = {} if rate is None else {"false_alarms_per_vehicle_hour": rate}
+    content = {"choice": choice, "streams": {"truth": bool(arguments.truth)}}
+    return checked(LiveSettings, content, "arguments")
 
 
 def closed_loop_settings(arguments: LiveArguments) -> ClosedLoopSettings:
@@ -166,6 +170,9 @@ def table(result: TrafficResult) -> Table:
     drawn.add_row("all", *_cells(result.over_all))
     for baseline in result.baselines.values():
         drawn.add_row(baseline.name, *_cells(baseline.over_all))
+    if result.alone is not None:
+        drawn.add_section()
+        drawn.add_row(f"{result.alone.name}, without a UV", *_cells(result.alone.over_all))
     return drawn
 
 
@@ -177,9 +184,15 @@ def verdict(result: TrafficResult) -> list[str]:
             interval = point.recall_interval
             between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
             lines.append(f"recall at 1 false alarm per vehicle-hour: {point.recall:.2f}{between}")
+    for cost in result.truth.lost if result.truth else ():
+        if cost.false_alarms_per_vehicle_hour == 1.0:
+            between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""
+            lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
     if result.coverage.share is not None:
         rest = [f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in result.coverage.uncovered.items()]
         lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving (not: {', '.join(rest)})")
+    if result.alone is not None and result.alone.share is not None:
+        lines.append(f"without a UV, {result.alone.name} predicts another {100 * result.alone.share:.0f} %")
     lines.append(
         f"world, labels and echoes come from motion that is conditioned {result.latency.conditioning_reach_s:g} s ahead"
     )

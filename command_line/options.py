@@ -79,6 +79,17 @@ FalseAlarms = Annotated[
         help="With --traffic: choose alarms with at most so many false ones per vehicle-hour. Default: 1.",
     ),
 ]
+TrueMotion = Annotated[
+    bool,
+    typer.Option("--truth", help="With --traffic: also predict from true motion, to measure what sensing costs."),
+]
+AloneRun = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="RUN",
+        help="With --traffic: a tv-alone predictor for vehicles without a connected leader.",
+    ),
+]
 NaturalTraffic = Annotated[
     bool, typer.Option("--natural", help="With --traffic: leave the drivers alone, without causes or commands.")
 ]

@@ -9,11 +9,10 @@ DIR/metrics.json      both results; the same for any number of worker processes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from isacsim.errors import InputError, OutputError, RunError
+from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
 from isacsim.settings import Settings, read_json
@@ -29,9 +28,12 @@ from models.closed_loop.settings import ARMS, Arm, ClosedLoopSettings
 from models.closed_loop.store import ArmEpisode, file_name, read_arm, read_facts
 from models.live import store as open_loop
 from models.live.background import Background
-from models.live.evaluation import EPISODES, STUDY_FILE, TrafficEvaluation, evaluate_traffic
+from models.live.evaluation import STUDY_FILE, Begun, evaluate_traffic
 from models.live.results import METRICS_FILE
+from models.live.running import Episodes, run_missing
 from models.live.settings import LiveStudy
+from models.live.store import EPISODES
+from models.live.summary import TrafficEvaluation
 from models.run import Run
 
 ARMS_FILE, ARMS_FOLDER = "arms.json", "arms"
@@ -61,6 +63,7 @@ def evaluate_advisories(
     feedback: Feedback = SILENT,
     against: Sequence[Run] = (),
     source: MotionSource | None = None,
+    alone: Run | None = None,
 ) -> ClosedLoopEvaluation:
     """Evaluate a run in the open loop and in a closed one, or finish what was begun, and write `metrics.json`.
 
@@ -72,14 +75,14 @@ def evaluate_advisories(
     if study.dataset.source != "sumo":
         raise InputError(f"source {study.dataset.source}: a closed loop needs traffic that is simulated; use sumo")
     engine = engine or LocalEngine(1)
-    opened = evaluate_traffic(run, study, out, engine, feedback, against, source)
+    opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
     source = source or motion_source(study.dataset)
     where = study.dataset.scenarios[0]
     where = str(Path(where).resolve()) if Path(where).exists() else where
     scenario = source.load(where).name
     arms = [arm for arm in ARMS if arm in settings.arms or arm in (REFERENCE, ALARMING)]
     settings = settings.model_copy(update={"arms": tuple(arms)})
-    begun = read_json(_OpenLoop, out / STUDY_FILE)
+    begun = read_json(Begun, out / STUDY_FILE)
     assert begun is not None, "the open loop marks its folder"
     identity = settings.model_dump(mode="json", exclude={"arms", "near_m", "after_s"})
     digest = fingerprint(begun.fingerprint, identity)
@@ -96,13 +99,6 @@ def evaluate_advisories(
     for line in warnings(result):
         feedback.message(line)
     return ClosedLoopEvaluation(result, opened)
-
-
-class _OpenLoop(Settings):
-    """The content of STUDY_FILE, as `models.live.evaluation` writes it."""
-
-    fingerprint: str
-    study: LiveStudy
 
 
 def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out: Path) -> Alarming:
@@ -140,26 +136,12 @@ def _run_missing(
 ) -> None:
     """Run the arms that have no file yet."""
 
-    def finished(seed: int, arm: Arm) -> bool:
-        facts = read_facts(task.folder / file_name(scenario, seed, arm))
+    def finished(item: tuple[int, Arm]) -> bool:
+        facts = read_facts(task.folder / file_name(scenario, *item))
         return facts is not None and facts.fingerprint == task.fingerprint
 
-    missing = [item for item in items if not finished(*item)]
-    if not missing:
-        return
-    done, lost = len(items) - len(missing), []
-    with feedback.bar("driving with advisories", "arms") as move:
-        move(done, len(items))
-        with closing(engine.run(task, missing)) as outcomes:
-            for outcome in outcomes:
-                if isinstance(outcome.result, InputError | OutputError):
-                    raise outcome.result
-                if outcome.error is not None:
-                    lost.append(f"seed {outcome.item[0]}, arm {outcome.item[1]}: {outcome.error}")
-                done += 1
-                move(done, len(items))
-    if lost:
-        raise RunError(f"{len(lost)} of {len(items)} arms failed, {lost[0]}; the same command tries them again")
+    arms = Episodes(items, finished, "driving with advisories", "arms", lambda item: f"seed {item[0]}, arm {item[1]}")
+    run_missing(task, arms, engine, feedback)
 
 
 def _result(

@@ -30,13 +30,21 @@ LEAST_PROBABILITY = 1e-6
 
 @dataclass(frozen=True)
 class Background:
-    """Trained trees, whose classes are the numbers of the known intentions, and NONE."""
+    """Trained trees, whose classes are the numbers of the known intentions, and NONE.
+
+    predictor: whose answers they take, by its name in the episodes.
+    """
 
     trees: HistGradientBoostingClassifier
+    predictor: str = RUN
 
     @classmethod
     def fit(
-        cls, episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float
+        cls,
+        episodes: Sequence[LiveEpisode],
+        settings: BackgroundSettings,
+        before_onset_s: float,
+        predictor: str = RUN,
     ) -> Background | None:
         """Train on episodes that hold features; None if they hold no event, or nothing but events.
 
@@ -51,17 +59,17 @@ class Background:
         if len(np.unique(label)) < 2 or not (label == NONE).any():
             return None
         features = np.concatenate(
-            [inputs(episode.answers[RUN])[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
+            [inputs(episode.answers[predictor])[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
         )
         trees = HistGradientBoostingClassifier(
             max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
             l2_regularization=settings.l2, early_stopping=False, random_state=0,
         )  # fmt: skip
-        return cls(trees.fit(features, label, sample_weight=weight))
+        return cls(trees.fit(features, label, sample_weight=weight), predictor)
 
     def levels(self, episode: LiveEpisode) -> Float32Array:
         """Return the log-odds of every intention at each prediction of an episode that holds features, (n, 6)."""
-        return self.levels_of(episode.answers[RUN])
+        return self.levels_of(episode.answers[self.predictor])
 
     def levels_of(self, answers: Answers) -> Float32Array:
         """Return the log-odds of every intention for answers with features, (n, 6)."""
@@ -119,7 +127,7 @@ def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_ons
 
 
 def out_of_fold(
-    episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float
+    episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float, predictor: str = RUN
 ) -> list[Float32Array] | None:
     """Return the levels of each episode by trees that were trained on other episodes; None if that is not possible."""
     folds = min(settings.folds, len(episodes))
@@ -128,7 +136,7 @@ def out_of_fold(
     levels: list[Float32Array] = [np.empty((0, 0), np.float32)] * len(episodes)
     for fold in range(folds):
         others = [episode for k, episode in enumerate(episodes) if k % folds != fold]
-        background = Background.fit(others, settings, before_onset_s)
+        background = Background.fit(others, settings, before_onset_s, predictor)
         if background is None:
             return None
         for k in range(fold, len(episodes), folds):

@@ -16,16 +16,26 @@ from isacsim.errors import InputError, OutputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.motion_sources import MotionSource
 from isacsim.traffic.recording import Recording
-from labeling.events import label
+from labeling.events import Labels, label
+from labeling.generation.settings import DatasetStudy
 from labeling.road.surroundings import Surroundings
 from models.data.lane_map import LaneMap
 from models.inference import Infer
 from models.live.events import events_of, groups_at
-from models.live.predictions import Answering, Answers, Reports, WindowCutter, lanes_of, rule_answering, run_answering
+from models.live.predictions import (
+    Answering,
+    Answers,
+    NoReports,
+    Reports,
+    WindowCutter,
+    lanes_of,
+    rule_answering,
+    run_answering,
+)
 from models.live.sensed import Sensing, Track
 from models.live.settings import LiveStudy
-from models.live.store import RULE, RUN, EpisodeFacts, LiveEpisode, file_name, no_answers, write_episode
-from models.live.stretches import Timing, watched
+from models.live.store import RULE, RUN, TRUTH, EpisodeFacts, LiveEpisode, file_name, no_answers, write_episode
+from models.live.stretches import Driving, Stretch, Timing, watched
 from models.predictors.protocol import WindowShape
 
 
@@ -34,16 +44,20 @@ class Predictors:
     """The predictors of an evaluation.
 
     run: folder of the evaluated run. against: folders of the runs it is compared with, by their names in the result.
+    alone: folder of the run that answers where a TV has no UV, if any.
     """
 
     run: Path
     against: Mapping[str, Path]
+    alone: Path | None = None
 
-    def answering(self) -> tuple[Infer, dict[str, Answering]]:
-        """Return the run, and how each predictor answers, by name."""
+    def answering(self, truth: bool) -> tuple[Infer, dict[str, Answering]]:
+        """Return the run, and how each predictor answers, by name. truth: whether the run answers true motion too."""
         infer = _load(self.run)
         shape = infer.run.card.shape
         answering = {RUN: run_answering(infer), RULE: rule_answering(infer.run.card.settings.windows, shape)}
+        if truth:
+            answering[TRUTH] = run_answering(infer)
         return infer, answering | {name: run_answering(_load(path)) for name, path in self.against.items()}
 
 
@@ -91,9 +105,11 @@ class EpisodeTask:
             scenario = self.source.load(self.where)
             recording = self.source.record(scenario, seed)
             traffic_s = time.process_time() - began
-            episode, spent = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
-            write_episode(self.folder / file_name(scenario.name, seed), episode)
-            return replace(spent, traffic_s=traffic_s)
+            streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+            if streams.alone is not None:
+                write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
+            write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
+            return replace(streams.spent, traffic_s=traffic_s)
         except (InputError, OutputError) as error:
             return error
 
@@ -145,13 +161,15 @@ class _Collected:
         self.time_s += stretch.decision_s.tolist()
         ends = np.rint((stretch.decision_s - stretch.start_s) * cutter.shape.tv_rate_hz).astype(np.int64)
         self.covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * cutter.decision_s
-        for windows in cutter.batches(track):
-            for name, answer in answering.items():
-                began = time.process_time()
-                self.answers[name].append(answer(*windows, lanes))
-                spent_s = time.process_time() - began
-                self.answering_s += spent_s
-                self.predicting_s += spent_s if name == RUN else 0.0
+        sensed, true = ([name for name in answering if (name == TRUTH) is of_truth] for of_truth in (False, True))
+        for known, names in ((track, sensed), (track.true, true)):
+            for windows in cutter.batches(known) if names else ():
+                for name in names:
+                    began = time.process_time()
+                    self.answers[name].append(answering[name](*windows, lanes))
+                    spent_s = time.process_time() - began
+                    self.answering_s += spent_s
+                    self.predicting_s += spent_s if name == RUN else 0.0
 
     def episode(self, facts: EpisodeFacts, recording: Recording, predictors: Sequence[str]) -> LiveEpisode:
         """Return the predictions vehicle by vehicle, in order of time. predictors: the names of all."""
@@ -177,37 +195,31 @@ class _Collected:
         return {name: np.sort(np.array(times)) for name, times in by_vehicle.items()}
 
 
+@dataclass(frozen=True)
+class Streams:
+    """What predictors answered in one recording.
+
+    episode: where TVs have a UV. alone: where they have none; None if no predictor was asked. spent: processor time.
+    """
+
+    episode: LiveEpisode
+    alone: LiveEpisode | None
+    spent: Spent
+
+
 def predicted(
     study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
-) -> tuple[LiveEpisode, Spent]:
-    """Label a recording, watch its vehicles, and predict them. Returns the episode, and what it took."""
-    infer, answering = predictors.answering()
+) -> Streams:
+    """Label a recording, watch its vehicles, and predict them."""
+    infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
     timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
     labels = label(recording, study.dataset.labels, surroundings)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
     labelled = time.process_time()
-    sensing = Sensing(study.dataset, scenario, recording, timing.before_decision_s)
-    cutter = WindowCutter(
-        Reports(sensing), study.dataset, infer.run.card.shape, timing.report_delay_s, timing.decision_s
-    )
-    lanes, collected = lanes_of(recording), _Collected()
-    for track in sensing.tracks(driving.stretches):
-        collected.add(track, cutter, answering, lanes)
+    watching = _Watching(study.dataset, scenario, recording, surroundings, labels, timing, fingerprint)
+    episode, collected = watching.predict(driving.stretches, driving, infer.run.card.shape, answering)
     watched_s = time.process_time() - labelled
-    uncovered = {**driving.uncovered, **sensing.uncovered}
-    facts = EpisodeFacts(
-        fingerprint=fingerprint,
-        scenario=scenario.name,
-        seed=recording.seed,
-        decision_s=timing.decision_s,
-        simulated_s=study.dataset.traffic.duration_s,
-        vehicles=len(recording.tracks),
-        instants=driving.instants,
-        uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},
-        covered_km=round(collected.covered_m / 1000, 6),
-        events=tuple(events_of(surroundings, labels, study.dataset, collected.decisions(), timing.decision_s)),
-    )
     spent = Spent(
         seed=recording.seed,
         traffic_s=0.0,
@@ -218,4 +230,54 @@ def predicted(
         simulated_s=study.dataset.traffic.duration_s,
         predicted_s=len(collected.time_s) * timing.decision_s,
     )
-    return collected.episode(facts, recording, list(answering)), spent
+    alone = None
+    if predictors.alone is not None:
+        by_itself = _load(predictors.alone)
+        answering = {RUN: run_answering(by_itself)}
+        alone, _ = watching.predict(driving.alone, driving, by_itself.run.card.shape, answering, alone=True)
+    return Streams(episode, alone, spent)
+
+
+@dataclass(frozen=True)
+class _Watching:
+    """A labelled recording whose vehicles are sensed and predicted."""
+
+    study: DatasetStudy
+    scenario: Scenario
+    recording: Recording
+    surroundings: Surroundings
+    labels: Labels
+    timing: Timing
+    fingerprint: str
+
+    def predict(
+        self,
+        stretches: Sequence[Stretch],
+        driving: Driving,
+        shape: WindowShape,
+        answering: Mapping[str, Answering],
+        alone: bool = False,
+    ) -> tuple[LiveEpisode, _Collected]:
+        """Sense and predict stretches. alone: whether they have no UV."""
+        timing = self.timing
+        sensing = Sensing(self.study, self.scenario, self.recording, timing.before_decision_s)
+        reports = NoReports() if alone else Reports(sensing)
+        cutter = WindowCutter(reports, self.study, shape, timing.report_delay_s, timing.decision_s)
+        lanes, collected = lanes_of(self.recording), _Collected()
+        for track in sensing.tracks(stretches):
+            collected.add(track, cutter, answering, lanes)
+        uncovered = {**({} if alone else driving.uncovered), **sensing.uncovered}
+        events = events_of(self.surroundings, self.labels, self.study, collected.decisions(), timing.decision_s, alone)
+        facts = EpisodeFacts(
+            fingerprint=self.fingerprint,
+            scenario=self.scenario.name,
+            seed=self.recording.seed,
+            decision_s=timing.decision_s,
+            simulated_s=self.study.traffic.duration_s,
+            vehicles=len(self.recording.tracks),
+            instants=driving.instants,
+            uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},
+            covered_km=round(collected.covered_m / 1000, 6),
+            events=tuple(events),
+        )
+        return collected.episode(facts, self.recording, list(answering)), collected

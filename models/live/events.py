@@ -21,6 +21,8 @@ GROUPS: tuple[Origin, ...] = ("natural", "reaction", "commanded")
 """The groups of events that are reported apart: by their origin."""
 NOT_WATCHED = "not_watched"
 """Why an event is left out whose vehicle was not predicted throughout, from onset to commit."""
+HAS_UV = "has_uv"
+"""Why an event is left out where only vehicles without a UV are predicted."""
 
 
 class LiveEvent(Settings):
@@ -40,11 +42,17 @@ class LiveEvent(Settings):
 
 
 def events_of(
-    surroundings: Surroundings, labels: Labels, study: DatasetStudy, decisions: Mapping[str, Array], decision_s: float
+    surroundings: Surroundings,
+    labels: Labels,
+    study: DatasetStudy,
+    decisions: Mapping[str, Array],
+    decision_s: float,
+    alone: bool = False,
 ) -> list[LiveEvent]:
     """Return the events of a recording, without `following`, by onset.
 
     decisions: the instants at which each vehicle was predicted, s, in order. decision_s: time between two of them.
+    alone: whether events of vehicles without a UV count, and those of the others are neutral, instead of the reverse.
     """
     recording = surroundings.recording
     beyond: dict[str, Array] = {}
@@ -52,7 +60,7 @@ def events_of(
     for event in labels.events:
         if event.intention is Intention.FOLLOWING:
             continue
-        reason, judged = _judged(surroundings, labels, event, study)
+        reason, judged = _judged(surroundings, labels, event, study, alone)
         if reason is None and not _watched(event, decisions.get(event.vehicle, np.empty(0)), decision_s):
             reason = NOT_WATCHED
         if reason is None:
@@ -75,16 +83,21 @@ def events_of(
     return live_events
 
 
-def _judged(surroundings: Surroundings, labels: Labels, event: Event, study: DatasetStudy) -> tuple[str | None, Event]:
-    """Return why an event is neutral, if it is, and the event as what it is for its UV. As in a dataset."""
+def _judged(
+    surroundings: Surroundings, labels: Labels, event: Event, study: DatasetStudy, alone: bool
+) -> tuple[str | None, Event]:
+    """Return why an event is neutral, if it is, and the event as what it is for its UV. As in a dataset.
+
+    Without a UV, an event is what it is for any vehicle.
+    """
     if not may_be_tv(surroundings.recording.tracks[event.vehicle], study.pairs):
         return "vehicle_class", event
     pair = choose_uv(surroundings, event.vehicle, event.onset, study.pairs)
-    if pair is None:
-        return "no_uv", event
+    if alone == (pair is not None):
+        return HAS_UV if alone else "no_uv", event
     if any(event.onset <= time <= event.commit for time in labels.jumps.get(event.vehicle, ())):
         return "jump", event
-    judged = for_pair(surroundings, labels, event, pair.uv)
+    judged = event if pair is None else for_pair(surroundings, labels, event, pair.uv)
     return judged.mark, judged
 
 

@@ -60,14 +60,35 @@ def choose_reject(truths: Sequence[Truth], predictor: str, choice: ChoiceSetting
     return max(options, key=lambda option: option.rank, default=None)
 
 
-def choose_background(truths: Sequence[Truth], choice: ChoiceSettings, settings: LiveSettings) -> Chosen | None:
+def choose_background(truths: Sequence[Truth], predictor: str, settings: LiveSettings) -> Chosen | None:
     """Choose the settings of alarms by the trees that know "none"; None if the development seeds do not suffice."""
     episodes = [truth.episode for truth in truths]
-    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s)
+    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor)
     if levels is None:
         return None
-    options = _options(truths, levels, AlarmSettings(method="background", threshold=0.0), choice)
+    options = _options(truths, levels, AlarmSettings(method="background", threshold=0.0), settings.choice)
     return max(options, key=lambda option: option.rank, default=None)
+
+
+def measure_methods(
+    development: Sequence[Truth], measured: Sequence[Truth], predictor: str, live: LiveSettings, name: str
+) -> dict[str, Measured]:
+    """Measure both kinds of alarm of a predictor with features, the better one on the development seeds first.
+
+    predictor: in the episodes. name: in the result. A kind that cannot be chosen is left out.
+    """
+    episodes = [truth.episode for truth in development]
+    background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor)
+    options = {"reject": choose_reject(development, predictor, live.choice)}
+    if background is not None:
+        options["background"] = choose_background(development, predictor, live)
+    chosen = {method: option for method, option in options.items() if option is not None}
+    return {
+        method: measure(
+            measured, levels_of(measured, predictor, chosen[method].alarms, background), chosen[method], live, name
+        )
+        for method in sorted(chosen, key=lambda method: chosen[method].rank, reverse=True)
+    }
 
 
 def _options(

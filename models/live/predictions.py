@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 from scipy.special import softmax
@@ -108,6 +109,20 @@ class Reports:
         return first, report(states, study.report, key)
 
 
+class ReportWindows(Protocol):
+    """Where the UV's part of a window comes from."""
+
+    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
+        """Return the `length` reports of a vehicle up to a time (s), (6, length)."""
+
+
+class NoReports:
+    """No UV: one that stands still at the origin, so that the axes of a window follow the TV's own travel."""
+
+    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
+        return np.zeros((6, length), np.float32)
+
+
 @dataclass(frozen=True)
 class WindowCutter:
     """Cuts the windows of tracks.
@@ -116,7 +131,7 @@ class WindowCutter:
     decision_s: time between two windows, s.
     """
 
-    reports: Reports
+    reports: ReportWindows
     study: DatasetStudy
     shape: WindowShape
     report_delay_s: float

@@ -133,7 +133,7 @@ class Coverage(Settings):
     """How much of the driving was predicted.
 
     share: of the time that vehicles drove. uncovered: shares without prediction, by reason. vehicle_hours, km: with
-    prediction. driving_hours: in all. Without a UV only a predictor of the TV alone could answer; none is used.
+    prediction. driving_hours: in all. What a predictor of the TV alone adds is in `AloneResult`.
     """
 
     share: float | None
@@ -167,11 +167,54 @@ class LiveMadeBy(Settings):
     versions: dict[str, str]
 
 
+class RecallLost(Settings):
+    """What sensing costs at a rate of false alarms: the recall on true motion minus that on sensed motion.
+
+    false_alarms_per_vehicle_hour: the rate. truth, sensed: the recalls, each by the threshold of its own curve that
+    has the highest recall at the rate. interval: of `lost`, by a bootstrap over the same seeds for both; None with a
+    single seed.
+    """
+
+    false_alarms_per_vehicle_hour: float
+    truth: float
+    sensed: float
+    lost: float
+    interval: Interval | None
+
+
+class TruthResult(Settings):
+    """The run on the true motion of the same TVs at the same instants, with alarms chosen for it.
+
+    methods: both kinds of alarm. method: the kind that `lost` compares, the better one of the run on sensed motion.
+    """
+
+    methods: dict[str, AlarmResult]
+    method: str | None
+    lost: list[RecallLost]
+
+
+class AloneResult(AlarmResult):
+    """A run that looks at the TV alone, where a TV has no UV.
+
+    model: of that run. share: of all driving that it predicts, beside `Coverage.share`. vehicle_hours: with its
+    predictions. events_left_out, methods, baselines: as in `TrafficResult`. run: its card.
+    """
+
+    model: str
+    share: float | None
+    vehicle_hours: float
+    events_left_out: dict[str, int]
+    methods: dict[str, AlarmResult]
+    baselines: dict[str, AlarmResult]
+    run: RunCard
+
+
 class TrafficResult(AlarmResult):
     """The content of `metrics.json`: the better of the run's two kinds of alarm, by the development seeds.
 
     model, scenario: of the run, and of the traffic. vehicle_hours: with prediction. events_left_out: neutral events, by
-    reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms.
+    reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth: the
+    run on true motion, if that was asked for. alone: another run where TVs have no UV, if one was given.
     """
 
     model: str
@@ -182,4 +225,6 @@ class TrafficResult(AlarmResult):
     events_left_out: dict[str, int]
     methods: dict[str, AlarmResult]
     baselines: dict[str, AlarmResult]
+    truth: TruthResult | None = None
+    alone: AloneResult | None = None
     made_by: LiveMadeBy

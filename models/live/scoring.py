@@ -23,6 +23,7 @@ from models.live.results import (
     GroupScores,
     Interval,
     LeadTimes,
+    RecallLost,
     TimeToCommit,
 )
 from models.live.settings import ScoringSettings
@@ -262,12 +263,40 @@ class Sweep:
         drawn = _resamples(counts.shape[1], settings, key)
         if drawn is None:
             return None
-        recalls = []
-        for rows in drawn:
-            summed = counts[:, rows].sum(axis=1)
-            best = _best(summed, rate)
-            recalls.append(0.0 if best is None else float(_recalls(summed)[best]))
-        return _interval(np.array(recalls), settings)
+        return _interval(np.array([_recall_at(counts[:, rows].sum(axis=1), rate) for rows in drawn]), settings)
+
+
+def recall_lost(truth: Sweep, sensed: Sweep, settings: ScoringSettings) -> list[RecallLost]:
+    """Return what sensing costs in recall at each rate, from the curves of the same seeds on true and sensed motion.
+
+    Both resample the same seeds, so that the traffic that is hard for both does not widen the interval.
+    """
+    drawn = _resamples(truth.counts.shape[1], settings, "recall lost")
+    costs = []
+    for rate in settings.false_alarms_per_vehicle_hour:
+        recalls = [_recall_at(sweep.counts.sum(axis=1), rate) for sweep in (truth, sensed)]
+        lost = [] if drawn is None else [_lost(truth.counts[:, rows], sensed.counts[:, rows], rate) for rows in drawn]
+        costs.append(
+            RecallLost(
+                false_alarms_per_vehicle_hour=rate,
+                truth=recalls[0],
+                sensed=recalls[1],
+                lost=recalls[0] - recalls[1],
+                interval=_interval(np.array(lost), settings),
+            )
+        )
+    return costs
+
+
+def _lost(truth: Array, sensed: Array, rate: float) -> float:
+    """Return the difference of the recalls at a rate; counts of both: (t, seeds, 4)."""
+    return _recall_at(truth.sum(axis=1), rate) - _recall_at(sensed.sum(axis=1), rate)
+
+
+def _recall_at(counts: Array, rate: float) -> float:
+    """Return the highest recall at a rate; counts: of events, predictions, false alarms and hours, (t, 4)."""
+    best = _best(counts, rate)
+    return 0.0 if best is None else float(_recalls(counts)[best])
 
 
 def candidate_thresholds(levels: Sequence[Levels], count: int) -> Array:

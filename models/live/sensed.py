@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,11 @@ class Track:
     state: Float32Array
     truth: Array
     fixes: Observed
+
+    @property
+    def true(self) -> Track:
+        """The same stretch as if the network knew the motion itself."""
+        return replace(self, state=np.ascontiguousarray(self.truth, dtype=np.float32))
 
 
 @dataclass

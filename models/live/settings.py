@@ -28,6 +28,9 @@ class StreamSettings(Settings):
         ge=10.0,
         description="a vehicle that is watched for longer is acquired anew, s; bounds the memory that a stretch takes",
     )
+    truth: bool = Field(
+        False, description="whether the run also answers the true motion of the TVs, which says what sensing costs"
+    )
 
 
 class AlarmSettings(Settings):

@@ -20,12 +20,18 @@ from labeling.intentions import KNOWN
 from models.live.events import LiveEvent
 from models.live.predictions import Answers
 
+EPISODES, SPEED_FILE = "episodes", "speed.json"
+"""In the folder of an evaluation: the folder of the episodes, and what each took."""
 FACTS_KEY = b"isac_cosim.live_episode"
 ROW_GROUP = 8192
 RUN = "run"
 """The name of the evaluated run among the predictors of an episode."""
 RULE = "rule"
 """The name of the rule of the road."""
+TRUTH = "truth"
+"""The name of the evaluated run where it answers the true motion of the TV."""
+WITH_FEATURES = (RUN, TRUTH)
+"""The predictors whose features are kept: alarms by background rest on them."""
 
 
 class EpisodeFacts(Settings):
@@ -54,7 +60,7 @@ class LiveEpisode:
     """One episode, the n predictions vehicle by vehicle, in order of time.
 
     vehicle: number of each prediction's TV in `names`, (n,). time_s: end of the window, (n,). group: the TV's group
-    then (`models.live.events.groups_at`), (n,). answers: of each predictor, by name; features of the run alone.
+    then (`models.live.events.groups_at`), (n,). answers: of each predictor, by name; features of WITH_FEATURES alone.
     """
 
     facts: EpisodeFacts
@@ -70,9 +76,9 @@ class LiveEpisode:
         return len(self.time_s) * self.facts.decision_s / 3600
 
 
-def file_name(scenario: str, seed: int) -> str:
-    """Return the name of an episode's file."""
-    return f"{scenario}-{seed}.parquet"
+def file_name(scenario: str, seed: int, alone: bool = False) -> str:
+    """Return the name of an episode's file. alone: of its driving without a UV."""
+    return f"{scenario}-{seed}{'-alone' if alone else ''}.parquet"
 
 
 def write_episode(path: Path, episode: LiveEpisode) -> None:
@@ -87,7 +93,7 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
     for name, answers in episode.answers.items():
         columns[f"{name}.probabilities"] = _rows(answers.probabilities)
         columns[f"{name}.score"] = pa.array(answers.score)
-        if name == RUN:
+        if name in WITH_FEATURES:
             columns[f"{name}.features"] = _rows(answers.features)
     table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
     replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd", row_group_size=ROW_GROUP))
@@ -102,7 +108,7 @@ def read_facts(path: Path) -> EpisodeFacts | None:
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:
-    """Read an episode. features: whether those of the run are read. Raises InputError if the file is damaged."""
+    """Read an episode. features: whether those of the run are read too. Raises InputError if the file is damaged."""
     facts = read_facts(path)
     try:
         if facts is None:

@@ -58,7 +58,7 @@ class Stretch:
     """A TV that is sensed without interruption.
 
     start_s, end_s: first and last sensed instant, s of simulation time; the first includes the filter's run-in.
-    decision_s: ends of the windows that are predicted, s, (n,). uv: the UV of each, n.
+    decision_s: ends of the windows that are predicted, s, (n,). uv: the UV of each, n; "" where there is none.
     """
 
     tv: str
@@ -84,18 +84,21 @@ class Stretch:
 class Driving:
     """The stretches of a recording, and how much driving they leave out.
 
-    instants: number of instants at which some vehicle was due a prediction. uncovered: how many of them have none, by
+    stretches: in which the TV has a UV. alone: in which it has none, and could be predicted by itself. instants: number
+    of instants at which some vehicle was due a prediction. uncovered: how many of them have none in `stretches`, by
     reason.
     """
 
     stretches: tuple[Stretch, ...]
+    alone: tuple[Stretch, ...]
     instants: int
     uncovered: Mapping[str, int]
 
 
 def watched(recording: Recording, surroundings: Surroundings, pairs: PairSettings, timing: Timing) -> Driving:
-    """Return the stretches of a recording in which a TV has a UV, vehicle by vehicle."""
+    """Return the stretches of a recording, vehicle by vehicle."""
     stretches: list[Stretch] = []
+    alone: list[Stretch] = []
     uncovered: Counter[str] = Counter()
     instants = 0
     for track in recording.tracks.values():
@@ -105,14 +108,18 @@ def watched(recording: Recording, surroundings: Surroundings, pairs: PairSetting
             uncovered[TV_KIND] += len(times)
             continue
         paired: list[tuple[float, str]] = []
+        unpaired: list[tuple[float, str]] = []
         for time in times.tolist():
             uv, reason = _uv_at(surroundings, track.vehicle, time, pairs, timing)
             if uv is None:
                 uncovered[reason] += 1
+                if reason != TRACK_ENDS:
+                    unpaired.append((time, ""))
             else:
                 paired.append((time, uv))
         stretches += _joined(track.vehicle, paired, timing)
-    return Driving(tuple(stretches), instants, dict(uncovered))
+        alone += _joined(track.vehicle, unpaired, timing)
+    return Driving(tuple(stretches), tuple(alone), instants, dict(uncovered))
 
 
 def _uv_at(

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 
 from isacsim.arrays import Array
 from labeling.intentions import KNOWN
-from models.live.evaluation import TrafficEvaluation
 from models.live.measuring import Measured
 from models.live.scoring import Outcome
+from models.live.summary import TrafficEvaluation
 from models.report.figures import BESIDE, BY_PREDICTOR, CYCLE, GREY, figure, spoken
 
 METHODS = {"reject": "unknown score", "background": 'with the answer "none"'}

@@ -81,15 +81,18 @@ def test_ranges_are_checked_before_anything_runs(run: Run, tmp_path: Path) -> No
 def test_the_study_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     studies: list[LiveStudy] = []
 
-    def stop(loaded: Run, study: LiveStudy, *rest: object) -> None:
+    def stop(loaded: Run, study: LiveStudy, *rest: object, alone: Run | None) -> None:
         studies.append(study)
         raise InputError("stop")
 
     monkeypatch.setattr(evaluation, "evaluate_traffic", stop)
     with pytest.raises(InputError, match="stop"):
-        live.evaluate_and_show(run.path, "motorway", LiveArguments("3:4", "5:6", 20.0, 1), None, (), Console())
+        live.evaluate_and_show(
+            run.path, "motorway", LiveArguments("3:4", "5:6", 20.0, 1, truth=True), None, (), Console()
+        )
     (study,) = studies
     assert study.seeds == [5, 6, 3, 4]
+    assert study.live.streams.truth
     assert study.dataset.traffic.duration_s == 20.0
 
 
@@ -107,7 +110,9 @@ def test_options_of_the_closed_loop_need_one() -> None:
 def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[tuple[LiveStudy, ClosedLoopSettings, Path]] = []
 
-    def stop(loaded: Run, study: LiveStudy, settings: ClosedLoopSettings, out: Path, *rest: object) -> None:
+    def stop(
+        loaded: Run, study: LiveStudy, settings: ClosedLoopSettings, out: Path, *rest: object, alone: Run | None
+    ) -> None:
         calls.append((study, settings, out))
         raise InputError("stop")
 

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 
 from isacsim.errors import InputError, RunError
-from models.live.evaluation import TrafficEvaluation, evaluate_traffic, study_of
+from labeling.generation.engine import LocalEngine
+from models.data.windows import Records
+from models.live.evaluation import evaluate_traffic, study_of
 from models.live.results import TrafficResult
 from models.live.settings import LiveStudy
 from models.live.store import read_episode
+from models.live.summary import TrafficEvaluation
 from models.run import Run
+from models.training.training import train_records
+from tests.support.made_up import MADE_OF, SMALL_RUN
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource
 
@@ -66,6 +71,66 @@ def test_another_engine_and_a_resumed_folder_give_the_same_bytes(
     assert (tmp_path / "episodes" / "road-21.parquet").stat().st_mtime_ns == kept
     for name in ("metrics.json", "study.json", *(f"episodes/road-{seed}.parquet" for seed in study.seeds)):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_worker_processes_give_the_same_bytes(
+    evaluation: TrafficEvaluation,
+    trees_run: Run,
+    study: LiveStudy,
+    source: ScriptedSource,
+    folder: Path,
+    tmp_path: Path,
+) -> None:
+    evaluate_traffic(trees_run, study, tmp_path, LocalEngine(2), source=source)
+    for name in ("metrics.json", *(f"episodes/road-{seed}.parquet" for seed in study.seeds)):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+
+
+@pytest.fixture(scope="module")
+def tv_alone(records: Records, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    settings = SMALL_RUN.model_copy(update={"model": "tv-alone"})
+    return train_records(records, MADE_OF, tmp_path_factory.mktemp("runs") / "tv_alone", settings)
+
+
+def test_truth_and_driving_without_a_uv_are_measured_beside(
+    evaluation: TrafficEvaluation,
+    trees_run: Run,
+    tv_alone: Run,
+    study: LiveStudy,
+    source: ScriptedSource,
+    tmp_path: Path,
+) -> None:
+    streams = study.live.streams.model_copy(update={"truth": True})
+    both = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
+    result = evaluate_traffic(trees_run, both, tmp_path, InlineEngine(), source=source, alone=tv_alone).result
+    # Neither changes what the run does on sensed motion.
+    assert result.methods == evaluation.result.methods
+    assert result.truth is not None
+    assert result.truth.method in result.methods
+    assert set(result.truth.methods) == set(result.methods)
+    rates = [cost.false_alarms_per_vehicle_hour for cost in result.truth.lost]
+    assert rates == list(study.live.scoring.false_alarms_per_vehicle_hour)
+    sensed = {point.false_alarms_per_vehicle_hour: point.recall for point in result.recall_at}
+    assert {cost.false_alarms_per_vehicle_hour: cost.sensed for cost in result.truth.lost} == pytest.approx(sensed)
+    # The leaders have no UV, and nothing happens to them.
+    alone = result.alone
+    assert alone is not None
+    assert (alone.model, alone.over_all.events) == ("tv-alone", 0)
+    assert alone.share is not None
+    assert alone.share == pytest.approx(result.coverage.uncovered["no_connected_leader"], abs=0.02)
+    kept = [path.stat().st_mtime_ns for path in sorted((tmp_path / "episodes").iterdir())]
+    evaluate_traffic(trees_run, both, tmp_path, InlineEngine(), source=source, alone=tv_alone)
+    assert [path.stat().st_mtime_ns for path in sorted((tmp_path / "episodes").iterdir())] == kept
+
+
+def test_a_predictor_that_looks_at_the_uv_is_refused_without_one(
+    records: Records, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    settings = SMALL_RUN.model_copy(update={"model": "uv-alone"})
+    uv_alone = train_records(records, MADE_OF, tmp_path / "run", settings)
+    with pytest.raises(InputError, match="uv-alone looks at the UV's reports"):
+        evaluate_traffic(trees_run, study, tmp_path / "out", InlineEngine(), source=source, alone=uv_alone)
 
 
 def test_an_episode_on_disk_is_the_episode(evaluation: TrafficEvaluation, folder: Path) -> None:

@@ -11,17 +11,19 @@ from isacsim.traffic.recording import Command, Recording
 from labeling.events import label
 from labeling.intentions import Intention
 from labeling.road.surroundings import Surroundings
-from models.live.events import GROUPS, NOT_WATCHED, LiveEvent, events_of, groups_at
+from models.live.events import GROUPS, HAS_UV, NOT_WATCHED, LiveEvent, events_of, groups_at
 from models.live.settings import LiveStudy
 
 ALWAYS = np.round(np.arange(0, 500) * 0.1, 9)
 
 
-def events(recording: Recording, study: LiveStudy, decisions: np.ndarray = ALWAYS) -> dict[str, LiveEvent]:
+def events(
+    recording: Recording, study: LiveStudy, decisions: np.ndarray = ALWAYS, alone: bool = False
+) -> dict[str, LiveEvent]:
     surroundings = Surroundings(recording)
     labels = label(recording, study.dataset.labels, surroundings)
     watched = dict.fromkeys(recording.tracks, decisions)
-    return {event.intention: event for event in events_of(surroundings, labels, study.dataset, watched, 0.1)}
+    return {event.intention: event for event in events_of(surroundings, labels, study.dataset, watched, 0.1, alone)}
 
 
 def test_the_events_are_those_of_the_labels(recording: Recording, study: LiveStudy) -> None:
@@ -55,6 +57,8 @@ def test_without_a_connected_vehicle_ahead_an_event_is_neutral(recording: Record
     pairs = study.dataset.pairs.model_copy(update={"connected_share": 0.0})
     alone = study.model_copy(update={"dataset": study.dataset.model_copy(update={"pairs": pairs})})
     assert {event.left_out for event in events(recording, alone).values()} == {"no_uv"}
+    assert {event.left_out for event in events(recording, alone, alone=True).values()} == {None}
+    assert {event.left_out for event in events(recording, study, alone=True).values()} == {HAS_UV}
 
 
 @pytest.mark.parametrize(("cause", "group"), [("", "commanded"), ("debris", "reaction")])

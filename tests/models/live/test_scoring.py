@@ -12,7 +12,7 @@ from models.live.background import IGNORED, NONE, Background, training_rows, win
 from models.live.events import GROUPS, LiveEvent
 from models.live.measuring import measure_random, no_alarms
 from models.live.predictions import Answers
-from models.live.scoring import Sweep, Truth, event_scores, lead_times
+from models.live.scoring import Sweep, Truth, event_scores, lead_times, recall_lost
 from models.live.settings import BackgroundSettings, LiveSettings, ScoringSettings
 from models.live.store import RUN, EpisodeFacts, LiveEpisode
 
@@ -141,6 +141,21 @@ def test_the_curve_trades_recall_for_false_alarms() -> None:
         assert point.measured <= rate + 1e-9
         assert point.recall_interval is not None
         assert point.recall_interval.low <= recall <= point.recall_interval.high
+
+
+def test_what_sensing_costs_is_the_difference_of_the_curves() -> None:
+    truths = [Truth.of(FIRST, 2.0), Truth.of(SECOND, 2.0)]
+    of_truth = [levels(FIRST, {(0, 0, 10.5): 0.9}), levels(SECOND, {(0, 0, 20.5): 0.9})]
+    of_sensed = [levels(FIRST, {(0, 0, 10.5): 0.9}), levels(SECOND, {(0, 4, 55.0): 0.9})]
+    truth, sensed = (Sweep.of(truths, part, 2.0, 50) for part in (of_truth, of_sensed))
+    costs = {cost.false_alarms_per_vehicle_hour: cost for cost in recall_lost(truth, sensed, SETTINGS)}
+    # At 1 an hour the false alarm of the second seed forbids the only threshold.
+    assert (costs[1.0].truth, costs[1.0].sensed, costs[1.0].lost) == (0.5, 0.0, 0.5)
+    interval = costs[1.0].interval
+    assert interval is not None
+    # By hand: a resample of the first seed alone loses nothing; any other loses the half that truth finds.
+    assert (interval.low, interval.high) == pytest.approx((0.0, 0.5))
+    assert [cost.lost for cost in recall_lost(truth, truth, SETTINGS)] == [0.0] * 5
 
 
 def test_no_threshold_is_quiet_enough_for_a_rate_below_the_first_false_alarm() -> None:

@@ -84,3 +84,17 @@ def test_a_long_stretch_is_cut_without_losing_a_prediction() -> None:
     assert len(parts) > 2
     assert all(part.end_s - part.start_s <= 12.0 + 1e-6 for part in parts)
     np.testing.assert_allclose(np.concatenate([part.decision_s for part in parts]), whole.decision_s)
+
+
+def test_every_instant_has_a_uv_or_none_or_is_at_the_ends() -> None:
+    """The leader is gone from 20 s on; the TV is then watched alone, as the leader is all the time."""
+    recording = straight_road(ScriptedVehicle("tv"), leader(duration_s=20.0))
+    watched_driving = driving(recording)
+    with_uv, alone = (
+        {(stretch.tv, time) for stretch in stretches for time in stretch.decision_s.tolist()}
+        for stretches in (watched_driving.stretches, watched_driving.alone)
+    )
+    assert not with_uv & alone
+    assert ("tv", 25.0) in alone
+    assert ("leader", 10.0) in alone
+    assert len(with_uv) + len(alone) + watched_driving.uncovered[TRACK_ENDS] == watched_driving.instants

@@ -1,0 +1,64 @@
+"""Runs what is missing of an evaluation, episode by episode, with progress and the errors of workers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from isacsim.errors import InputError, OutputError, RunError
+from isacsim.feedback import Feedback
+from labeling.generation.engine import Engine
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Episodes(Generic[Item]):
+    """The episodes of an evaluation.
+
+    items: what the task is called with, one an episode. finished: whether an episode needs no run. title, noun: for the
+    progress bar and the error; noun is the plural. name: of an episode, in the error.
+    """
+
+    items: Sequence[Item]
+    finished: Callable[[Item], bool]
+    title: str
+    noun: str
+    name: Callable[[Item], str]
+
+
+def run_missing(
+    task: Callable[[Item], Any],
+    episodes: Episodes[Item],
+    engine: Engine,
+    feedback: Feedback,
+    keep: Callable[[Item, Any], None] = lambda item, result: None,
+) -> None:
+    """Run the episodes that are not finished.
+
+    keep: called with each episode and what the task returned for it.
+    Raises RunError if episodes failed, after all others were run; InputError and OutputError as the task returns them.
+    """
+    missing = [item for item in episodes.items if not episodes.finished(item)]
+    done = len(episodes.items) - len(missing)
+    lost: list[str] = []
+    if not missing:
+        return
+    with feedback.bar(episodes.title, episodes.noun) as move:
+        move(done, len(episodes.items))
+        with closing(engine.run(task, missing)) as outcomes:
+            for outcome in outcomes:
+                if isinstance(outcome.result, InputError | OutputError):
+                    raise outcome.result
+                if outcome.error is not None:
+                    lost.append(f"{episodes.name(outcome.item)}: {outcome.error}")
+                else:
+                    keep(outcome.item, outcome.result)
+                done += 1
+                move(done, len(episodes.items))
+    if lost:
+        raise RunError(
+            f"{len(lost)} of {len(episodes.items)} {episodes.noun} failed, {lost[0]}; the same command tries them again"
+        )

@@ -1,0 +1,190 @@
+"""Puts the result of an evaluation together: alarms chosen on the development seeds, measured on the others."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from isacsim.traffic.motion import REACH
+from isacsim.versions import OF_RUNS, versions
+from labeling.generation.settings import SeedRange
+from models.live import measuring
+from models.live.measuring import Measured
+from models.live.results import AloneResult, Coverage, Latency, LiveMadeBy, TrafficResult, TruthResult
+from models.live.scoring import Truth, recall_lost
+from models.live.settings import LiveStudy
+from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, LiveEpisode, file_name, read_episode
+from models.run import Run
+
+CLOSED_LOOP_REACH = 4.0
+"""Half-width of the conditioning kernel for a closed loop, in standard deviations; the weight beyond is 6e-5."""
+RANDOM = "random"
+
+
+@dataclass(frozen=True)
+class TrafficEvaluation:
+    """An evaluation in traffic: its result, and what the figures are drawn from.
+
+    truths: of the measured episodes. methods: the run's kinds of alarm, the better one first. baselines: by name.
+    real_time_factor: simulated time over processor time for ten vehicles; None if no vehicle was watched.
+    """
+
+    result: TrafficResult
+    truths: tuple[Truth, ...]
+    methods: dict[str, Measured]
+    baselines: dict[str, Measured]
+    real_time_factor: float | None
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """What was evaluated.
+
+    out: the folder with the episodes. scenario: its name. against: the names of the compared runs in the episodes.
+    alone: the run that answered where TVs have no UV, if any.
+    """
+
+    run: Run
+    study: LiveStudy
+    out: Path
+    scenario: str
+    against: Sequence[str] = ()
+    alone: Run | None = None
+
+    def truths(self, seeds: SeedRange, alone: bool = False) -> list[Truth]:
+        """Return the episodes of some seeds, ready for scoring. alone: those of driving without a UV."""
+        paths = [self.out / EPISODES / file_name(self.scenario, seed, alone) for seed in seeds]
+        episodes = [read_episode(path, features=True) for path in paths]
+        return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
+
+
+def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
+    """Choose alarms on the development seeds, measure them on the others, and put the result together.
+
+    described: the scenario, as the result tells it.
+    """
+    run, study, live = evaluated.run, evaluated.study, evaluated.study.live
+    development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
+    methods = measuring.measure_methods(development, measured, RUN, live, run.name)
+    first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
+    baselines = {RANDOM: measuring.measure_random(measured, first, live)}
+    for name in (RULE, *evaluated.against):
+        option = measuring.choose_reject(development, name, live.choice)
+        if option is not None:
+            levels = measuring.levels_of(measured, name, option.alarms, None)
+            shown = "rule of the road" if name == RULE else name
+            baselines[name] = measuring.measure(measured, levels, option, live, shown)
+    episodes = [truth.episode for truth in measured]
+    result = TrafficResult(
+        **dict(first.result),
+        model=run.card.settings.model,
+        scenario=evaluated.scenario,
+        vehicle_hours=sum(episode.vehicle_hours for episode in episodes),
+        coverage=_coverage(episodes),
+        latency=_latency(study),
+        events_left_out=_left_out(episodes),
+        methods={name: measurement.result for name, measurement in methods.items()},
+        baselines={name: measurement.result for name, measurement in baselines.items()},
+        truth=_truth(evaluated, development, measured, methods) if live.streams.truth else None,
+        alone=_alone(evaluated, evaluated.alone) if evaluated.alone is not None else None,
+        made_by=LiveMadeBy(
+            study=study,
+            scenario=described,
+            development=[f"{evaluated.scenario}-{seed}" for seed in study.development],
+            seeds=[f"{evaluated.scenario}-{seed}" for seed in study.dataset.seeds],
+            run=run.card,
+            versions=versions((*OF_RUNS, "libsumo", "scipy")),
+        ),
+    )
+    return TrafficEvaluation(result, tuple(measured), methods, baselines, real_time_factor(read_speed(evaluated.out)))
+
+
+def _truth(
+    evaluated: Evaluated, development: Sequence[Truth], measured: Sequence[Truth], sensed: dict[str, Measured]
+) -> TruthResult:
+    """Return what the run measures on true motion, and what sensing costs with the kind of alarm that it uses."""
+    live = evaluated.study.live
+    methods = measuring.measure_methods(development, measured, TRUTH, live, f"{evaluated.run.name} on true motion")
+    method = next(iter(sensed), None)
+    pair = [] if method is None else [of[method].sweep for of in (methods, sensed) if method in of]
+    sweeps = [sweep for sweep in pair if sweep is not None]
+    return TruthResult(
+        methods={name: measurement.result for name, measurement in methods.items()},
+        method=method,
+        lost=[] if len(sweeps) < 2 else recall_lost(sweeps[0], sweeps[1], live.scoring),
+    )
+
+
+def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
+    """Return what the run that needs no UV measures where there is none."""
+    study, live = evaluated.study, evaluated.study.live
+    development = evaluated.truths(study.development, alone=True)
+    measured = evaluated.truths(study.dataset.seeds, alone=True)
+    methods = measuring.measure_methods(development, measured, RUN, live, run.name)
+    first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
+    episodes = [truth.episode for truth in measured]
+    instants = sum(episode.facts.instants for episode in episodes)
+    return AloneResult(
+        **dict(first.result),
+        model=run.card.settings.model,
+        share=sum(len(episode.time_s) for episode in episodes) / instants if instants else None,
+        vehicle_hours=sum(episode.vehicle_hours for episode in episodes),
+        events_left_out=_left_out(episodes),
+        methods={name: measurement.result for name, measurement in methods.items()},
+        baselines={RANDOM: measuring.measure_random(measured, first, live).result},
+        run=run.card,
+    )
+
+
+def read_speed(out: Path) -> dict[str, Any]:
+    """Return what earlier episodes of an interrupted evaluation took, by seed."""
+    try:
+        content: dict[str, Any] = json.loads((out / SPEED_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content
+
+
+def real_time_factor(spent: dict[str, Any], vehicles: int = 10) -> float | None:
+    """Return simulated over processor time of sensing and predicting so many vehicles at once on one core.
+
+    spent: of each seed, as SPEED_FILE holds it. None if no vehicle was predicted.
+    """
+    cpu_s = sum(row["sensing_s"] + row["predicting_s"] for row in spent.values())
+    predicted_s = sum(row["predicted_s"] for row in spent.values())
+    return round(predicted_s / cpu_s / vehicles, 2) if predicted_s and cpu_s else None
+
+
+def _coverage(episodes: Sequence[LiveEpisode]) -> Coverage:
+    uncovered: Counter[str] = Counter()
+    for episode in episodes:
+        uncovered.update(episode.facts.uncovered)
+    instants = sum(episode.facts.instants for episode in episodes)
+    predicted = sum(len(episode.time_s) for episode in episodes)
+    driving_h = sum(episode.facts.instants * episode.facts.decision_s for episode in episodes) / 3600
+    return Coverage(
+        share=predicted / instants if instants else None,
+        uncovered={reason: count / instants for reason, count in sorted(uncovered.items())},
+        vehicle_hours=sum(episode.vehicle_hours for episode in episodes),
+        driving_hours=driving_h,
+        km=sum(episode.facts.covered_km for episode in episodes),
+    )
+
+
+def _latency(study: LiveStudy) -> Latency:
+    width_s = study.dataset.motion.width_s
+    return Latency(
+        conditioning_reach_s=REACH * width_s,
+        closed_loop_s=CLOSED_LOOP_REACH * width_s,
+        report_delay_s=study.live.streams.report_delay_s,
+    )
+
+
+def _left_out(episodes: Sequence[LiveEpisode]) -> dict[str, int]:
+    """Return the number of neutral events, by reason."""
+    reasons = Counter(event.left_out for episode in episodes for event in episode.facts.events)
+    return {reason: reasons[reason] for reason in sorted(reason for reason in reasons if reason is not None)}
