@@ -131,6 +131,14 @@ def lane_headings(lanes: Sequence[Lane], lane: npt.NDArray[np.integer[Any]], lan
     return headings
 
 
+def smooth_step(share: Array) -> Array:
+    """Return the course of a motion of least jerk from 0 to 1, at shares of its duration from 0 to 1, (n,).
+
+    Velocity and acceleration vanish at both ends. Source: Flash and Hogan, The Journal of Neuroscience 5 (1985).
+    """
+    return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))
+
+
 def _lateral_offset(track: Track, step_s: float) -> Array:
     """Return the offset of a vehicle from its reference line, m, left positive, shape (n,).
 
@@ -143,8 +151,7 @@ def _lateral_offset(track: Track, step_s: float) -> Array:
         step = track.lane_lat[row] - track.lane_lat[row - 1]
         reach = max(CHANGE_M, CHANGE_S * float(track.speed[row]))
         first, end = np.searchsorted(driven, driven[row] + np.array([-reach, reach]))
-        u = (driven[first:end] - driven[row]) / (2.0 * reach) + 0.5
-        blend = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        blend = smooth_step((driven[first:end] - driven[row]) / (2.0 * reach) + 0.5)
         offset[first:row] += step * blend[: row - first]
         offset[row:end] -= step * (1.0 - blend[row - first :])
     return offset

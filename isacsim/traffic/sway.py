@@ -19,7 +19,7 @@ from isacsim.scenarios.lane import Lane
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.traffic.recording import Track
-from isacsim.traffic.road_coordinates import lane_headings
+from isacsim.traffic.road_coordinates import lane_headings, smooth_step
 from isacsim.traffic.setting_fields import Range, sourced, within
 
 GRID_S = 0.1
@@ -110,6 +110,5 @@ def _away_from_markings(track: Track, step_s: float, change_s: float) -> Array:
     factor = np.ones(len(track))
     rows = np.arange(len(track))
     for row in np.flatnonzero(np.abs(np.diff(track.lane_lat)) > MARKING_STEP_M) + 1:
-        u = np.clip(np.abs(rows - row + 0.5) * step_s / change_s, 0.0, 1.0)
-        factor *= u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        factor *= smooth_step(np.clip(np.abs(rows - row + 0.5) * step_s / change_s, 0.0, 1.0))
     return factor

@@ -94,12 +94,7 @@ def driving_of(recording: Recording, surroundings: Surroundings | None = None, e
         return np.concatenate(parts) if parts else np.empty(0)
 
     step = np.concatenate([np.empty(0, np.int64), *(t.first_step + part for t, part in zip(tracks, rows, strict=True))])
-    acceleration = [
-        condition(np.asarray(track.speed), recording.step_s, SMOOTHING_S, 1, part)
-        if len(track) > 1
-        else np.zeros(len(part))
-        for track, part in zip(tracks, rows, strict=True)
-    ]
+    acceleration = [_acceleration(recording, track, part) for track, part in zip(tracks, rows, strict=True)]
     speed, length = column("speed"), np.array([track.length_m for track in tracks])
     leader, gap = _leaders(step, column("lane").astype(np.int64), column("lane_pos"), vehicle, length)
     _across_lane_ends(surroundings or Surroundings(recording), vehicle, step, leader, gap)

@@ -17,7 +17,7 @@ from isacsim.arrays import Array, IntArray
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
 from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import lane_headings
+from isacsim.traffic.road_coordinates import lane_headings, smooth_step
 from isacsim.traffic.simulation import Moment, TrafficSettings
 from isacsim.traffic.sway import GRID_S, ROOM_SHARE, SwaySettings, wandering
 from models.closed_loop.conditioning import Kernel, conditioned
@@ -200,8 +200,7 @@ class _Sway:
         swayed = self.passed_s + np.cumsum(np.clip(rows[:, SPEED] / settings.full_mps, 0.0, 1.0)) * step_s
         self.passed_s = float(swayed[-1])
         to_marking = np.clip(1.0 - 2.0 * np.abs(rows[:, LANE_LAT]) / lane_width_m, 0.0, 1.0)
-        fade = to_marking**3 * (10.0 - 15.0 * to_marking + 6.0 * to_marking**2)
-        return np.asarray(self.sd_m * fade * self.path(swayed))
+        return np.asarray(self.sd_m * smooth_step(to_marking) * self.path(swayed))
 
 
 def numbers(names: Sequence[str], wanted: Sequence[str]) -> IntArray:

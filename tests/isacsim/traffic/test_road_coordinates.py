@@ -14,7 +14,7 @@ from isacsim.scenarios.lane import Lane
 from isacsim.traffic import motion
 from isacsim.traffic.motion import MotionSettings, condition, excess, states
 from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import RoundedTrack, moved_rows
+from isacsim.traffic.road_coordinates import RoundedTrack, moved_rows, smooth_step
 from tests.support.drives import sweep
 
 STEP = 0.01
@@ -245,3 +245,11 @@ def test_what_moves_is_forgotten_with_the_track() -> None:
     del recording, track
     gc.collect()
     assert not kept & motion._MOVED.keys()
+
+
+def test_a_smooth_step_has_the_velocity_of_least_jerk() -> None:
+    """The least integral of squared jerk has a velocity of 30 u^2 (1 - u)^2, here integrated numerically."""
+    share = np.linspace(0.0, 1.0, 2001)
+    velocity = 30.0 * share**2 * (1.0 - share) ** 2
+    integral = np.concatenate([[0.0], np.cumsum((velocity[1:] + velocity[:-1]) / 2.0 * np.diff(share))])
+    np.testing.assert_allclose(smooth_step(share), integral, atol=1e-6)
