@@ -31,12 +31,16 @@ PUBLISHED = {
     "sway outside events, standard deviation, m": "about 0.2 (Verster and Roth 2011)",
     "jerk along outside events, rms, m/s³": "",
     "hard brake, peak, m/s²": "0.50 g, sd 0.27 g, of drivers hit from behind (Belkadi and Campbell 2017)",
+    "hard brake, deceleration 1 s after onset, m/s²": "",
+    "hard brake, deceleration 2.2 s after onset, m/s²": "",
     "evasive swerve, peak across, m/s²": "0.3 to 0.7 g in driving experiments",
     "evasive swerve, time to collision at the start, s": "",
 }
 """The quantities, in the order of the table, and what is published about them."""
 CALM_S = 3.0
 """Sway and jerk are measured this far from any event, s."""
+BRAKING_AFTER_S = (1.0, 2.2)
+"""Where the course of a hard brake is measured, after its onset, s."""
 HEADWAY_EVERY_S = 5.0
 FOLLOWER_S = 3.0
 """A vehicle closer than this, in time, follows the one ahead, s."""
@@ -54,6 +58,11 @@ def measured(recording: Recording, labels: Labels) -> Iterator[tuple[str, str, f
         reason = provenance(recording, event)
         if event.intention is Intention.HARD_BRAKE:
             yield "hard brake, peak, m/s²", reason.origin, -event.peak
+            braking = motions.get(event.vehicle)
+            if braking is not None:
+                for after_s in BRAKING_AFTER_S:
+                    deceleration = -float(np.interp(event.onset + after_s, braking.times, braking.a))
+                    yield f"hard brake, deceleration {after_s:g} s after onset, m/s²", reason.origin, deceleration
         elif event.intention is Intention.EVASIVE_SWERVE:
             yield "evasive swerve, peak across, m/s²", reason.origin, abs(event.peak)
             if np.isfinite(reason.cause_ttc_s):

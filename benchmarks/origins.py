@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,9 @@ from isacsim.feedback import Feedback
 from isacsim.files import write_json
 from isacsim.seeding import stream
 from isacsim.settings import checked
+from isacsim.versions import OF_RUNS, versions
 from labeling.dataset.dataset import Dataset
-from labeling.intentions import KNOWN
+from labeling.intentions import KNOWN, Intention
 from models.data.windows import Records, draw_ends
 from models.evaluation import metrics
 from models.evaluation.predictions import Predictions, predict
@@ -84,11 +85,13 @@ def run(
             for origin, row in scores.items()
         },
         "dataset": made_of["digest"],
+        "settings": settings.model_dump(mode="json"),
+        "versions": versions(OF_RUNS),
     }
 
 
 def training_rows(
-    records: Records, natural: BoolArray, offered: BoolArray, intentions: list[Any], fold: int
+    records: Records, natural: BoolArray, offered: BoolArray, intentions: Sequence[Intention], fold: int
 ) -> Mapping[str, IntArray]:
     """Return the records to train on by origin: as many of each intention for every origin, half of each in `both`."""
     rows: dict[str, list[IntArray]] = {NATURAL: [], OTHER: [], BOTH: []}
@@ -126,13 +129,17 @@ def table(result: dict[str, Any]) -> Table:
     """Return macro-F1 before the commit, with its interval, as a table."""
     shown = Table("trained on", "natural", "other", title="macro-F1 before the commit, measured on")
     for origin, row in result["trained_on"].items():
-        cells = (
-            f"{row[name]['macro_f1']:.3f} ({row[name]['macro_f1_low']:.3f} to {row[name]['macro_f1_high']:.3f}),"
-            f" n = {row[name]['n']}"
-            for name in (NATURAL, OTHER)
-        )
-        shown.add_row(origin, *cells)
+        shown.add_row(origin, *(_cell(row[name]) for name in (NATURAL, OTHER)))
     return shown
+
+
+def _cell(scores: dict[str, Any]) -> str:
+    """Return a macro-F1 with its interval and number of windows; a single seed has no interval."""
+    low, middle, high = (scores[name] for name in ("macro_f1_low", "macro_f1", "macro_f1_high"))
+    if middle is None:
+        return f"-, n = {scores['n']}"
+    between = "" if low is None or high is None else f" ({low:.3f} to {high:.3f})"
+    return f"{middle:.3f}{between}, n = {scores['n']}"
 
 
 def main() -> None:
