@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs
 from sklearn.metrics import f1_score
 
 from isacsim.arrays import Array, BoolArray, IntArray
@@ -140,27 +141,63 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
     count = 2 + round(n_samples / (HEADING_STEP_S * on_map.tv_rate_hz))
     instants = np.unique(np.linspace(0, n_samples - 1, count).astype(np.int64))
     # Parabolas for positions, because a bend is not a straight line over half a second.
-    smooth = np.concatenate([savgol_filter(on_map.tv[:, part], span, order, axis=2) for part, order in PARTS], axis=1)
+    smooth = np.concatenate(
+        [smoothed(on_map.tv[:, part], span, order, tuple(instants.tolist())) for part, order in PARTS], axis=1
+    )
     heading = _headings(on_map, smooth, instants)
     # Velocities are turned into the lane before they are differentiated: in the lane, a bend is no acceleration.
     along = np.einsum("nkt,nkt->nt", heading, on_map.tv[:, 2:4])
     across = heading[:, 0] * on_map.tv[:, 3] - heading[:, 1] * on_map.tv[:, 2]
-    speed, aside = (savgol_filter(v, span, 1, axis=1) for v in (along, across))
-    accel, swerve = (savgol_filter(v, span, 1, deriv=1, delta=1 / on_map.tv_rate_hz, axis=1) for v in (along, across))
+    speed, aside = (smoothed(v, span, 1, (n_samples - 1,))[:, 0] for v in (along, across))
+    accel, swerve = (slopes(v, span) * on_map.tv_rate_hz for v in (along, across))
     start = _place(on_map, smooth[:, :2, 0], smooth[:, 2:4, 0])
     moved = np.trapezoid(across, dx=1 / on_map.tv_rate_hz, axis=1)
     offset, half = start.offset_m + moved, start.width_m / 2
-    level = _until_level(on_map, smooth[:, :2, -1], heading[:, :, -1], speed[:, -1], offset, half)
+    level = _until_level(on_map, smooth[:, :2, -1], heading[:, :, -1], speed, offset, half)
     return Drive(
         accel=accel.max(axis=1),
         brake=-accel.min(axis=1),
         swerve=np.abs(swerve).max(axis=1),
         left=half - offset,
         right=half + offset,
-        aside=aside[:, -1],
+        aside=aside,
         level=level,
         lefthand=np.array([on_map.lane_maps(name).lefthand for name in on_map.scenario.tolist()], dtype=bool),
     )
+
+
+def smoothed(values: Array, span: int, order: int, instants: tuple[int, ...]) -> Array:
+    """Return values (..., T) as a Savitzky-Golay filter smooths them at some samples, (..., len(instants)).
+
+    span: samples of the fit, an odd number. order: of its polynomial. Nearer to the ends than half a span, the fit is
+    that of the first or last span.
+    """
+    return values @ _weights(values.shape[-1], span, order, instants).T
+
+
+@lru_cache(maxsize=16)
+def _weights(count: int, span: int, order: int, instants: tuple[int, ...]) -> Array:
+    """Return the weights of `count` samples in the smoothed value at each instant, (len(instants), count)."""
+    weights = np.zeros((len(instants), count))
+    for row, instant in zip(weights, instants, strict=True):
+        first = min(max(instant - span // 2, 0), count - span)
+        row[first : first + span] = savgol_coeffs(span, order, pos=instant - first, use="dot")
+    return weights
+
+
+def slopes(values: Array, span: int) -> Array:
+    """Return the slope, per sample, of the straight line through each `span` values in turn, (n, T - span + 1).
+
+    values: (n, T). span: an odd number. Running sums make it as fast for a long span as for a short one.
+    """
+    number = np.arange(values.shape[1])
+    sums, moments = (
+        np.concatenate([np.zeros((len(values), 1)), np.cumsum(part, axis=1)], axis=1)
+        for part in (values, number * values)
+    )
+    middle = number[: values.shape[1] - span + 1] + span // 2
+    moment = moments[:, span:] - moments[:, :-span] - middle * (sums[:, span:] - sums[:, :-span])
+    return np.asarray(moment / (span * (span**2 - 1) / 12.0))
 
 
 def strengths(drives: Drive, settings: RuleSettings) -> Array:
@@ -216,14 +253,14 @@ def _crossing(distance: Array, speed: Array, threshold_s: float) -> Array:
 def _headings(on_map: OnMap, smooth: Array, instants: IntArray) -> Array:
     """Return the direction of the lane at every TV sample, unit vectors (n, 2, T).
 
-    smooth: smoothed positions and velocities (n, 4, T). instants: samples at which the direction is looked up; it is
-    interpolated between them.
+    smooth: smoothed positions and velocities at `instants`, (n, 4, m). instants: samples at which the direction is
+    looked up, (m,); it is interpolated between them.
     """
     n, count = len(on_map.tv), len(instants)
-    flat = np.moveaxis(smooth[:, :, instants], 1, 2).reshape(n * count, 4)
+    flat = np.moveaxis(smooth, 1, 2).reshape(n * count, 4)
     heading = _place(on_map, flat[:, :2], flat[:, 2:], repeat=count).heading.reshape(n, count, 2)
     angle = np.unwrap(np.arctan2(heading[..., 1], heading[..., 0]), axis=1)
-    samples = np.arange(smooth.shape[2])
+    samples = np.arange(on_map.tv.shape[2])
     interpolated = np.stack([np.interp(samples, instants, row) for row in angle])
     return np.stack([np.cos(interpolated), np.sin(interpolated)], axis=1)
 
