@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from models.live import measuring
 from models.live.measuring import Measured
 from models.live.results import AloneResult, Coverage, Latency, LiveMadeBy, TrafficResult, TruthResult
 from models.live.scoring import Truth, recall_lost
-from models.live.settings import LiveStudy
+from models.live.settings import LiveSettings, LiveStudy
 from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, LiveEpisode, file_name, read_episode
 from models.run import Run
 
@@ -30,6 +30,7 @@ class TrafficEvaluation:
     """An evaluation in traffic: its result, and what the figures are drawn from.
 
     truths: of the measured episodes. methods: the run's kinds of alarm, the better one first. baselines: by name.
+    true_motion: the better kind of alarm where the run answers true motion; None if it does not.
     real_time_factor: simulated time over processor time for ten vehicles; None if no vehicle was watched.
     """
 
@@ -37,6 +38,7 @@ class TrafficEvaluation:
     truths: tuple[Truth, ...]
     methods: dict[str, Measured]
     baselines: dict[str, Measured]
+    true_motion: Measured | None
     real_time_factor: float | None
 
 
@@ -65,7 +67,7 @@ class Evaluated:
 def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 
-    described: the scenario, as the result tells it.
+    described: the scenario, as it stands in the result.
     """
     run, study, live = evaluated.run, evaluated.study, evaluated.study.live
     development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
@@ -78,6 +80,10 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
             levels = measuring.levels_of(measured, name, option.alarms, None)
             shown = "rule of the road" if name == RULE else name
             baselines[name] = measuring.measure(measured, levels, option, live, shown)
+    true_motion = dict[str, Measured]()
+    if live.streams.truth:
+        name = f"{run.name} on true motion"
+        true_motion = measuring.measure_methods(development, measured, TRUTH, live, name)
     episodes = [truth.episode for truth in measured]
     result = TrafficResult(
         **dict(first.result),
@@ -89,7 +95,7 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
         events_left_out=_left_out(episodes),
         methods={name: measurement.result for name, measurement in methods.items()},
         baselines={name: measurement.result for name, measurement in baselines.items()},
-        truth=_truth(evaluated, development, measured, methods) if live.streams.truth else None,
+        truth=_truth(true_motion, methods, live) if live.streams.truth else None,
         alone=_alone(evaluated, evaluated.alone) if evaluated.alone is not None else None,
         made_by=LiveMadeBy(
             study=study,
@@ -100,20 +106,23 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
             versions=versions((*OF_RUNS, "libsumo", "scipy")),
         ),
     )
-    return TrafficEvaluation(result, tuple(measured), methods, baselines, real_time_factor(read_speed(evaluated.out)))
+    return TrafficEvaluation(
+        result=result,
+        truths=tuple(measured),
+        methods=methods,
+        baselines=baselines,
+        true_motion=true_motion.get(next(iter(methods), "")),
+        real_time_factor=real_time_factor(read_speed(evaluated.out)),
+    )
 
 
-def _truth(
-    evaluated: Evaluated, development: Sequence[Truth], measured: Sequence[Truth], sensed: dict[str, Measured]
-) -> TruthResult:
+def _truth(true_motion: Mapping[str, Measured], sensed: Mapping[str, Measured], live: LiveSettings) -> TruthResult:
     """Return what the run measures on true motion, and what sensing costs with the kind of alarm that it uses."""
-    live = evaluated.study.live
-    methods = measuring.measure_methods(development, measured, TRUTH, live, f"{evaluated.run.name} on true motion")
     method = next(iter(sensed), None)
-    pair = [] if method is None else [of[method].sweep for of in (methods, sensed) if method in of]
+    pair = [] if method is None else [of[method].sweep for of in (true_motion, sensed) if method in of]
     sweeps = [sweep for sweep in pair if sweep is not None]
     return TruthResult(
-        methods={name: measurement.result for name, measurement in methods.items()},
+        methods={name: measurement.result for name, measurement in true_motion.items()},
         method=method,
         lost=[] if len(sweeps) < 2 else recall_lost(sweeps[0], sweeps[1], live.scoring),
     )

@@ -24,6 +24,8 @@ MOST_VEHICLES = 24
 def draw_live_figures(evaluation: TrafficEvaluation, folder: Path) -> None:
     """Draw the figures of an evaluation in traffic into a folder."""
     shown = {METHODS[name]: measured for name, measured in evaluation.methods.items()}
+    if evaluation.true_motion is not None:
+        shown["on true motion"] = evaluation.true_motion
     shown |= {measured.result.name: measured for measured in evaluation.baselines.values()}
     recall_against_false_alarms(shown, folder / "recall_against_false_alarms.png")
     first = next(iter(evaluation.methods.values()), None)
