@@ -146,6 +146,7 @@ def sense(
         int | None, typer.Option(help="Sense this many records, repeating the dataset's with new noise as needed.")
     ] = None,
     jobs: opt.Jobs = None,
+    cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
@@ -156,14 +157,13 @@ def sense(
     """
     from command_line.arguments import SenseArguments, resense_settings
     from labeling.dataset.dataset import Dataset
-    from labeling.generation.engine import LocalEngine
     from labeling.generation.resense import resense
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
     arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
     settings = resense_settings(source, arguments)
-    sensed = resense(source, settings, out, LocalEngine(jobs or opt.cores()), feedback)
+    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
 
 
@@ -256,6 +256,7 @@ def evaluate(
     advisories: opt.Advisories = False,
     conditioning: opt.ConditioningKind = None,
     jobs: opt.Jobs = None,
+    cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -266,7 +267,7 @@ def evaluate(
     from command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds, development, duration, jobs, natural, advisories, conditioning, false_alarms, truth, alone
+        seeds, development, duration, jobs, natural, advisories, conditioning, false_alarms, truth, alone, cluster
     )
     if source_of(data, traffic, live) == "traffic":
         console = output.console_of(quiet)

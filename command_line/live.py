@@ -36,6 +36,7 @@ class LiveArguments:
     false_alarms: float | None = None
     truth: bool | None = None
     alone: Path | None = None
+    cluster: str | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -56,7 +57,6 @@ def evaluate_and_show(
     run: Path, scenario: str, arguments: LiveArguments, out: Path | None, against: Sequence[Path], console: Console
 ) -> dict[str, Any]:
     """Evaluate a run in running traffic, draw its figures and show its scores. Returns what `--json` prints."""
-    from labeling.generation.engine import LocalEngine
     from models.live.evaluation import evaluate_traffic, study_of
     from models.report.live_figures import draw_live_figures
     from models.run import load_run
@@ -69,7 +69,7 @@ def evaluate_and_show(
     settings, natural = live_settings(arguments), bool(arguments.natural)
     study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural)
     folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
-    engine, feedback = LocalEngine(arguments.jobs or options.cores()), output.feedback_of(console)
+    engine, feedback = options.engine_of(arguments.jobs, arguments.cluster), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
     closed: ClosedLoopResult | None = None

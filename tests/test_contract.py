@@ -210,9 +210,9 @@ OPTIONS = {
     "--sensor": "radar", "--estimator": "ml", "--fusion": "eq5", "--sites": "2", "--rain": "5", "--radar": "nlos",
     "--pattern": "random", "--records": "9", "--model": "trees", "--epochs": "2", "--seed": "3", "--data": "data",
     "--held-out": "overtake", "--against": "run", "--box": "9.9,51.9,10.1,52.1", "--spacing": "100", "--set-back": "10",
-    "--height": "12", "--vehicles": "20", "--colour": "red",
+    "--height": "12", "--vehicles": "20", "--alone": "run", "--colour": "red",
 }  # fmt: skip
-FLAGS = ("--dry-run", "--json", "--quiet", "--verbose", "--verify", "--no-blockage", "--help", "--", "-x")
+FLAGS = ("--dry-run", "--json", "--quiet", "--verbose", "--verify", "--no-blockage", "--truth", "--help", "--", "-x")
 odd_words = st.one_of(
     st.sampled_from(PATHS),
     st.sampled_from(ODD_TEXTS).filter(lambda text: "\x00" not in text),

@@ -72,6 +72,7 @@ def test_ranges_are_checked_before_anything_runs(run: Run, tmp_path: Path) -> No
         (LiveArguments("5", None, None, None), "--seeds 5: is not a range"),
         (LiveArguments(None, "9:1", None, None), "--development 9:1: is not a range"),
         (LiveArguments("1:9", "5:6", None, None), "overlap"),
+        (LiveArguments(None, None, None, 2, cluster="tcp://127.0.0.1:9"), "--jobs is for local .* give one of them"),
     ):
         with pytest.raises(InputError, match=message):
             evaluate_and_show(run.path, "motorway", arguments, tmp_path / "new", (), console)
