@@ -85,7 +85,8 @@ def evaluate_advisories(
     begun = read_json(Begun, out / STUDY_FILE)
     assert begun is not None, "the open loop marks its folder"
     identity = settings.model_dump(mode="json", exclude={"arms", "near_m", "after_s"})
-    digest = fingerprint(begun.fingerprint, identity)
+    # Alarms depend on all of the study, of which the fingerprint of the open loop covers what its answers rest on.
+    digest = fingerprint(begun.fingerprint, study.model_dump(mode="json"), identity)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, _Begun(fingerprint=digest, settings=settings))
         alarming = alarming_of(opened, study, scenario, out)

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -39,6 +40,12 @@ from models.run import Run, RunCard
 from models.scores import open_set
 
 STUDY_FILE = "study.json"
+SCORED_AFTERWARDS: dict[str, Any] = {
+    "dataset": {"seeds", "selection"},
+    "development": True,
+    "live": {"choice", "background", "scoring"},
+}
+"""The settings that an episode does not depend on: with others, an evaluation goes on in the same folder."""
 PROBES = 64
 """Windows that tell whether a predictor looks at the UV."""
 SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
@@ -102,6 +109,7 @@ def evaluate_traffic(
 ) -> TrafficEvaluation:
     """Evaluate a run in running traffic, or finish an evaluation that was begun, and write `metrics.json`.
 
+    An evaluation with more seeds, or another choice of alarms, keeps the episodes that are there.
     engine: runs the episodes; the result does not depend on it. against: runs to compare with on the same streams.
     source: where motion comes from; by default, SUMO. alone: a run that looks at the TV alone, for TVs without a UV.
     Raises InputError if a run has seen a seed, runs have different windows, `alone` looks at the UV, or `out` holds
@@ -119,7 +127,8 @@ def evaluate_traffic(
     timing_of(study, run.card.shape)
     meta = describe(study.dataset, {where: scenario})
     cards = [compared.card.model_dump(mode="json") for compared in (run, *others)]
-    digest = fingerprint(study.model_dump(mode="json"), [s.model_dump(mode="json") for s in meta.scenarios], cards)
+    answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
+    digest = fingerprint(answers_rest_on, [s.model_dump(mode="json") for s in meta.scenarios], cards)
     predictors = Predictors(
         run.path.resolve(),
         {name: compared.path.resolve() for name, compared in _named(against).items()},

@@ -165,9 +165,27 @@ def test_no_connected_vehicle_is_a_warning_too(
 def test_a_folder_of_another_evaluation_is_refused(
     evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, folder: Path
 ) -> None:
-    other = study.model_copy(update={"development": study.development.model_copy(update={"last": 23})})
+    streams = study.live.streams.model_copy(update={"decision_s": 0.2})
+    other = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
     with pytest.raises(InputError, match="holds an evaluation of another run or other settings"):
         evaluate_traffic(trees_run, other, folder, InlineEngine(), source=source)
+
+
+def test_more_seeds_and_another_choice_of_alarms_keep_the_episodes(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    def with_seeds(last: int, rate: float) -> LiveStudy:
+        content = study.model_dump()
+        content["dataset"]["seeds"]["last"] = last
+        content["live"]["choice"]["false_alarms_per_vehicle_hour"] = rate
+        return LiveStudy.model_validate(content)
+
+    for name, last in (("once", 13), ("later", 12), ("later", 13)):
+        evaluate_traffic(trees_run, with_seeds(last, last - 11.0), tmp_path / name, InlineEngine(), source=source)
+        if last == 12:
+            kept = {path: path.stat().st_mtime_ns for path in (tmp_path / name / "episodes").iterdir()}
+    assert all(path.stat().st_mtime_ns == time for path, time in kept.items())
+    assert (tmp_path / "once/metrics.json").read_bytes() == (tmp_path / "later/metrics.json").read_bytes()
 
 
 def test_seeds_of_the_training_are_refused(
