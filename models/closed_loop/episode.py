@@ -17,6 +17,7 @@ from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import record
 from labeling.intentions import KNOWN
 from models.closed_loop.alarms import Alarm, AlarmStream, levelling
+from models.closed_loop.crossings import crossings, joined
 from models.closed_loop.loop import ClosedLoop, Decision
 from models.closed_loop.policy import advisories
 from models.closed_loop.safety import driving_of, encroachments
@@ -27,7 +28,7 @@ from models.closed_loop.store import (
     ArmEpisode,
     ArmFacts,
     digest_of,
-    entry_facts,
+    encroachment_facts,
     file_name,
     write_arm,
 )
@@ -197,6 +198,6 @@ def measured(
             )
             for item in sent
         ),
-        entries=entry_facts(encroachments(recording)),
+        encroachments=encroachment_facts(joined(encroachments(recording), crossings(recording))),
     )
     return ArmEpisode(facts, driving)

@@ -7,7 +7,8 @@ g and speeds v and v_l:
     deceleration rate to avoid the crash      DRAC = (v - v_l)^2 / (2 g)   while v > v_l
 
 and, where a vehicle enters a lane ahead of another, the post-encroachment time: from the instant when its rear has
-passed the place of entry to the instant when the front of the vehicle behind gets there. A vehicle alongside in the
+passed the place of entry to the instant when the front of the vehicle behind gets there. Paths that cross are in
+`models.closed_loop.crossings`. A vehicle alongside in the
 same lane (g <= 0), as in the middle of a lane change, has no gap and none of these.
 
 Sources: Hayward 1972 (TTC); Almqvist, Hydén and Risser 1991 (DRAC); Allen, Shin and Cooper 1978 (PET).
@@ -58,16 +59,29 @@ class Driving:
 
 @dataclass(frozen=True)
 class Encroachments:
-    """Entries into a lane ahead of another vehicle, (m,) each.
+    """Places that one vehicle passes soon after another one, (m,) each: entries into a lane, and paths that cross.
 
-    entering, behind: the two vehicles, by name. time_s: of the entry. pet_s: post-encroachment time; negative where the
-    vehicle behind reaches the place before the other one's rear has left it.
+    entering, behind: the two vehicles, by name: the one that enters a lane or passes first, and the next one. time_s:
+    of the entry, or of the first passage. pet_s: post-encroachment time; negative where the next vehicle reaches the
+    place before the other one's rear has left it. crossing: whether paths cross (`models.closed_loop.crossings`).
     """
 
     entering: tuple[str, ...]
     behind: tuple[str, ...]
     time_s: Array
     pet_s: Array
+    crossing: BoolArray
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[float, str, str, float]], crossing: bool) -> Encroachments:
+        """Return rows of (time, entering, behind, post-encroachment time), all of one kind."""
+        return cls(
+            tuple(row[1] for row in rows),
+            tuple(row[2] for row in rows),
+            np.array([row[0] for row in rows], dtype=np.float64),
+            np.array([row[3] for row in rows], dtype=np.float64),
+            np.full(len(rows), crossing),
+        )
 
 
 def time_to_collision_s(gap_m: Array, closing_mps: Array) -> Array:
@@ -175,20 +189,14 @@ def encroachments(recording: Recording) -> Encroachments:
             behind = _next_behind(recording, track, row)
             if behind is None:
                 continue
-            left = _arrival(track, row, entered, place + track.length_m, recording.step_s, stays=False)
-            arrives = _arrival(
+            left = arrival(track, row, entered, place + track.length_m, recording.step_s, stays=False)
+            arrives = arrival(
                 behind, track.first_step + row - behind.first_step, entered, place, recording.step_s, stays=True
             )
             if left is None or arrives is None or arrives - left > LONGEST_PET_S:
                 continue
             rows.append(((track.first_step + row) * recording.step_s, track.vehicle, behind.vehicle, arrives - left))
-    rows.sort()
-    return Encroachments(
-        tuple(row[1] for row in rows),
-        tuple(row[2] for row in rows),
-        np.array([row[0] for row in rows]),
-        np.array([row[3] for row in rows]),
-    )
+    return Encroachments.of(sorted(rows), crossing=False)
 
 
 def _next_behind(recording: Recording, entering: Track, row: int) -> Track | None:
@@ -206,7 +214,7 @@ def _next_behind(recording: Recording, entering: Track, row: int) -> Track | Non
     return best[1] if best else None
 
 
-def _arrival(track: Track, row: int, lane: int, place_m: float, step_s: float, stays: bool) -> float | None:
+def arrival(track: Track, row: int, lane: int, place_m: float, step_s: float, stays: bool) -> float | None:
     """Return when a vehicle that is in a lane at a row has come to a place along it, s; None if it never does.
 
     stays: it has to be in that lane all the way; otherwise only the way that it drives counts.
@@ -234,8 +242,8 @@ class Totals:
     """What some vehicles did in some time, summed up.
 
     hours: vehicle-hours. km: driven. ttc_below_3_s, ttc_below_1_5_s, drac_above_3_4_s: time in which a vehicle was
-    there, s. entries_below_1_5: entries into a lane with a post-encroachment time below 1.5 s. drac_highest_mps2,
-    hardest_braking_mps2: the highest of all; 0 without any.
+    there, s. entries_below_1_5, crossings_below_1_5: entries into a lane, and crossings of paths, with a
+    post-encroachment time below 1.5 s. drac_highest_mps2, hardest_braking_mps2: the highest of all; 0 without any.
     """
 
     hours: float
@@ -244,20 +252,23 @@ class Totals:
     ttc_below_1_5_s: float
     drac_above_3_4_s: float
     entries_below_1_5: int
+    crossings_below_1_5: int
     drac_highest_mps2: float
     hardest_braking_mps2: float
 
     @classmethod
-    def of(cls, driving: Driving, entries: Encroachments, rows: BoolArray, of_entries: BoolArray) -> Totals:
-        """Sum up chosen rows of the driving, (n,), and chosen entries, (m,)."""
+    def of(cls, driving: Driving, encroachments: Encroachments, rows: BoolArray, chosen: BoolArray) -> Totals:
+        """Sum up chosen rows of the driving, (n,), and chosen encroachments, (m,)."""
         every_s, ttc, drac = driving.every_s, driving.ttc_s[rows], driving.drac_mps2[rows]
+        close = chosen & (encroachments.pet_s < PET_S)
         return cls(
             hours=float(rows.sum()) * every_s / 3600.0,
             km=float(driving.speed[rows].sum()) * every_s / 1000.0,
             ttc_below_3_s=float((ttc < TTC_S[0]).sum()) * every_s,
             ttc_below_1_5_s=float((ttc < TTC_S[1]).sum()) * every_s,
             drac_above_3_4_s=float((drac > DRAC_MPS2).sum()) * every_s,
-            entries_below_1_5=int((entries.pet_s[of_entries] < PET_S).sum()),
+            entries_below_1_5=int((close & ~encroachments.crossing).sum()),
+            crossings_below_1_5=int((close & encroachments.crossing).sum()),
             drac_highest_mps2=float(drac.max(initial=0.0)),
             hardest_braking_mps2=float((-driving.acceleration[rows]).max(initial=0.0)),
         )
@@ -268,6 +279,7 @@ FIGURES = {
     "ttc_below_1_5_s": "time below 1.5 s of time to collision, s per vehicle-hour",
     "drac_above_3_4_s": "time in which more than 3.4 m/s2 would be needed to avoid a collision, s per vehicle-hour",
     "entries_below_1_5": "entries into a lane with a post-encroachment time below 1.5 s, per vehicle-hour",
+    "crossings_below_1_5": "crossings of paths with a post-encroachment time below 1.5 s, per vehicle-hour",
     "drac_highest_mps2": "highest deceleration rate to avoid a collision, m/s2, mean over seeds",
     "hardest_braking_mps2": "hardest deceleration, m/s2, mean over seeds",
     "mean_speed_mps": "mean speed, m/s",
@@ -286,7 +298,7 @@ def figures(totals: Sequence[Totals]) -> dict[str, float]:
     def mean(name: str) -> float:
         return float(np.mean([getattr(part, name) for part in totals])) if hours else np.nan
 
-    rates = ("ttc_below_3_s", "ttc_below_1_5_s", "drac_above_3_4_s", "entries_below_1_5")
+    rates = ("ttc_below_3_s", "ttc_below_1_5_s", "drac_above_3_4_s", "entries_below_1_5", "crossings_below_1_5")
     return {
         **{name: per_hour(name) for name in rates},
         **{name: mean(name) for name in ("drac_highest_mps2", "hardest_braking_mps2")},

@@ -49,9 +49,9 @@ def rows_within(episode: ArmEpisode, spans: Spans) -> BoolArray:
     return rows
 
 
-def entries_within(entries: Encroachments, spans: Spans) -> BoolArray:
-    """Return which entries into a lane are within the spans of either vehicle, (m,)."""
-    rows = zip(entries.entering, entries.behind, entries.time_s, strict=True)
+def encroachments_within(encroachments: Encroachments, spans: Spans) -> BoolArray:
+    """Return which encroachments are within the spans of either vehicle, (m,)."""
+    rows = zip(encroachments.entering, encroachments.behind, encroachments.time_s, strict=True)
     return np.array(
         [bool(_inside(np.array([t]), (*spans.get(a, ()), *spans.get(b, ())))[0]) for a, b, t in rows], dtype=bool
     )
@@ -66,11 +66,12 @@ def _inside(times: Array, spans: Sequence[tuple[float, float]]) -> BoolArray:
 
 def totals_of(episode: ArmEpisode, spans: Spans | None) -> Totals:
     """Return the totals of an arm of one seed. spans: what is scored; None: everything."""
-    entries = episode.entries
+    encroachments = episode.encroachments
     if spans is None:
         everything = np.ones(len(episode.driving.time_s), dtype=bool)
-        return Totals.of(episode.driving, entries, everything, np.ones(len(entries.pet_s), dtype=bool))
-    return Totals.of(episode.driving, entries, rows_within(episode, spans), entries_within(entries, spans))
+        return Totals.of(episode.driving, encroachments, everything, np.ones(len(encroachments.pet_s), dtype=bool))
+    chosen = encroachments_within(encroachments, spans)
+    return Totals.of(episode.driving, encroachments, rows_within(episode, spans), chosen)
 
 
 def arm_results(

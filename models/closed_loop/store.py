@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -42,13 +43,14 @@ class AdvisoryFacts(Settings):
     fate: str
 
 
-class EntryFacts(Settings):
-    """A vehicle entered a lane ahead of another one (`Encroachments`)."""
+class EncroachmentFacts(Settings):
+    """A vehicle passed a place soon before another one (`Encroachments`)."""
 
     entering: str
     behind: str
     time_s: float
     pet_s: float
+    crossing: bool
 
 
 class ArmFacts(Settings):
@@ -58,7 +60,7 @@ class ArmFacts(Settings):
     were predicted. vehicles: on the road, without those that collided or teleported, which have no states.
     """
 
-    schema_version: int = 1
+    schema_version: Literal[2] = 2
     fingerprint: str
     scenario: str
     seed: int
@@ -71,7 +73,7 @@ class ArmFacts(Settings):
     every_s: float
     alarms: tuple[AlarmFacts, ...]
     advisories: tuple[AdvisoryFacts, ...]
-    entries: tuple[EntryFacts, ...]
+    encroachments: tuple[EncroachmentFacts, ...]
 
 
 @dataclass(frozen=True)
@@ -82,21 +84,26 @@ class ArmEpisode:
     driving: Driving
 
     @property
-    def entries(self) -> Encroachments:
-        """The entries into lanes ahead of others."""
-        entries = self.facts.entries
+    def encroachments(self) -> Encroachments:
+        """The entries into lanes ahead of others, and the crossings of paths."""
+        stored = self.facts.encroachments
         return Encroachments(
-            tuple(entry.entering for entry in entries),
-            tuple(entry.behind for entry in entries),
-            np.array([entry.time_s for entry in entries]),
-            np.array([entry.pet_s for entry in entries]),
+            tuple(one.entering for one in stored),
+            tuple(one.behind for one in stored),
+            np.array([one.time_s for one in stored], dtype=np.float64),
+            np.array([one.pet_s for one in stored], dtype=np.float64),
+            np.array([one.crossing for one in stored], dtype=bool),
         )
 
 
-def entry_facts(entries: Encroachments) -> tuple[EntryFacts, ...]:
-    """Return entries as they are stored."""
-    rows = zip(entries.entering, entries.behind, entries.time_s.tolist(), entries.pet_s.tolist(), strict=True)
-    return tuple(EntryFacts(entering=a, behind=b, time_s=round(t, 6), pet_s=round(pet, 6)) for a, b, t, pet in rows)
+def encroachment_facts(encroachments: Encroachments) -> tuple[EncroachmentFacts, ...]:
+    """Return encroachments as they are stored."""
+    times, pets = np.round(encroachments.time_s, 6).tolist(), np.round(encroachments.pet_s, 6).tolist()
+    names, crossing = (encroachments.entering, encroachments.behind), encroachments.crossing.tolist()
+    return tuple(
+        EncroachmentFacts(entering=entering, behind=behind, time_s=time_s, pet_s=pet_s, crossing=crosses)
+        for entering, behind, time_s, pet_s, crosses in zip(*names, times, pets, crossing, strict=True)
+    )
 
 
 def digest_of(recording: Recording) -> str:

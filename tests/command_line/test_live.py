@@ -131,7 +131,7 @@ def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monke
 
 
 def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
-    none, advised = (Totals(1.0, 90.0, 100.0, danger, 10.0, 3, 4.0, 6.0) for danger in (20.0, 15.0))
+    none, advised = (Totals(1.0, 90.0, 100.0, danger, 10.0, 3, 1, 4.0, 6.0) for danger in (20.0, 15.0))
 
     def arm(totals: Totals, sent: int) -> ArmResult:
         change = differences([totals] * 3, [none] * 3)

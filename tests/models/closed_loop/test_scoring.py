@@ -65,7 +65,7 @@ def test_arms_are_scored_by_the_placebos_alarms() -> None:
 
 def test_differences_have_the_interval_of_the_jackknife_over_seeds() -> None:
     rng = np.random.default_rng(3)
-    base = Totals(1.0, 90.0, 100.0, 20.0, 10.0, 3, 4.0, 6.0)
+    base = Totals(1.0, 90.0, 100.0, 20.0, 10.0, 3, 1, 4.0, 6.0)
     reference = [replace(base, ttc_below_3_s=float(x)) for x in rng.uniform(50, 150, 6)]
     arm = [replace(base, ttc_below_3_s=float(x)) for x in rng.uniform(30, 120, 6)]
     # With equal hours in every seed, the difference is a mean of differences, whose jackknife is known.
@@ -79,7 +79,7 @@ def test_differences_have_the_interval_of_the_jackknife_over_seeds() -> None:
 
 
 def test_a_single_seed_has_no_interval_and_no_danger_no_relative_difference() -> None:
-    base = Totals(1.0, 90.0, 0.0, 0.0, 0.0, 0, 0.0, 2.0)
+    base = Totals(1.0, 90.0, 0.0, 0.0, 0.0, 0, 0, 0.0, 2.0)
     single = differences([base], [base])
     assert single["ttc_below_3_s"].interval is None
     assert single["ttc_below_3_s"].relative is None
