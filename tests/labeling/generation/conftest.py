@@ -1,4 +1,4 @@
-"""Worker processes, started once a session."""
+"""Worker processes, started once for all tests of this package."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class KeptEngine:
         return run_on(self.client, task, items, lambda: self.workers)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def client() -> Iterator[Client]:
     """Two worker processes, for tests that are not about how these start and end."""
     with LocalEngine(2).started() as client:

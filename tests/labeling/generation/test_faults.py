@@ -99,7 +99,11 @@ def test_a_flipped_byte_is_reported_by_every_reader(dataset: Dataset, capfd: pyt
     content = bytearray(shard.read_bytes())
     content[tv.data_page_offset + tv.total_compressed_size // 2] ^= 4
     shard.write_bytes(content)
-    for line in ("inspect DATA --verify", "train DATA -o DATA/../run", "sense DATA -o DATA/../anew --sensor truth"):
+    for line in (
+        "inspect DATA --verify",
+        "train DATA -o DATA/../run",
+        "sense DATA -o DATA/../anew --sensor truth --jobs 1",
+    ):
         assert cosim.main(line.replace("DATA", str(dataset.path)).split()) == 2
         assert capfd.readouterr().err.splitlines()[-1].startswith(f"cosim: {shard}: ")
 
