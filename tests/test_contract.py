@@ -26,7 +26,6 @@ from hypothesis import strategies as st
 import cosim
 from isacsim.errors import RunError
 from labeling.generation.generate import generate
-from models.fit_settings import OptimiserSettings
 from models.settings import TrainSettings
 from models.studies.single import claim_study
 from models.studies.study import Study, read_study
@@ -68,8 +67,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = small_study(seeds={"first": 1, "last": 4})
     dataset = generate(study, folder / "data", InlineEngine(), source=ScriptedSource(folder / "scripted"))
     shutil.rmtree(folder / "scripted")
-    trained = TrainSettings(model="trees", optimiser=OptimiserSettings(threads=1))
-    train(dataset, folder / "run", trained)
+    few = {"trees": {"rounds": 2}, "preludes": {"rounds": 2}, "optimiser": {"threads": 1}}
+    train(dataset, folder / "run", TrainSettings.model_validate({"model": "trees", **few}))
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
     with claim_study(folder / "results", read_study(folder / "study.toml")):
         pass

@@ -33,8 +33,9 @@ selection = { per_class = 4, following = 2 }
 
 [training]
 asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
-optimiser = { epochs = 1 }
+optimiser = { epochs = 1, threads = 1 }
 trees = { rounds = 5 }
+preludes = { rounds = 5 }
 """
 
 
@@ -201,7 +202,10 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tiny")
     (folder / "tiny.toml").write_text(TINY)
     done = subprocess.run(
-        [sys.executable, ROOT / "cosim.py", "run", "tiny.toml", "--json"], cwd=folder, capture_output=True, text=True
+        [sys.executable, ROOT / "cosim.py", "run", "tiny.toml", "--json", "--jobs", "1"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     (folder / "results.json").write_text(done.stdout.splitlines()[-1])

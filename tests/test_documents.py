@@ -76,30 +76,6 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), str(ROOT)))}
 
 
-def run_all(folder: Path, environment: dict[str, str], *commands: str) -> list[str]:
-    """What commands printed on standard output, one after the other, all in one process that has the package."""
-    code = (
-        "import contextlib, io, json, sys\n"
-        "import cosim\n"
-        "if __name__ == '__main__':\n"
-        "    printed = []\n"
-        "    for command in sys.argv[1:]:\n"
-        "        with contextlib.redirect_stdout(io.StringIO()) as shown:\n"
-        "            code = cosim.main(command.split())\n"
-        "        if code:\n"
-        "            sys.exit(f'{command}: {code}')\n"
-        "        printed.append(shown.getvalue())\n"
-        "    print(json.dumps(printed))\n"
-    )
-    (folder / "commands.py").write_text(code)
-    done = subprocess.run(
-        [sys.executable, "commands.py", *commands], cwd=folder, env=environment, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    printed: list[str] = json.loads(done.stdout.splitlines()[-1])
-    return printed
-
-
 STUDY = """
 [dataset]
 scenarios = ["motorway"]
@@ -114,48 +90,71 @@ preset = "gentle-1"
 [dataset.labels.detectors.gentle_brake]
 threshold_mps2 = 0.6
 """
+COMMANDS = (
+    "sense data -o gnss --sensor gnss --jobs 1 --quiet",
+    "sense data -o codebook --estimator codebook --jobs 1 --quiet",
+    "sense data -o best --fusion best_site --jobs 1 --quiet",
+    "train --help",
+    "train data -o nearest --model nearest --quiet",
+    "evaluate nearest --data data --json --quiet",
+)
+SCRIPT = """
+import contextlib, io, json, sys
+from pathlib import Path
+
+import cosim
+from labeling.generation.engine import LocalEngine, run_on
+from labeling.generation.generate import generate
+from models.studies.study import read_study
 
 
-def test_the_parts_of_an_installed_package_work_through_the_commands(parts: dict[str, str], tmp_path: Path) -> None:
+def printed_by(command):
+    with contextlib.redirect_stdout(io.StringIO()) as output:
+        code = cosim.main(command.split())
+    if code:
+        sys.exit(f"{command}: {code}")
+    return output.getvalue()
+
+
+if __name__ == "__main__":
+    with LocalEngine(1).started() as client:  # one worker process for all
+        LocalEngine.run = lambda engine, task, items: run_on(client, task, items, lambda: engine.jobs)
+        generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
+        print(json.dumps({command: printed_by(command) for command in sys.argv[1:]}))
+"""
+
+
+@pytest.fixture(scope="module")
+def printed(parts: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """The folder in which the COMMANDS ran and a dataset was generated, in a process that has the package, and what
+    each command printed on standard output."""
+    folder = tmp_path_factory.mktemp("commands")
+    write_dataset(folder / "data")
+    (folder / "study.toml").write_text(STUDY)
+    (folder / "script.py").write_text(SCRIPT)
+    command = [sys.executable, "script.py", *COMMANDS]
+    done = subprocess.run(command, cwd=folder, env=parts, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout.splitlines()[-1])
+
+
+def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tuple[Path, dict[str, str]]) -> None:
     """One of each kind, added without touching a file of the project."""
-    write_dataset(tmp_path / "data")
-    *_, train_help, _, evaluated = run_all(
-        tmp_path,
-        parts,
-        "sense data -o gnss --sensor gnss --jobs 1 --quiet",
-        "sense data -o codebook --estimator codebook --jobs 1 --quiet",
-        "sense data -o best --fusion best_site --jobs 1 --quiet",
-        "train --help",
-        "train data -o nearest --model nearest --quiet",
-        "evaluate nearest --data data --json --quiet",
-    )
-    frame = Dataset.open(tmp_path / "gnss").frame(["sensor", "n_sites"])
+    folder, output = printed
+    frame = Dataset.open(folder / "gnss").frame(["sensor", "n_sites"])
     assert set(frame["sensor"]) == {"gnss"}
-    assert "nearest" in train_help
-    metrics = json.loads(evaluated.splitlines()[-1])
+    assert "nearest" in output["train --help"]
+    metrics = json.loads(output[COMMANDS[-1]].splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
 
 
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(
-    parts: dict[str, str], tmp_path: Path
+    printed: tuple[Path, dict[str, str]],
 ) -> None:
     """In worker processes, through SUMO: nothing is commanded, and every gentle brake is an event."""
-    (tmp_path / "study.toml").write_text(STUDY)
-    code = (
-        "from pathlib import Path\n"
-        "from labeling.generation.engine import LocalEngine\n"
-        "from labeling.generation.generate import generate\n"
-        "from models.studies.study import read_study\n"
-        "if __name__ == '__main__':\n"
-        "    generate(read_study(Path('study.toml')).dataset, Path('data'), LocalEngine(2))\n"
-    )
-    (tmp_path / "command.py").write_text(code)
-    done = subprocess.run(
-        [sys.executable, "command.py"], cwd=tmp_path, env=parts, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    meta = Dataset.open(tmp_path / "data").meta
+    folder, _ = printed
+    meta = Dataset.open(folder / "generated").meta
     assert meta.study["labels"]["detectors"] == {"gentle_brake": {"threshold_mps2": 0.6}}
     assert set(meta.by_origin()) <= {"natural"}
     assert sum(shard.episode.events["hard_brake"] for shard in meta.shards) > 5

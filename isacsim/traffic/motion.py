@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-from scipy.signal import upfirdn
 
 from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.scenarios.reference_line import RoundingSettings
@@ -193,6 +192,8 @@ def _coarse_acceleration(rounded: RoundedTrack, sigma: float, every: int) -> Arr
 
     Conditioned motion changes little within a third of the kernel's standard deviation sigma, rows.
     """
+    from scipy.signal import upfirdn  # loaded only here, because it takes a second
+
     reach = int(np.ceil(REACH * sigma))
     weights, first = _weights(0.0, sigma, reach, 2), -(-2 * reach // every)
     # The kernel is centred on the first row if the padding before it makes up whole steps.

@@ -11,8 +11,6 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from isacsim.arrays import Array
 from isacsim.scenarios.lane import Lane
@@ -85,6 +83,8 @@ def add_sway(
 
 def sway(track: Track, lane_width_m: float, step_s: float, settings: SwaySettings, rng: np.random.Generator) -> Array:
     """Return the offset of a vehicle at each row of its track, m, shape (n,), left positive."""
+    from scipy.interpolate import CubicSpline  # loaded only here, because it takes a second
+
     room = max(0.0, (lane_width_m - track.width_m) / 2.0)
     sd = min(float(rng.uniform(*settings.sd_m)), ROOM_SHARE * room)
     # A slow vehicle goes through its sway slowly; one that stands keeps its place.
@@ -96,6 +96,8 @@ def sway(track: Track, lane_width_m: float, step_s: float, settings: SwaySetting
 
 def wandering(count: int, step_s: float, settings: SwaySettings, rng: np.random.Generator) -> Array:
     """Return a stationary process of unit variance, shape (count,): noise through the two lags."""
+    from scipy.signal import lfilter  # loaded only here, because it takes a second
+
     slow, fast = (float(np.exp(-step_s / lag)) for lag in (settings.wander_s, settings.steering_s))
     settled = round(10.0 * (settings.wander_s + settings.steering_s) / step_s)
     noise = rng.standard_normal(settled + count)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import upfirdn
 
 from isacsim.arrays import Array
 from isacsim.traffic.recording import Recording, Track
@@ -99,6 +98,8 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
 
 def _decimate(values: Array, sigma: float, every: int) -> Array:
     """Return every `every`-th row of the Gaussian-smoothed values; sigma in rows. Ends are point-reflected."""
+    from scipy.signal import upfirdn  # loaded only here, because it takes a second
+
     reach = int(np.ceil(REACH * sigma))
     # Pad so that the rows to keep coincide with the kernel centres that the decimation keeps.
     before = reach + -2 * reach % every

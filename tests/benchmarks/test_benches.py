@@ -13,7 +13,7 @@ import cosim
 from isacsim.traffic.simulation import TrafficSettings
 from labeling.generation.settings import DatasetStudy
 
-SHORT = TrafficSettings(run_in_s=20.0, duration_s=20.0)
+SHORT = TrafficSettings(run_in_s=15.0, duration_s=10.0)
 
 
 def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:

@@ -34,7 +34,11 @@ def test_the_fast_states_are_those_of_the_dataset() -> None:
 def test_it_trains_on_true_records_and_scores_other_seeds() -> None:
     records = true_records(STUDY, 1)
     assert len(records) == 13
-    training = checked(TrainSettings, {"model": "trees", "trees": {"rounds": 3}, "optimiser": {"threads": 1}}, "test")
+    training = checked(
+        TrainSettings,
+        {"model": "trees", "trees": {"rounds": 3}, "preludes": {"rounds": 3}, "optimiser": {"threads": 1}},
+        "test",
+    )
     result = run(STUDY, training, 5)
     assert result["share"] == STUDY.kinematics.response.share
     assert (result["training_records"], result["windows"]) == (36, 12)

@@ -16,7 +16,8 @@ from tests.support.made_up_dataset import write_dataset
 
 SMALL = TrainSettings.model_validate(
     {
-        **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "preludes", "windows"}),
+        **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "windows"}),
+        "preludes": {"rounds": 4, "ends_per_record": 1},
         "split": {"validation": 0.2, "test": 0.3},
         "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     }

@@ -16,11 +16,11 @@ from models.predictors.registry import PREDICTORS
 from models.run import Run
 from tests.support.made_up import SMALL_RUN
 
-SHORT = {"tv_length": 80, "uv_length": 20}
+SHORT = {"tv_length": 32, "uv_length": 8}
 SETTINGS = SMALL_RUN.model_copy(
     update={
-        "castformer": CastformerSettings(width=16, heads=4, encoder_layers=1),
-        "aligned": AlignedSettings(length=20, hidden=8),
+        "castformer": CastformerSettings(width=16, heads=4, encoder_layers=1, frame_s=0.04),
+        "aligned": AlignedSettings(length=8, hidden=8),
     }
 )
 
@@ -43,8 +43,8 @@ def test_a_written_program_answers_like_the_network(model: str, network_run: Run
     assert issubclass(kind, NetworkPredictor)
     run = Run(network_run.path, card, kind(kind.build(settings, card.shape).eval()), network_run.reference)
     rng = np.random.default_rng(0)
-    windows = Windows(rng.normal(size=(7, 6, 80)).astype(np.float32), rng.normal(size=(7, 6, 20)).astype(np.float32))
-    assert_same(run, write_export(run, tmp_path / "network.pt2"), windows)
+    tv, uv = (rng.normal(size=(7, 6, length)).astype(np.float32) for length in SHORT.values())
+    assert_same(run, write_export(run, tmp_path / "network.pt2"), Windows(tv, uv))
 
 
 @pytest.mark.slow

@@ -24,8 +24,9 @@ from isacsim.traffic.recording import Recording
 from labeling.dataset.dataset import Dataset, read_shard
 from labeling.dataset.shard import read_episode
 from labeling.dataset.summary import faults, summary
-from labeling.generation.engine import Engine, LocalEngine
+from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
+from tests.labeling.generation.conftest import KeptEngine
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -98,7 +99,11 @@ def test_a_flipped_byte_is_reported_by_every_reader(dataset: Dataset, capfd: pyt
     content = bytearray(shard.read_bytes())
     content[tv.data_page_offset + tv.total_compressed_size // 2] ^= 4
     shard.write_bytes(content)
-    for line in ("inspect DATA --verify", "train DATA -o DATA/../run", "sense DATA -o DATA/../anew --sensor truth"):
+    for line in (
+        "inspect DATA --verify",
+        "train DATA -o DATA/../run",
+        "sense DATA -o DATA/../anew --sensor truth --jobs 1",
+    ):
         assert cosim.main(line.replace("DATA", str(dataset.path)).split()) == 2
         assert capfd.readouterr().err.splitlines()[-1].startswith(f"cosim: {shard}: ")
 
@@ -227,13 +232,13 @@ def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_p
         assert dataset.arrays(name)[name][:, 0].max() <= 3000.0
 
 
-def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path) -> None:
+def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path, one_worker: KeptEngine) -> None:
     """From a worker process, where SUMO's own exceptions cannot leave: a car that wants to enter beyond the limit.
 
     The same scenario and seed would fail again, so there is no other try.
     """
     with pytest.raises(RunError) as caught:
-        on_road(tmp_path, vehicle("racer", depart=1.0, lane=0, speed=90.0), 1, engine=LocalEngine(1))
+        on_road(tmp_path, vehicle("racer", depart=1.0, lane=0, speed=90.0), 1, engine=one_worker)
     assert str(caught.value).startswith("all 1 episodes failed, the first with: r, seed 1: Departure speed for vehicle")
     (line,) = (tmp_path / "data/log.jsonl").read_text().splitlines()
     assert (json.loads(line)["outcome"], json.loads(line)["retries"]) == ("lost", 0)

@@ -23,6 +23,7 @@ from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.settings import DatasetStudy
+from tests.labeling.generation.conftest import KeptEngine
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 from tests.support.waiting import wait_until
 
@@ -95,9 +96,9 @@ def test_a_summary_takes_a_shard_of_states_at_a_time(undisturbed: Dataset, monke
 
 
 def test_more_jobs_make_the_same_bytes(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptEngine
 ) -> None:
-    generate(study, tmp_path / "data", LocalEngine(2), source=source)
+    generate(study, tmp_path / "data", two_workers, source=source)
     assert bytes_of(tmp_path / "data") == bytes_of(undisturbed.path)
 
 
@@ -162,20 +163,22 @@ def test_an_interrupted_command_is_resumed(
     assert bytes_of(folder) == bytes_of(undisturbed.path)
 
 
-def test_a_worker_that_dies_is_replaced(undisturbed: Dataset, source: ScriptedSource, tmp_path: Path) -> None:
+def test_a_worker_that_dies_is_replaced(
+    undisturbed: Dataset, source: ScriptedSource, tmp_path: Path, two_workers: KeptEngine
+) -> None:
     (tmp_path / "died").mkdir()
     frail = ScriptedSource(source.folder, frail=tmp_path / "died")
-    dataset = generate(small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", LocalEngine(2), source=frail)
+    dataset = generate(small_study(seeds={"first": 1, "last": 2}), tmp_path / "data", two_workers, source=frail)
     assert sorted(path.name for path in (tmp_path / "died").iterdir()) == ["1", "2"]
     assert dataset.meta.lost == ()
     np.testing.assert_array_equal(dataset.arrays("tv")["tv"], undisturbed.arrays("tv")["tv"][:4])
 
 
 def test_an_episode_that_keeps_failing_is_reported_and_left_out(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptEngine
 ) -> None:
     failing = ScriptedSource(source.folder, broken=(1,), deadly=(3,))
-    dataset = generate(study, tmp_path / "data", LocalEngine(2), source=failing)
+    dataset = generate(study, tmp_path / "data", two_workers, source=failing)
     assert [shard.episode.seed for shard in dataset.meta.shards] == [2, 4]
     reasons = {lost.seed: lost.reason for lost in dataset.meta.lost}
     assert reasons[1] == "RuntimeError: the simulation broke"
@@ -307,16 +310,20 @@ def workers() -> list[psutil.Process]:
 
 def test_a_worker_that_dies_while_it_starts_is_replaced() -> None:
     """And nothing of the first attempt is left running."""
+    others = workers()
+
+    def new_workers() -> list[psutil.Process]:
+        return [worker for worker in workers() if worker not in others]
 
     def kill_the_first() -> None:
-        wait_until(workers)[0].kill()
+        wait_until(new_workers)[0].kill()
 
     killer = threading.Thread(target=kill_the_first)
     killer.start()
     with contextlib.closing(LocalEngine(2).run(str, [1, 2])) as outcomes:
         assert sorted(str(outcome.result) for outcome in outcomes) == ["1", "2"]
     killer.join()
-    assert workers() == []
+    assert new_workers() == []
 
 
 def test_workers_that_never_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,6 @@ from isacsim.errors import InputError
 from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
 from labeling.dataset.summary import show, summary
-from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.resense import resense
 from labeling.generation.settings import DatasetStudy
@@ -22,6 +21,7 @@ from models.evaluation.evaluation import Evaluation, evaluate
 from models.report.report import write_report
 from models.settings import TrainSettings
 from models.training.training import train
+from tests.labeling.generation.conftest import KeptEngine
 from tests.support.scripted import InlineEngine
 
 EPISODES, PER_CLASS = 3, 3
@@ -78,11 +78,11 @@ def test_the_summary_reports_how_far_the_detectors_agree(dataset: Dataset) -> No
 
 
 def test_the_samples_do_not_depend_on_the_workers_and_an_interrupted_dataset_goes_on(
-    tmp_path: Path,
+    tmp_path: Path, two_workers: KeptEngine
 ) -> None:
     few = {"seeds": {"first": 1, "last": 2}, "kinematics": {"per_class": 1, "following_scenes": 0}}
     study = checked(DatasetStudy, {**CONTENT, **few}, "test")
-    parallel = generate(study, tmp_path / "parallel", LocalEngine(2))
+    parallel = generate(study, tmp_path / "parallel", two_workers)
     digest = parallel.digest
     parallel.shard_path(parallel.meta.shards[1]).unlink()
     assert generate(study, tmp_path / "parallel", INLINE).digest == digest
@@ -100,7 +100,11 @@ def test_sensing_anew_gives_the_same_bytes_and_truth_is_the_truth(dataset: Datas
 @pytest.fixture(scope="module")
 def evaluation(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     folder = tmp_path_factory.mktemp("run")
-    settings = checked(TrainSettings, {"model": "trees", "trees": {"rounds": 5}, "optimiser": {"threads": 1}}, "test")
+    settings = checked(
+        TrainSettings,
+        {"model": "trees", "trees": {"rounds": 5}, "preludes": {"rounds": 5}, "optimiser": {"threads": 1}},
+        "test",
+    )
     return evaluate(train(dataset, folder / "run", settings), dataset, folder / "evaluation")
 
 

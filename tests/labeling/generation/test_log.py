@@ -11,10 +11,10 @@ import cosim
 from isacsim.errors import OutputError
 from labeling.dataset.dataset import Dataset
 from labeling.generation import log
-from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import Entry
 from labeling.generation.resense import ResenseSettings, own_sensing, resense
+from tests.labeling.generation.conftest import KeptEngine
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -25,14 +25,14 @@ def lines(folder: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
 
 
-def test_every_episode_leaves_a_line(tmp_path: Path) -> None:
+def test_every_episode_leaves_a_line(tmp_path: Path, one_worker: KeptEngine) -> None:
     """One is made at once, one in the second try, one never: each says so, and what SUMO had to say."""
     (tmp_path / "died").mkdir()
     (tmp_path / "died" / "1").touch()
     source = ScriptedSource(tmp_path, broken=(3,), frail=tmp_path / "died", warnings=7)
     feedback = RecordedFeedback()
     study = small_study(seeds={"first": 1, "last": 3})
-    dataset = generate(study, tmp_path / "data", LocalEngine(1), feedback, source=source)
+    dataset = generate(study, tmp_path / "data", one_worker, feedback, source=source)
     entries = {entry["seed"]: entry for entry in lines(dataset.path)}
     assert feedback.details == [str(Entry.model_validate(line)) for line in lines(dataset.path)]
     assert (entries[1]["outcome"], entries[1]["retries"], entries[1]["reason"]) == ("made", 0, None)

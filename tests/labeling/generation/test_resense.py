@@ -23,11 +23,11 @@ from labeling.dataset.dataset import Dataset, Shard
 from labeling.dataset.shard import Episode, read_samples
 from labeling.dataset.summary import summary
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
 from labeling.generation.log import LOG_FILE
 from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
 from models.studies.sweep_axes import SweepAxes, sensings
+from tests.labeling.generation.conftest import KeptEngine
 from tests.support import sensing_road
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
@@ -177,11 +177,13 @@ def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     assert counts.max() - counts.min() <= 1
 
 
-def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(dataset: Dataset, anew: Anew, tmp_path: Path) -> None:
+def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(
+    dataset: Dataset, anew: Anew, tmp_path: Path, two_workers: KeptEngine
+) -> None:
     sensed = anew(snr="3", records=10)
     settings = resense_settings(dataset, SenseArguments("isac", snr="3", records=10))
     folder = tmp_path / "again"
-    resense(dataset, settings, folder, LocalEngine(2))
+    resense(dataset, settings, folder, two_workers)
     assert bytes_of(folder) == bytes_of(sensed.path)
     kept = folder / "shards/road-1.parquet"
     before = kept.stat().st_ino

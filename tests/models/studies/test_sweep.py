@@ -36,6 +36,7 @@ TINY = {
     **SMALL_RUN.model_dump(),
     "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     "trees": {"rounds": 4, "ends_per_record": 1},
+    "preludes": {"rounds": 4, "ends_per_record": 1},
 }
 EVALUATION = EvaluateSettings(ends_per_record=4).model_dump()
 SEEDS = {"north": 6, "south": 4}
@@ -313,6 +314,7 @@ TOML = """
 windows = { window_s = 1.2 }
 trees = { rounds = 4, ends_per_record = 1 }
 preludes = { use = false }
+optimiser = { threads = 1 }
 
 [evaluation]
 ends_per_record = 1
