@@ -86,6 +86,12 @@ class LocalEngine:
         return self.jobs
 
     def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+        with self.started() as client:
+            yield from run_on(client, task, items, lambda: self.jobs)
+
+    @contextmanager
+    def started(self) -> Iterator[Client]:
+        """Yield a client of the worker processes, which run until the block ends."""
         settings = {
             # Have every death of a worker reported; run_on counts them and retries.
             "distributed.scheduler.allowed-failures": 0,
@@ -97,8 +103,7 @@ class LocalEngine:
         with dask.config.set(settings), ExitStack() as stack:
             with interrupts.deferred():
                 cluster = stack.enter_context(self._start())
-            client = stack.enter_context(Client(cluster))
-            yield from run_on(client, task, items, lambda: self.jobs)
+            yield stack.enter_context(Client(cluster))
 
     def _start(self) -> LocalCluster:
         """Start the worker processes; start all of them again if one dies before it is ready."""
@@ -218,7 +223,7 @@ def run_on(
     remaining = enumerate(items)
     pending: dict[Future[Any], tuple[int, Item]] = {}
     failures: dict[int, int] = {}
-    finished = as_completed()
+    finished = as_completed(loop=client.loop)
 
     def submit(number: int, item: Item) -> None:
         future = client.submit(_try, task, item, pure=False, priority=-number)
