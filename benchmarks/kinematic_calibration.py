@@ -123,12 +123,12 @@ def run(
     seeds = range(FIRST_SEED, FIRST_SEED + episodes + test_episodes)
     records = true_records(study, seeds[:episodes])
     known, sides = records.take(np.isin(records.label, KNOWN)), split(records, training.split)
-    taught, validation, test = (known.take(np.isin(known.groups, sides[s])) for s in ("train", "validation", "test"))
+    train, validation, test = (known.take(np.isin(known.groups, sides[s])) for s in ("train", "validation", "test"))
     shape = WindowShape(len(KNOWN), *lengths(records, training.windows), records.tv_rate_hz, records.uv_rate_hz)
     with ExitStack() as stack:
         work = Path(stack.enter_context(tempfile.TemporaryDirectory())) if folder is None else folder
         work.mkdir(parents=True, exist_ok=True)
-        predictor = PREDICTORS[training.model].fit(FitTask(taught, validation, training, shape, work), SILENT)
+        predictor = PREDICTORS[training.model].fit(FitTask(train, validation, training, shape, work), SILENT)
     counts = confusion_by_seed(predictor, test, training)
     for seed in seeds[episodes:]:
         further = true_records(study, [seed])
@@ -138,7 +138,7 @@ def run(
         "share": study.kinematics.response.share,
         "model": training.model,
         "seed": training.seed,
-        "training_records": len(taught),
+        "training_records": len(train),
         "best_epoch": predictor.fit_summary.best_epoch,
         "windows": int(total.sum()),
         "accuracy": score(accuracy, [counts]).model_dump(exclude={"sd"}),

@@ -34,9 +34,15 @@ def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]
     (out / TABLES).mkdir(exist_ok=True)
     cases, by_snr = case_counts(out, size), snr_counts(out)
     claims = asi_bip_claims(cases, by_snr)
-    makers = (_data, _training, _unknown, _literal)
-    data, training, unknown, literal = (maker(out) for maker in makers)
-    parts = [claims_part(claims), data, _table_1(out, size, cases), training, unknown, _snr(out, by_snr), literal]
+    parts = [
+        claims_part(claims),
+        _data(out),
+        _table_1(out, size, cases),
+        _training(out),
+        _unknown(out),
+        _snr(out, by_snr),
+        _literal(out),
+    ]
     return [part for part in parts if part is not None], claims
 
 
@@ -128,7 +134,11 @@ def _training(out: Path) -> Part | None:
     folder, drawn = out / FIGURES, []
     if scores[0].history:
         figures.loss_curves(pd.DataFrame(scores[0].history), folder / "fig3_loss.png")
-        history = [{"training seed": of.training_seed, **epoch} for of in scores for epoch in of.history or ()]
+        history = [
+            {"training seed": training.training_seed, **epoch}
+            for training in scores
+            for epoch in training.history or ()
+        ]
         write_table(history, out / TABLES / "fig3_loss.csv")
         drawn.append(("fig3_loss.png", f"Training and validation, training seed {scores[0].training_seed}."))
     counts = of_measure(scores, "test")
