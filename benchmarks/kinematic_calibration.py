@@ -170,7 +170,7 @@ def main() -> None:
     parser.add_argument("--model", default="trees")
     parser.add_argument("--epochs", type=int, help="in place of those of the reproduction")
     parser.add_argument("--seed", type=int, default=0, help="training seed")
-    parser.add_argument("--folder", type=Path, help="keep the checkpoints here, and resume from them")
+    parser.add_argument("--folder", type=Path, help="keep checkpoints here, and resume from them")
     arguments = parser.parse_args()
     response: dict[str, Any] = {} if arguments.share is None else {"share": arguments.share}
     content = {"source": "kinematic", "kinematics": {"response": response}}
