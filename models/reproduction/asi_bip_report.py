@@ -133,7 +133,7 @@ def _training(out: Path) -> Part | None:
         return None
     folder, drawn = out / FIGURES, []
     if scores[0].history:
-        figures.loss_curves(pd.DataFrame(scores[0].history), folder / "fig3_loss.png")
+        figures.loss_curves(pd.DataFrame(scores[0].history).astype({"epoch": int}), folder / "fig3_loss.png")
         history = [
             {"training seed": training.training_seed, **epoch}
             for training in scores
@@ -246,9 +246,10 @@ def _literal(out: Path) -> Part | None:
         for training in scores
     ]
     epochs = (result_of(out, "literal") or {})["epochs"]
+    length = "1 epoch" if epochs == 1 else f"{epochs} epochs"
     text = (
         "Literal: every LSTM output is a token, 1,101 with the class token, as the paper's figure shows it. Pooled: 89 "
-        f"tokens, as in all other tables. One training each, of {epochs} epochs."
+        f"tokens, as in all other tables. One training each, of {length}."
     )
     return Part("literal", "The architecture taken literally", text, rows)
 
