@@ -80,7 +80,7 @@ def _data(out: Path) -> Part | None:
 
 def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part | None:
     rows: list[Row] = []
-    drawn: dict[str, tuple[float, float]] = {}
+    drawn: dict[str, tuple[float, float, float]] = {}
     paper: dict[str, float] = {}
     weather = [case for case, _ in weather_cases(size.weather_chains)]
     for case in (*TRAINED, *weather):
@@ -103,7 +103,8 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
             }
         )
         if f1.value is not None:
-            drawn[case.title] = (f1.value, 0.0 if f1.high is None else f1.high - f1.value)
+            low, high = (f1.value if bound is None else bound for bound in (f1.low, f1.high))
+            drawn[case.title] = (f1.value, low, high)
             if reference:
                 paper[case.title] = reference[1]
     if not rows:
@@ -135,7 +136,7 @@ def _training(out: Path) -> Part | None:
     if scores[0].history:
         figures.loss_curves(pd.DataFrame(scores[0].history).astype({"epoch": int}), folder / "fig3_loss.png")
         history = [
-            {"training seed": training.training_seed, **epoch}
+            {"training seed": training.training_seed, **epoch, "epoch": int(epoch["epoch"]) + 1}
             for training in scores
             for epoch in training.history or ()
         ]
