@@ -34,9 +34,15 @@ def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]
     (out / TABLES).mkdir(exist_ok=True)
     cases, by_snr = case_counts(out, size), snr_counts(out)
     claims = asi_bip_claims(cases, by_snr)
-    makers = (_data, _training, _unknown, _literal)
-    data, training, unknown, literal = (maker(out) for maker in makers)
-    parts = [claims_part(claims), data, _table_1(out, size, cases), training, unknown, _snr(out, by_snr), literal]
+    parts = [
+        claims_part(claims),
+        _data(out),
+        _table_1(out, size, cases),
+        _training(out),
+        _unknown(out),
+        _snr(out, by_snr),
+        _literal(out),
+    ]
     return [part for part in parts if part is not None], claims
 
 
@@ -74,7 +80,7 @@ def _data(out: Path) -> Part | None:
 
 def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part | None:
     rows: list[Row] = []
-    drawn: dict[str, tuple[float, float]] = {}
+    drawn: dict[str, tuple[float, float, float]] = {}
     paper: dict[str, float] = {}
     weather = [case for case, _ in weather_cases(size.weather_chains)]
     for case in (*TRAINED, *weather):
@@ -97,7 +103,8 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
             }
         )
         if f1.value is not None:
-            drawn[case.title] = (f1.value, 0.0 if f1.high is None else f1.high - f1.value)
+            low, high = (f1.value if bound is None else bound for bound in (f1.low, f1.high))
+            drawn[case.title] = (f1.value, low, high)
             if reference:
                 paper[case.title] = reference[1]
     if not rows:
@@ -127,8 +134,12 @@ def _training(out: Path) -> Part | None:
         return None
     folder, drawn = out / FIGURES, []
     if scores[0].history:
-        figures.loss_curves(pd.DataFrame(scores[0].history), folder / "fig3_loss.png")
-        history = [{"training seed": of.training_seed, **epoch} for of in scores for epoch in of.history or ()]
+        figures.loss_curves(pd.DataFrame(scores[0].history).astype({"epoch": int}), folder / "fig3_loss.png")
+        history = [
+            {"training seed": training.training_seed, **epoch, "epoch": int(epoch["epoch"]) + 1}
+            for training in scores
+            for epoch in training.history or ()
+        ]
         write_table(history, out / TABLES / "fig3_loss.csv")
         drawn.append(("fig3_loss.png", f"Training and validation, training seed {scores[0].training_seed}."))
     counts = of_measure(scores, "test")
@@ -236,9 +247,10 @@ def _literal(out: Path) -> Part | None:
         for training in scores
     ]
     epochs = (result_of(out, "literal") or {})["epochs"]
+    length = "1 epoch" if epochs == 1 else f"{epochs} epochs"
     text = (
         "Literal: every LSTM output is a token, 1,101 with the class token, as the paper's figure shows it. Pooled: 89 "
-        f"tokens, as in all other tables. One training each, of {epochs} epochs."
+        f"tokens, as in all other tables. One training each, of {length}."
     )
     return Part("literal", "The architecture taken literally", text, rows)
 

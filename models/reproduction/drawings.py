@@ -36,13 +36,17 @@ def lines(
         axes.legend(**BESIDE)
 
 
-def bars(ours: Mapping[str, tuple[float, float]], paper: Mapping[str, float], path: Path) -> None:
-    """Draw macro-F1 by way of sensing: ours as points with half the width of the interval, the paper's as crosses."""
+def bars(ours: Mapping[str, tuple[float, float, float]], paper: Mapping[str, float], path: Path) -> None:
+    """Draw macro-F1 by way of sensing: the paper's as crosses, ours as points with their intervals.
+
+    ours: value, lower and upper bound of the interval, by name. paper: values, by name.
+    """
     names = list(ours)
     with figure(path, 8, 1.2 + 0.45 * len(names)) as drawn:
         axes = drawn.subplots()
-        values, half_widths = zip(*ours.values(), strict=True)
-        axes.errorbar(values, range(len(names)), xerr=half_widths, fmt="o", capsize=3, color=BLUE, label="ours, 95 %")
+        values, low, high = np.array(list(ours.values())).T
+        widths = np.stack([values - low, high - values])
+        axes.errorbar(values, range(len(names)), xerr=widths, fmt="o", capsize=3, color=BLUE, label="ours, 95 %")
         marked = [(paper[name], k) for k, name in enumerate(names) if name in paper]
         axes.plot([score for score, _ in marked], [k for _, k in marked], "x", color=ORANGE, ms=8, label="paper")
         axes.set_yticks(range(len(names)), names)

@@ -19,6 +19,7 @@ from models.reproduction.claims import Claim
 from models.reproduction.pages import CLAIMS, Part, write_pages
 from models.reproduction.sizes import ASI_BIP, CASTFORMER, AsiBipSize, CastformerSize, SizeName, merged
 from models.reproduction.stages import Cost, Stage, chosen_stages, cost_of, identity_of, run_stages
+from models.reproduction.workers import kept_running
 from models.training.progress import spoken_time
 
 PAPERS = (asi_bip.PAPER, castformer.PAPER)
@@ -113,14 +114,15 @@ def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> R
     engine: runs episodes, sensing and trainings. feedback: where the cost and the progress are reported.
     Raises InputError where the folder holds something else, RunError where a stage fails.
     """
-    stages = wanted.reproduction(engine, feedback).stages()
-    chosen = chosen_stages(stages, wanted.stages)
-    feedback.message(cost_in_words(cost_of(chosen, wanted.out, engine.workers)))
     content: dict[str, Any] = wanted.settings.model_dump(mode="json")
     if wanted.clips is not None:
         content["clips"] = str(wanted.clips.resolve())
     identity = identity_of(wanted.paper, wanted.size, content)
-    run_stages(identity, chosen, wanted.out, engine.workers, feedback)
+    with kept_running(engine) as workers:
+        stages = wanted.reproduction(workers, feedback).stages()
+        chosen = chosen_stages(stages, wanted.stages)
+        feedback.message(cost_in_words(cost_of(chosen, wanted.out, engine.workers)))
+        run_stages(identity, chosen, wanted.out, engine.workers, feedback)
     missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, engine.workers).stages]
     parts, claims = _parts(wanted)
     write_json(wanted.out / f"{CLAIMS}.json", [claim.model_dump(mode="json") for claim in claims])

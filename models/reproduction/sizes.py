@@ -59,17 +59,17 @@ ASI_BIP: dict[SizeName, AsiBipSize] = {
     "full": AsiBipSize(training={"optimiser": {"epochs": 20, "patience": 20}}),
     "quick": AsiBipSize(
         training_seeds=(0,),
-        snr_db=(-30, -20, -10, 0, 10, 20),
-        literal_epochs=2,
+        snr_db=(-30, -10, 10, 20),
+        literal_epochs=1,
         weather_chains=("isac",),
         dataset={
-            "seeds": {"first": 1, "last": 16},
+            "seeds": {"first": 1, "last": 10},
             "selection": {"per_class": 3, "following": 3},
             "kinematics": {"per_class": 3, "following_scenes": 3},
         },
         training={
             "split": {"validation": 0.15, "test": 0.3},
-            "optimiser": {"epochs": 6, "patience": 6, "learning_rate": 1e-3},
+            "optimiser": {"epochs": 4, "patience": 4, "learning_rate": 1e-3},
             "asi_bip": PATCHED,
         },
     ),
@@ -100,16 +100,16 @@ CASTFORMER: dict[SizeName, CastformerSize] = {
     ),
     "quick": CastformerSize(
         folds=2,
-        alphas=(0.01, 0.1, 1.0),
+        alphas=(0.1, 1.0),
         compared=("asi-bip", "trees"),
-        compared_epochs=4,
+        compared_epochs=3,
         dataset={
-            "seeds": {"first": 1, "last": 12},
+            "seeds": {"first": 1, "last": 8},
             "selection": {"per_class": 3, "following": 0},
             "kinematics": {"per_class": 3, **SCENES},
             "record": RECORDS,
         },
-        training={"optimiser": {"epochs": 6, "patience": 6}, "asi_bip": PATCHED},
+        training={"optimiser": {"epochs": 3, "patience": 3}, "asi_bip": PATCHED},
     ),
 }
 """Sizes of the reproduction of CaSTFormer, by name."""

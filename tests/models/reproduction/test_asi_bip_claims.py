@@ -39,26 +39,26 @@ AS_THE_PAPER_SAYS = {
 
 def test_verdicts_follow_the_figures() -> None:
     by_snr = {-30.0: counts(40), 0.0: counts(80), 10.0: counts(88), 20.0: counts(88)}
-    told = verdicts(AS_THE_PAPER_SAYS, by_snr)
-    assert told["Order of the cases: truth is better than isac"] == "holds"
-    assert told["Order of the cases: isac is better than radar-weather"] == "holds"
-    assert told["Relative gain of ISAC over the radar in adverse weather (isac-rain)"] == "holds"
-    assert told["Relative gain of ISAC over the radar in adverse weather (isac-loss)"] == "does not hold"
-    assert told["Relative gain of ISAC over the radar in adverse weather (isac-padded-grid-rain)"] == "not told"
-    assert told["The hard brake is the weakest intention"] == "holds"
-    assert told["The overtake is immune to the SNR (-30 to 20 dB)"] == "does not hold"
-    assert told["F1 improves with the SNR (-30 to 10 dB)"] == "holds"
-    assert told["F1 saturates (from 10 to 20 dB, above an improvement)"] == "holds"
-    assert told["Asynchronous fusion is better than aligned fusion"] == "holds"
+    by_claim = verdicts(AS_THE_PAPER_SAYS, by_snr)
+    assert by_claim["Order of the cases: truth is better than isac"] == "holds"
+    assert by_claim["Order of the cases: isac is better than radar-weather"] == "holds"
+    assert by_claim["Relative gain of ISAC over the radar in adverse weather (isac-rain)"] == "holds"
+    assert by_claim["Relative gain of ISAC over the radar in adverse weather (isac-loss)"] == "does not hold"
+    assert by_claim["Relative gain of ISAC over the radar in adverse weather (isac-padded-grid-rain)"] == "not told"
+    assert by_claim["The hard brake is the weakest intention"] == "holds"
+    assert by_claim["The overtake is immune to the SNR (-30 to 20 dB)"] == "does not hold"
+    assert by_claim["F1 improves with the SNR (-30 to 10 dB)"] == "holds"
+    assert by_claim["F1 saturates (from 10 to 20 dB, above an improvement)"] == "holds"
+    assert by_claim["Asynchronous fusion is better than aligned fusion"] == "holds"
 
 
 def test_verdicts_against_the_paper() -> None:
     cases = {name: counts(80) for name in AS_THE_PAPER_SAYS} | {"truth": counts(70), "aligned": counts(90)}
-    told = verdicts(cases, {0.0: counts(80), 20.0: counts(80)})
-    assert told["Order of the cases: truth is better than isac"] == "does not hold"
-    assert told["Order of the cases: isac is comparable to radar-nlos"] == "holds"
-    assert told["Asynchronous fusion is better than aligned fusion"] == "does not hold"
-    assert told["The overtake is immune to the SNR (0 to 20 dB)"] == "holds"
+    by_claim = verdicts(cases, {0.0: counts(80), 20.0: counts(80)})
+    assert by_claim["Order of the cases: truth is better than isac"] == "does not hold"
+    assert by_claim["Order of the cases: isac is comparable to radar-nlos"] == "holds"
+    assert by_claim["Asynchronous fusion is better than aligned fusion"] == "does not hold"
+    assert by_claim["The overtake is immune to the SNR (0 to 20 dB)"] == "holds"
 
 
 def test_nothing_is_told_of_stages_that_were_not_run() -> None:

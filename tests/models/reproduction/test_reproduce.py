@@ -45,6 +45,8 @@ def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
     assert {path.stem for path in (asi_bip / "tables").iterdir()} == names | {"fig4_confidence", "fig4_confusion"}
     figures = {path.name for path in (asi_bip / "figures").iterdir()}
     assert {"table1.png", "fig3_loss.png", "fig4_roc.png", "fig4_confidence.png", "fig5.png"} <= figures
+    losses = (asi_bip / "tables" / "fig3_loss.csv").read_text().splitlines()
+    assert [line.split(",")[:2] for line in losses] == [["training seed", "epoch"], ["0", "1"]]
     page = (asi_bip / "index.html").read_text()
     assert "Size tiny" in page
     assert "radar-nlos: Table I, onboard radar, NLoS" in page

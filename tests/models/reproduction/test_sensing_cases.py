@@ -28,12 +28,12 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 def changes(dataset: Dataset, case: SensingCase, snr: str | None = None) -> dict[str, Any]:
     """What differs from the dataset's own sensing, by key."""
     settings = resense_settings(dataset, case, snr).sensing
-    own = SensingSettings.model_validate(dataset.meta.study.get("sensing", {}))
+    stored = SensingSettings.model_validate(dataset.meta.study.get("sensing", {}))
     different = {}
     for name, value in settings:
-        if value == getattr(own, name):
+        if value == getattr(stored, name):
             continue
-        before = getattr(own, name)
+        before = getattr(stored, name)
         if isinstance(value, str):
             different[name] = value
         else:
