@@ -304,6 +304,7 @@ def reproduce(
     epochs: opt.PaperEpochs = None,
     dry_run: opt.CostOnly = False,
     jobs: opt.Jobs = None,
+    cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -314,7 +315,7 @@ def reproduce(
     from command_line.reproduction import reproduce_and_show, show_cost
     from models.reproduction.reproduce import request
 
-    console, engine = output.console_of(quiet), opt.engine_of(jobs, None)
+    console, engine = output.console_of(quiet), opt.engine_of(jobs, cluster)
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
     wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
     show = show_cost if dry_run else reproduce_and_show
