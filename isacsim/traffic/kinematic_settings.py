@@ -59,7 +59,7 @@ class ResponseSettings(Settings):
     """
 
     share: float = sourced(
-        0.3, "share of maneuvers that begin with a first response", "calibrated on truth, provisional; see above",
+        0.3, "share of maneuvers that begin with a first response", "calibrated on truth; see above",
         ge=0.0, le=1.0,
     )  # fmt: skip
     duration_s: Seconds = sourced(
