@@ -23,7 +23,8 @@ check: $(VENV)/installed-dev
 clean:
 	rm -rf $(VENV) build dist *.egg-info
 
-# pip compiles what it installs on one core; compileall uses them all, and leaves out the packages' own tests.
+# pip compiles what it installs on one core; compileall uses them all, and leaves out the packages' own tests. Some
+# packages ship templates that do not compile: like pip, go on without these.
 define install
 $(PYTHON) -m venv $(VENV)
 $(VENV)/bin/python -m pip install --quiet --no-compile --editable '$(1)'

@@ -69,8 +69,12 @@ def test_another_engine_and_a_resumed_folder_give_the_same_bytes(
     kept = (tmp_path / "episodes" / "road-21.parquet").stat().st_mtime_ns
     evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
     assert (tmp_path / "episodes" / "road-21.parquet").stat().st_mtime_ns == kept
+    assert_same_files(tmp_path, folder, study)
+
+
+def assert_same_files(one: Path, other: Path, study: LiveStudy) -> None:
     for name in ("metrics.json", "study.json", *(f"episodes/road-{seed}.parquet" for seed in study.seeds)):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+        assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
 @pytest.mark.slow
@@ -83,8 +87,7 @@ def test_worker_processes_give_the_same_bytes(
     tmp_path: Path,
 ) -> None:
     evaluate_traffic(trees_run, study, tmp_path, LocalEngine(2), source=source)
-    for name in ("metrics.json", *(f"episodes/road-{seed}.parquet" for seed in study.seeds)):
-        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
+    assert_same_files(tmp_path, folder, study)
 
 
 @pytest.fixture(scope="module")
