@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
@@ -11,6 +11,12 @@ from typing import Generic, TypeVar
 from isacsim.errors import InputError
 
 Item = TypeVar("Item")
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the question whether the known name spelt most like this one was meant; "" if none is like it."""
+    near = get_close_matches(name[:100], list(known), n=1)
+    return f"did you mean {near[0]}? " if near else ""
 
 
 class Registry(Mapping[str, Item], Generic[Item]):
@@ -60,9 +66,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
 
     def unknown(self, name: str) -> str:
         """Return the message for an unknown name: the nearest known one, and all of them."""
-        near = get_close_matches(name, list(self), n=1)
-        suggestion = f"did you mean {near[0]}? " if near else ""
-        return f"unknown {self.kind} {name!r}: {suggestion}choose one of {', '.join(self)}"
+        return f"unknown {self.kind} {name!r}: {nearest(name, self)}choose one of {', '.join(self)}"
 
     @cached_property
     def _offered(self) -> dict[str, EntryPoint]:

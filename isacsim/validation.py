@@ -6,7 +6,6 @@ study file.
 
 from __future__ import annotations
 
-import difflib
 import re
 import reprlib
 from collections.abc import Iterable, Mapping
@@ -14,6 +13,8 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+
+from isacsim.registry import nearest
 
 KINDS = {
     "bool": "true or false",
@@ -142,8 +143,8 @@ def _is_model(annotation: Any) -> bool:
 
 def _choose(value: object, choices: list[str]) -> str:
     """Return the advice which of the choices to take: the nearest, or all of them."""
-    if nearest := _nearest(value, choices):
-        return nearest
+    if suggestion := _nearest(value, choices):
+        return suggestion
     if len(choices) == 1:
         return f"only {choices[0]} is possible"
     return f"choose one of {', '.join(choices[:MOST_CHOICES])}{', ...' if len(choices) > MOST_CHOICES else ''}"
@@ -151,8 +152,7 @@ def _choose(value: object, choices: list[str]) -> str:
 
 def _nearest(word: object, known: Iterable[str]) -> str | None:
     """Return the advice to take the known word that is spelt most like the given one, None if all are far from it."""
-    nearest = difflib.get_close_matches(str(word)[:100], list(known), n=1)
-    return f"did you mean {nearest[0]}?" if nearest else None
+    return nearest(str(word), known).strip() or None
 
 
 def _value(value: object) -> str:

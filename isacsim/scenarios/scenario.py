@@ -12,6 +12,7 @@ import numpy as np
 import sumolib.net
 
 from isacsim.errors import InputError
+from isacsim.registry import nearest
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
@@ -166,7 +167,8 @@ def _find(where: Path) -> tuple[str, Path]:
         folders = bundled()
         if str(where) not in folders:
             raise InputError(
-                f"there is no scenario {where}: give a folder, a .sumocfg, a .net.xml, or one of {', '.join(folders)}"
+                f"there is no scenario {where}: {nearest(str(where), folders)}"
+                f"give a folder, a .sumocfg, a .net.xml, or one of {', '.join(folders)}"
             )
         where = folders[str(where)]
     if where.is_dir():

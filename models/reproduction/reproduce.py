@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import write_json
+from isacsim.registry import nearest
 from isacsim.settings import Settings
 from labeling.generation.engine import Engine
 from models.reproduction import asi_bip, castformer
@@ -75,7 +76,7 @@ def request(
     epochs: of every network of the paper, in place of those of the size.
     """
     if paper not in PAPERS:
-        raise InputError(f"{paper}: no such paper; choose {' or '.join(PAPERS)}")
+        raise InputError(f"{paper}: no such paper; {nearest(paper, PAPERS)}choose {' or '.join(PAPERS)}")
     if clips is not None and paper != castformer.PAPER:
         raise InputError(f"--clips applies to {castformer.PAPER} only; remove it")
     size: SizeName = "quick" if quick else "full"

@@ -42,6 +42,7 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
     ("arguments", "message"),
     [
         (["lstm"], "lstm: no such paper; choose asi-bip or castformer"),
+        (["asibip"], "asibip: no such paper; did you mean asi-bip? choose"),
         (["asi-bip", "--stages", "fig9"], "--stages fig9: no such stage; choose among data"),
         (["asi-bip", "--clips", "clips"], "--clips applies to castformer only"),
         (["castformer", "--clips", "nowhere"], "--clips nowhere: no such folder"),

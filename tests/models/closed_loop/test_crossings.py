@@ -47,22 +47,22 @@ def test_the_second_vehicle_arrives_after_the_first_has_left(
     # The second lane is reached after the first one, whatever the speeds.
     start_s = round(max(0.0, HALF_M / first - HALF_M / second), 2) + wait_s + 0.01
     tracks = (drive("a", 0, first, 0.0), drive("b", 1, second, start_s))
-    found = crossings(Recording("junction", 0, STEP_S, junction(angle, heading), {t.vehicle: t for t in tracks}))
+    passage = crossings(Recording("junction", 0, STEP_S, junction(angle, heading), {t.vehicle: t for t in tracks}))
     pet_s = start_s + HALF_M / second - (HALF_M + 5.0) / first
     if pet_s > 5.0:
-        assert len(found.pet_s) == 0
+        assert len(passage.pet_s) == 0
         return
-    assert (found.entering, found.behind, found.crossing.tolist()) == (("a",), ("b",), [True])
-    assert found.pet_s[0] == pytest.approx(pet_s, abs=1e-6)
-    assert found.time_s[0] == pytest.approx(HALF_M / first, abs=1e-6)
+    assert (passage.entering, passage.behind, passage.crossing.tolist()) == (("a",), ("b",), [True])
+    assert passage.pet_s[0] == pytest.approx(pet_s, abs=1e-6)
+    assert passage.time_s[0] == pytest.approx(HALF_M / first, abs=1e-6)
 
 
 def test_only_neighbours_in_time_on_different_lanes_count() -> None:
     tracks = (drive("a", 0, 10.0, 0.0), drive("b", 0, 10.0, 2.0), drive("c", 1, 10.0, 4.0), drive("d", 1, 10.0, 6.0))
-    found = crossings(Recording("junction", 0, STEP_S, junction(1.5), {t.vehicle: t for t in tracks}))
-    assert (found.entering, found.behind) == (("b",), ("c",))
-    assert found.pet_s[0] == pytest.approx(2.0 - 0.5)
-    both = joined(found, found)
+    passage = crossings(Recording("junction", 0, STEP_S, junction(1.5), {t.vehicle: t for t in tracks}))
+    assert (passage.entering, passage.behind) == (("b",), ("c",))
+    assert passage.pet_s[0] == pytest.approx(2.0 - 0.5)
+    both = joined(passage, passage)
     assert both.entering == ("b", "b")
     assert both.crossing.tolist() == [True, True]
 
@@ -71,8 +71,8 @@ def test_paths_that_merge_do_not_cross() -> None:
     lanes = junction(1.5)
     assert [point.lanes for point in conflict_points(lanes)] == [(0, 1)]
     tracks = (drive("a", 0, 10.0, 0.0), drive("b", 2, 10.0, 1.0))
-    found = crossings(Recording("junction", 0, STEP_S, lanes, {t.vehicle: t for t in tracks}))
-    assert len(found.pet_s) == len(joined(found).pet_s) == 0
+    passage = crossings(Recording("junction", 0, STEP_S, lanes, {t.vehicle: t for t in tracks}))
+    assert len(passage.pet_s) == len(joined(passage).pet_s) == 0
 
 
 @pytest.mark.parametrize(("name", "crosses"), [("urban", True), ("city", True), ("motorway", False)])
