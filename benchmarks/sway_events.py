@@ -1,0 +1,106 @@
+"""What sway within the lane does to the labels: the events of the same natural traffic with sway and without.
+
+    python -m benchmarks.sway_events [SCENARIO] [--seeds N] [--duration S]
+
+Sway is added to recorded states, so the traffic itself is the same. Two events are the same where vehicle and intention
+are, and the onsets are at most a second apart. Prints a table in Markdown: events by intention, those that only one of
+the two has, events per vehicle-hour that are there through sway alone, and how far sway moves the onsets of the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from isacsim.scenarios.scenario import Scenario, load
+from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
+from isacsim.traffic.recording import Recording
+from isacsim.traffic.simulation import TrafficSettings, record
+from isacsim.traffic.sway import SwaySettings, add_sway
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
+from labeling.intentions import Event, Intention
+from models.live.matching import match
+
+SAME_WITHIN_S = 1.0
+"""Onsets of one event with sway and without differ by at most this, s."""
+STILL = SwaySettings(sd_m=(0.0, 0.0))
+
+
+@dataclass
+class Comparison:
+    """Events of one intention. still, swaying: how many there are. shifts_s: of the onset, of those that both have."""
+
+    still: int = 0
+    swaying: int = 0
+    shifts_s: list[float] = field(default_factory=list)
+
+
+def compare(still: Sequence[Event], swaying: Sequence[Event], comparisons: dict[Intention, Comparison]) -> None:
+    """Add the events of one recording to the comparisons. still, swaying: the events without sway and with it."""
+    for vehicle, intention in sorted({(event.vehicle, event.intention) for event in (*still, *swaying)}):
+        onsets, shifted = (
+            np.array(sorted(e.onset for e in events if (e.vehicle, e.intention) == (vehicle, intention)))
+            for events in (still, swaying)
+        )
+        comparison = comparisons.setdefault(intention, Comparison())
+        comparison.still += len(onsets)
+        comparison.swaying += len(shifted)
+        partners = match(shifted, onsets - SAME_WITHIN_S, onsets + SAME_WITHIN_S)
+        comparison.shifts_s += [
+            float(shifted[alarm] - onset) for onset, alarm in zip(onsets, partners, strict=True) if alarm >= 0
+        ]
+
+
+def recordings(scenario: Scenario, seed: int, traffic: TrafficSettings) -> tuple[Recording, Recording]:
+    """Return the same natural traffic without sway and with it."""
+    still = record(scenario, seed, traffic.model_copy(update={"sway": STILL}), ManeuverSettings(**LEFT_ALONE))
+    swaying = deepcopy(still)
+    key = (scenario.name, seed)
+    add_sway(swaying.tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, *key)
+    return still, swaying
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("scenario", nargs="?", default="motorway")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--duration", type=float, default=240.0)
+    chosen = parser.parse_args(arguments)
+    hours, comparisons = 0.0, dict[Intention, Comparison]()
+    for seed in range(1, chosen.seeds + 1):
+        traffic = TrafficSettings(duration_s=chosen.duration)
+        still, swaying = recordings(load(chosen.scenario), seed, traffic)
+        hours += sum(len(track) for track in still.tracks.values()) * still.step_s / 3600.0
+        compare(label(still, LabelSettings()).events, label(swaying, LabelSettings()).events, comparisons)
+    print(f"{chosen.scenario}, {hours:.1f} vehicle-hours\n")
+    print(
+        "| intention | without sway | with sway | only without | only with | only with, per hour | shift of onset, s |"
+    )
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for intention, comparison in sorted(comparisons.items()):
+        print(f"| {intention.text.replace('_', ' ')} | {' | '.join(cells(comparison, hours))} |")
+
+
+def cells(comparison: Comparison, hours: float) -> list[str]:
+    """Return the cells of an intention's row. hours: of driving, all vehicles together."""
+    both = len(comparison.shifts_s)
+    added = comparison.swaying - both
+    shifts = np.quantile(comparison.shifts_s, [0.25, 0.5, 0.75]) if both else np.full(3, np.nan)
+    return [
+        str(comparison.still),
+        str(comparison.swaying),
+        str(comparison.still - both),
+        str(added),
+        f"{added / hours:.2f}",
+        f"{shifts[1]:.2f} ({shifts[0]:.2f} to {shifts[2]:.2f})",
+    ]
+
+
+if __name__ == "__main__":
+    main()
