@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field
-from sklearn.linear_model import RidgeClassifierCV
 
 from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.feedback import Feedback
@@ -25,6 +24,7 @@ from models.data.windows import Windows, cut
 from models.fit_settings import FitSettings
 from models.networks.network import N_STATES
 from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, among_known
+from models.predictors.ridge import Ridge, fit_ridge
 
 ROCKET_FILE = "minirocket.npz"
 KERNELS = 84
@@ -33,8 +33,6 @@ PARTS = ("channels_each", "channels", "dilations", "features_each", "biases")
 """What a fitted transform consists of, in aeon's order: number of channels of every kernel with every dilation, which
 channels these are, dilations, features of every dilation, and the bias of every feature.
 """
-PENALTIES = np.logspace(-3, 3, 10)
-"""Penalties of the ridge, from which leave-one-out validation chooses."""
 
 
 class MinirocketSettings(Settings):
@@ -72,7 +70,7 @@ class MinirocketPredictor(Predictor):
         return cls(read_rocket(folder / ROCKET_FILE, (shape.tv_length, shape.uv_length)))
 
     def __call__(self, windows: Windows) -> Outputs:
-        logits = among_known(self.rocket.decide(windows), self.rocket.classes)
+        logits = among_known(self.rocket.decide(windows), self.rocket.ridge.classes)
         return Outputs(logits, logits)
 
 
@@ -81,8 +79,7 @@ class Rocket:
     """A trained MiniRocket.
 
     rockets: aeon's transforms of the TV's and of the UV's stream. mean, sd: (2, 6), of the components of the streams,
-    which are standardised by them. centre, scale: (F,), the same of the features. weight: (F, G) and offset: (G,) of
-    the ridge. classes: (G,), the intentions it was taught.
+    which are standardised by them. centre, scale: (F,), the same of the features.
     """
 
     rockets: tuple[Any, Any]
@@ -90,14 +87,12 @@ class Rocket:
     sd: Array
     centre: Array
     scale: Array
-    weight: Array
-    offset: Array
-    classes: IntArray
+    ridge: Ridge
 
     def decide(self, windows: Windows) -> Array:
-        """Return the values of the ridge, (n, G); it is fitted to 1 for the true class and to -1 for the others."""
+        """Return the values of the ridge, (n, G)."""
         features = transformed(self.rockets, standardised(windows, self.mean, self.sd))
-        return ((features - self.centre) / self.scale) @ self.weight + self.offset
+        return self.ridge.decide((features - self.centre) / self.scale)
 
 
 def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, seed: int) -> Rocket:
@@ -111,11 +106,8 @@ def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, 
     rockets = tuple(transform_class(n_kernels=count, random_state=seed % 2**31).fit(x) for x in scaled)
     features = transformed(rockets, scaled)
     centre, scale = features.mean(axis=0, dtype=np.float64), features.std(axis=0, dtype=np.float64) + 1e-6
-    ridge = RidgeClassifierCV(PENALTIES, class_weight="balanced").fit((features - centre) / scale, label)
-    weight, offset = np.atleast_2d(ridge.coef_).T, np.atleast_1d(ridge.intercept_)
-    if len(ridge.classes_) == 2:
-        weight, offset = np.concatenate([-weight, weight], axis=1), np.concatenate([-offset, offset])
-    return Rocket((rockets[0], rockets[1]), mean, sd, centre, scale, weight, offset, ridge.classes_)
+    ridge = fit_ridge((features - centre) / scale, label)
+    return Rocket((rockets[0], rockets[1]), mean, sd, centre, scale, ridge)
 
 
 def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32Array, Float32Array]:
@@ -134,7 +126,7 @@ def transformed(rockets: tuple[Any, ...], streams: tuple[Float32Array, Float32Ar
 
 def write_rocket(rocket: Rocket, path: Path) -> None:
     """Write a trained MiniRocket as plain arrays."""
-    arrays = {name: getattr(rocket, name) for name in ("mean", "sd", "centre", "scale", "weight", "offset", "classes")}
+    arrays = {name: getattr(rocket, name) for name in ("mean", "sd", "centre", "scale")} | vars(rocket.ridge)
     for k, transform in enumerate(rocket.rockets):
         arrays |= {f"{name}_{k}": part for name, part in zip(PARTS, transform.parameters, strict=True)}
     np.savez_compressed(path, **arrays)
@@ -157,7 +149,8 @@ def read_rocket(path: Path, lengths: tuple[int, int]) -> Rocket:
         rocket = transform_class(n_kernels=KERNELS).fit(np.tile(np.arange(length, dtype=np.float32), (2, N_STATES, 1)))
         rocket.parameters = parts
         rockets.append(rocket)
-    return Rocket((rockets[0], rockets[1]), **arrays)
+    ridge = Ridge(*(arrays.pop(part.name) for part in fields(Ridge)))
+    return Rocket((rockets[0], rockets[1]), **arrays, ridge=ridge)
 
 
 def check(parts: tuple[npt.NDArray[Any], ...], length: int) -> None:
@@ -180,7 +173,7 @@ def check(parts: tuple[npt.NDArray[Any], ...], length: int) -> None:
         and 8 * dilations.max() < length
     )
     if not sound:
-        raise ValueError("not the parameters of a MiniRocket transform")
+        raise ValueError("not the parameters of a Rocket transform")
 
 
 def rocket_class() -> Any:

@@ -16,6 +16,7 @@ from models.predictors.embedding_trees import EmbeddingTreesPredictor
 from models.predictors.ensemble import EnsemblePredictor
 from models.predictors.inception_time import InceptionTimePredictor
 from models.predictors.minirocket import MinirocketPredictor
+from models.predictors.multirocket_hydra import MultirocketHydraPredictor
 from models.predictors.protocol import Predictor
 from models.predictors.rule import RulePredictor
 from models.predictors.trees import TreesPredictor
@@ -34,6 +35,7 @@ OWN: Mapping[str, type[Predictor]] = {
     "inception-time": InceptionTimePredictor,
     "rule": RulePredictor,
     "minirocket": MinirocketPredictor,
+    "multirocket-hydra": MultirocketHydraPredictor,
 }
 """The predictors of this project."""
 PREDICTORS: Registry[type[Predictor]] = Registry("predictor", OWN, GROUP)

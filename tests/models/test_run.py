@@ -12,6 +12,7 @@ import pytest
 from models.data.windows import Records, cut, draw_ends
 from models.predictors.asi_bip import AsiBipSettings
 from models.predictors.inception_time import InceptionTimeSettings
+from models.predictors.multirocket_hydra import MultirocketHydraSettings
 from models.run import RunCard, load_run, read_card
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -74,7 +75,7 @@ def test_a_stored_run_opens_and_answers(stored: Path, records: Records, network_
 
 
 def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Path) -> None:
-    """Beside them the section of a predictor that came later, with its defaults."""
+    """Beside them the sections of predictors that came later, with their defaults."""
     card = read_card(stored)
     assert card is not None
     expected, sections = json.loads(STORED_CARD), {}
@@ -82,6 +83,8 @@ def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Pat
         sections[key] = value
         if key == "trees":
             sections["inception_time"] = InceptionTimeSettings().model_dump(mode="json")
+        if key == "minirocket":
+            sections["multirocket_hydra"] = MultirocketHydraSettings().model_dump(mode="json")
     expected["settings"] = sections
     expected["settings"]["optimiser"] |= LATER_OPTIMISER_KEYS
     assert json.dumps(card.model_dump(mode="json")) == json.dumps(expected)

@@ -30,7 +30,8 @@ def test_sections_are_read_and_written_under_their_names() -> None:
     stored = json.loads(settings.model_dump_json())
     assert list(stored) == [
         "model", "seed", "held_out", "windows", "split", "ends_per_record", "validation_ends", "asi_bip", "aligned",
-        "castformer", "trees", "inception_time", "rule", "minirocket", "preludes", "augment", "loss", "optimiser",
+        "castformer", "trees", "inception_time", "rule", "minirocket", "multirocket_hydra", "preludes",
+        "augment", "loss", "optimiser",
     ]  # fmt: skip
     assert stored["trees"]["rounds"] == 7
     assert TrainSettings.model_validate(stored) == settings

@@ -123,7 +123,16 @@ def test_display_names_are_unique() -> None:
 
 
 def test_variants_share_the_section_of_the_first_one() -> None:
-    assert list(sections()) == ["asi_bip", "aligned", "castformer", "trees", "inception_time", "rule", "minirocket"]
+    assert list(sections()) == [
+        "asi_bip",
+        "aligned",
+        "castformer",
+        "trees",
+        "inception_time",
+        "rule",
+        "minirocket",
+        "multirocket_hydra",
+    ]
     assert sections("tv-alone") == sections("ensemble") == sections("embedding-trees") == sections()
 
 
