@@ -39,7 +39,7 @@ HALVES = 2
 """Half of Hydra's groups see the stream, half its differences."""
 BATCH = 64
 """Windows that Hydra transforms at once; it keeps every convolution of them in memory."""
-WINDOW_S = 0.05
+WINDOW_S = 0.15
 """Processor time of both transforms of a default window, s."""
 
 
