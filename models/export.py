@@ -8,6 +8,7 @@ temperature of `run.json` for calibrated probabilities. Tracing an LSTM over a l
 from __future__ import annotations
 
 import warnings
+from copy import deepcopy
 from pathlib import Path
 
 import torch
@@ -48,7 +49,7 @@ def export(run: Run) -> ExportedProgram:
         # LSTMs reassign their list of weights while they are traced; the program holds the weights nevertheless.
         warnings.filterwarnings("ignore", message="The tensor attributes? .* assigned during export")
         return torch.export.export(
-            WithFeatures(run.predictor.network).eval(),
+            WithFeatures(deepcopy(run.predictor.network).cpu()).eval(),
             tuple(torch.zeros(shape) for shape in shapes),
             dynamic_shapes=({0: count}, {0: count}),
         )

@@ -21,8 +21,13 @@ ANSWER_SHARE = 0.25
 """Processor time of an answer, relative to a training step on the same window."""
 
 
+def answering_device(accelerator: str) -> torch.device:
+    """Return where networks answer: a CUDA GPU if there is one and the accelerator is not "cpu"; otherwise the CPU."""
+    return torch.device("cuda" if accelerator != "cpu" and torch.cuda.is_available() else "cpu")
+
+
 class NetworkPredictor(Predictor):
-    """A network on the CPU, in float32, trained by the loop of `models.networks.fitting`.
+    """A network that answers in float32, trained by the loop of `models.networks.fitting`.
 
     Beside what `Predictor` asks for, a subclass declares window_s, the processor time of a training step per window, s,
     and implements `build`.
@@ -48,10 +53,11 @@ class NetworkPredictor(Predictor):
         seed_weights(task.settings.seed)
         network = cls.build(task.settings, task.shape)
         fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback)
-        return cls(network.eval(), FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1))
+        network.eval().to(answering_device(task.settings.optimiser.accelerator))
+        return cls(network, FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1))
 
     def save(self, folder: Path) -> None:
-        tensors = {name: value.clone() for name, value in self.network.state_dict().items()}
+        tensors = {name: value.cpu().clone() for name, value in self.network.state_dict().items()}
         write_tensors(folder / WEIGHTS_FILE, tensors)
 
     @classmethod
@@ -59,13 +65,15 @@ class NetworkPredictor(Predictor):
         network = cls.build(settings, shape)
         state: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS_FILE, map_location="cpu", weights_only=True)
         nn.Module.load_state_dict(network, state)
-        return cls(network.eval())
+        return cls(network.eval().to(answering_device(settings.optimiser.accelerator)))
 
     def __call__(self, windows: Windows) -> Outputs:
+        device = next(self.network.parameters()).device
         with torch.inference_mode():
-            features = self.network.features(torch.from_numpy(windows.tv), torch.from_numpy(windows.uv))
+            tv, uv = (torch.from_numpy(stream).to(device) for stream in (windows.tv, windows.uv))
+            features = self.network.features(tv, uv)
             logits = self.network.classify(features)
-        return Outputs(logits.double().numpy(), features.double().numpy())
+        return Outputs(logits.double().cpu().numpy(), features.double().cpu().numpy())
 
     @classmethod
     def cost_s(cls, workload: Workload, settings: FitSettings) -> float:
