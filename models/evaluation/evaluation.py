@@ -112,6 +112,7 @@ def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, sett
                 **dict(other.result),
                 paired_difference=repeats.difference(measured[:1], [other]),
                 paired_difference_before_commit=repeats.difference_before_commit(measured[:1], [other]),
+                paired_difference_by_lead=repeats.differences_by_lead(measured[:1], [other]),
             )
             for other in measured[1:]
         ],

@@ -114,12 +114,17 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> S
 
 
 def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Section:
-    """Return the macro-F1 of each run at each lead time."""
+    """Return the macro-F1 of each run at each lead time, and the difference to each compared run."""
     rows = []
     for k, at_lead in enumerate(early[0].by_lead):
-        label = f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {len(at_lead.macro_f1_over)} intentions"
+        label = (
+            f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {len(at_lead.macro_f1_over)} intentions, "
+            f"{seeds_text(at_lead.groups)}"
+        )
         scores = [scores.by_lead[k] for scores in early]
-        rows.append([label, *(cell(score.macro_f1) for score in scores), *("" for _ in result.compared)])
+        pairs = [other.difference_at(at_lead.lead_s) for other in result.compared]
+        differences = _differences(pairs, lambda paired: paired.macro_f1)
+        rows.append([label, *(cell(score.macro_f1) for score in scores), *differences])
     return Section("Prediction: macro-F1 of windows that end so long before the commit", rows)
 
 
