@@ -20,6 +20,7 @@ class Measured:
 
     at_leads: predictions on windows that end at a fixed time before the commit, by that time, s.
     at_ends: predictions of the window-end curve, by the end of the windows, s.
+    dropped: predictions on windows of pull-outs that are in no class; None where the dataset has none.
     """
 
     run: Run
@@ -27,6 +28,7 @@ class Measured:
     result: RunResult
     at_leads: Mapping[float, Predictions] = field(default_factory=dict)
     at_ends: Mapping[float, Predictions] = field(default_factory=dict)
+    dropped: Predictions | None = None
 
 
 def same_but_for_seed(first: Run, second: Run) -> bool:

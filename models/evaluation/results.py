@@ -15,6 +15,7 @@ from pydantic import Field, JsonValue, model_validator
 
 from isacsim.settings import Settings, read_json
 from models.data.windows import WindowSettings
+from models.evaluation.pass_results import PassScores
 from models.evaluation.score_results import (
     AfterCommit,
     BeforeCommit,
@@ -224,14 +225,17 @@ class EvaluationResult(RunResult):
 
     compared: metrics of the other runs.
     over_training_seeds: runs that differ in the training seed alone, summed up; absent where there are none.
+    passing: whether the TV passes the UV soon after the window, for pull-outs of every outcome; absent where the
+    dataset does not say, and in files of earlier versions.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing"}
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
+    passing: list[PassScores] | None = None
     windows: MeasuredWindows
     made_by: MadeBy
 

@@ -10,6 +10,7 @@ from rich.table import Table
 from models.evaluation.results import EvaluationResult, RunResult
 from models.evaluation.score_results import BeforeCommit, ClassifiedWindows, Interval, PairedDifference
 from models.report.figures import spoken
+from models.report.passing_table import QUESTION, passing_rows
 from models.report.verdict import difference_text, seeds_text
 from models.scores import open_set
 
@@ -44,7 +45,7 @@ def table(result: EvaluationResult) -> Table:
     drawn.add_column(first)
     for heading in others:
         drawn.add_column(heading, justify="right")
-    for section in sections(result):
+    for section in [*sections(result), *_passing(result)]:
         drawn.add_row(f"[bold]{section.title}[/bold]", *("" for _ in others))
         for k, row in enumerate(section.rows):
             drawn.add_row(f"  {row[0]}", *row[1:], end_section=k == len(section.rows) - 1)
@@ -187,6 +188,14 @@ def _unknown(result: EvaluationResult) -> list[Section]:
             Section("Detector trained on pre-onset driving: it recognises driving, not novelty", [detector])
         )
     return sections
+
+
+def _passing(result: EvaluationResult) -> list[Section]:
+    """Return how well runs answer whether the TV passes the UV soon; the page has a table of its own for that."""
+    if not result.passing:
+        return []
+    columns = len(result.runs) + len(result.compared)
+    return [Section(f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}", passing_rows(result.passing, columns))]
 
 
 def _class_label(before: BeforeCommit, name: str) -> str:
