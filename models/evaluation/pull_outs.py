@@ -39,8 +39,11 @@ class PullOuts:
     def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self | None:
         """Return the pull-outs of a dataset, or None if it has none or does not say when they pass.
 
+        Also None if its study keeps no dropped pull-outs: the others are chosen by what became of them.
         sensed: the column that gives the TV's states.
         """
+        if dataset.meta.study.get("selection", {}).get("pull_outs") == 0:
+            return None
         dropped = dropped_pull_outs(dataset)
         table = pd.concat([part.frame(COLUMNS) for part in (dataset, dropped)], ignore_index=True)
         table = table[table["pull_out"] != ""].set_index("sample_id")

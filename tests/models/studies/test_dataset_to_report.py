@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from command_line.progress import ConsoleFeedback
 from labeling.dataset.dataset import Dataset
 from labeling.dataset.pull_outs import dropped_pull_outs
 from models.evaluation.evaluation import evaluate
+from models.evaluation.pull_outs import PullOuts
 from models.evaluation.settings import EvaluateSettings
 from models.report.report import write_report
 from models.report.score_table import table
@@ -67,6 +69,10 @@ def test_pull_outs_are_asked_whether_they_pass(tmp_path: Path) -> None:
     assert f"<td>{first.trained.brier:.3f} ({first.brier_of_base_rate:.3f})</td>" in page
     assert f"<td>{first.already_passed}, {first.censored}</td>" in page
     assert (tmp_path / "report" / "passing.png").stat().st_size > 5000
+    # Without the dropped ones, the others are chosen by what became of them.
+    chosen = passing.meta.model_copy(update={"study": {"selection": {"pull_outs": 0}}})
+    assert PullOuts.of(passing) is not None
+    assert PullOuts.of(replace(passing, meta=chosen)) is None
 
 
 def test_progress_is_drawn_on_a_terminal(dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture) -> None:
