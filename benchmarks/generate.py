@@ -70,8 +70,9 @@ def _one_episode() -> dict[str, Any]:
         chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
         samples, _ = make_samples(study, scenario, recording, chosen)
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        lengths = (round(study.record.duration_s * rate) for rate in (study.record.tv_rate_hz, study.record.uv_rate_hz))
-        write_shard(Path(folder), samples, Episode(scenario=scenario.name, seed=SEED), *lengths)
+        rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
+        tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)
+        write_shard(Path(folder), samples, Episode(scenario=scenario.name, seed=SEED), tv_length, uv_length)
     episode_s = sum(stages.values())
     return {
         "traffic_over_episode": round(stages["traffic"] / episode_s, 4),

@@ -31,6 +31,7 @@ from labeling.dataset.dataset import Dataset
 from models.data.windows import Records
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.metrics import spread
+from models.evaluation.pull_outs import PullOuts
 from models.evaluation.repeats import summary
 from models.evaluation.results import EvaluationResult
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
@@ -91,9 +92,14 @@ class Bench:
             runs[model].append(train_records(self.records, self.made_of, folder, settings))
         return runs
 
-    def evaluate(self, runs: Sequence[Run], name: str, ends: str) -> EvaluationResult:
-        """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS."""
-        return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]))
+    def evaluate(
+        self, runs: Sequence[Run], name: str, ends: str, pull_outs: PullOuts | None = None
+    ) -> EvaluationResult:
+        """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS.
+
+        pull_outs: of the dataset, to ask whether the TV passes the UV.
+        """
+        return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]), pull_outs)
 
     def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
         """Return mean and spread over runs, each measured by itself, and how many windows they were measured on."""
@@ -110,8 +116,12 @@ class Bench:
         )
         return [result.model_dump(mode="json", include={"name", "by_window_end"}) for result in measured.runs]
 
-    def _measured(self, runs: Sequence[Run], name: str, settings: EvaluateSettings) -> EvaluationResult:
-        evaluation = evaluate_records(runs[0], self.records, self.made_of, self.out / name, settings, runs[1:])
+    def _measured(
+        self, runs: Sequence[Run], name: str, settings: EvaluateSettings, pull_outs: PullOuts | None = None
+    ) -> EvaluationResult:
+        evaluation = evaluate_records(
+            runs[0], self.records, self.made_of, self.out / name, settings, runs[1:], pull_outs
+        )
         draw_figures(evaluation, self.out / name)
         return evaluation.result
 
@@ -156,8 +166,9 @@ def run(
     keep(longer={ends: _predictors(bench.evaluate(longer, "evaluated/longer", ends)) for ends in ENDS})
     trained = bench.train((*PREDICTORS, *also))
     everything = [run for repeats in trained.values() for run in repeats]
+    pull_outs = PullOuts.of(dataset)
     for ends in ENDS:
-        keep(**{ends: _predictors(bench.evaluate(everything, "evaluated/all", ends))})
+        keep(**{ends: _predictors(bench.evaluate(everything, "evaluated/all", ends, pull_outs))})
     keep(by_window_end=bench.window_end_curves([repeats[0] for repeats in trained.values()], "evaluated/window_ends"))
     return result
 
@@ -175,7 +186,10 @@ def _beside(
 
 
 def _predictors(measured: EvaluationResult) -> dict[str, Any]:
-    """Scores over training seeds with differences to the first predictor; each run's before the commit, and unknown."""
+    """Scores over training seeds with differences to the first predictor; each run's before the commit, and unknown.
+
+    Also `passing`, whether the TV passes the UV, where that was asked.
+    """
     keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
     return {
         "predictors": measured.model_dump(mode="json")["over_training_seeds"],
@@ -183,6 +197,7 @@ def _predictors(measured: EvaluationResult) -> dict[str, Any]:
             result.model_dump(mode="json", include={"name", "before_commit"}) for result in measured.runs
         ],
         "unknown": [result.model_dump(mode="json", include=keys) for result in measured.runs],
+        **({} if measured.passing is None else measured.model_dump(mode="json", include={"passing"})),
     }
 
 

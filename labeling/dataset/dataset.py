@@ -31,6 +31,7 @@ from isacsim.settings import Settings, read_json
 from labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,
+    PASSING,
     RUN_IN,
     SCALARS,
     SCHEMA_VERSION,
@@ -39,6 +40,7 @@ from labeling.dataset.shard import (
     Sample,
     Shard,
     file_digest,
+    pull_outs_digest,
     read_shard,
     read_table,
     schema,
@@ -69,6 +71,7 @@ __all__ = [
 
 META_FILE = "dataset.json"
 SHARDS = "shards"
+DROPPED_PULL_OUTS = "dropped_pull_outs"
 ROADS = "roads"
 
 
@@ -193,10 +196,15 @@ class RoadLane:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written."""
+    """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written.
+
+    folder: that of its shards. Dropped pull-outs, which are in no class, have one of their own: only
+    `labeling.dataset.pull_outs.dropped_pull_outs` opens it.
+    """
 
     path: Path
     meta: Meta
+    folder: str = SHARDS
 
     @classmethod
     def open(cls, path: str | Path) -> Dataset:
@@ -226,7 +234,7 @@ class Dataset:
 
     def shard_path(self, shard: Shard) -> Path:
         """Return the path of a shard's file."""
-        return self.path / SHARDS / shard.file
+        return self.path / self.folder / shard.file
 
     def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Return scalar columns, one row per sample. columns: their names, all of them when absent."""
@@ -327,12 +335,16 @@ class Dataset:
         if stored != shard:
             yield f"{path}: its counts differ from those in {META_FILE}"
         table = pq.ParquetFile(path).read()
-        expected = schema(*self.meta.lengths, self.meta.schema_version)
+        passing = set(PASSING) <= set(table.column_names)
+        expected = schema(*self.meta.lengths, self.meta.schema_version, passing)
         if not table.schema.equals(expected):
             yield f"{path}: its columns differ from the contract of schema version {self.meta.schema_version}"
             return
         rows = read_table(path)
         yield from (f"{path}: {fault}" for fault in _row_faults(rows, shard, self.meta.resensed is None))
+        digest, dropped = pull_outs_digest(path), self.path / DROPPED_PULL_OUTS / shard.file
+        if digest is not None and (not dropped.is_file() or file_digest(dropped) != digest):
+            yield f"{path}: its shard of dropped pull-outs, {dropped}, is missing or damaged"
 
 
 def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:

@@ -29,8 +29,9 @@ from labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[3] = 3
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
-follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s` and
-`tv_run_in` are new."""
+follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
+`tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
+schema 3."""
 READABLE = (1, 2, 3)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
@@ -41,8 +42,11 @@ RUN_IN = "tv_run_in"
 """The array column that a dataset lacks if nothing is sensed before its records, and before schema version 3."""
 ARRAYS = ("tv", "tv_truth", "uv", RUN_IN)
 CLASS_NAMES = tuple(intention.text for intention in Intention)
+PASSING = ("pull_out", "t_pass", "t_pair_end")
+"""The columns that say whether and when the TV passes the UV."""
 ROW_GROUP = 256
 _EPISODE_KEY = b"cosim.episode"
+_PULL_OUTS_KEY = b"cosim.pull_outs"
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,8 @@ class Sample:
     snr_db: mean per-element SNR over the record, dB. n_sites: number of sites used, the least over the record.
     cause: name of what the driver reacted to, empty unless the origin is `reaction`. cause_ttc_s: time to collision
     when the driver began to move, s; NaN if there is none.
+    pull_out: what became of a pull-out behind the UV (`labeling.samples.pull_outs`), empty for all other samples.
+    t_pass, t_pair_end: of a pull-out, when the TV passes the UV and until when the pair is observed, s; otherwise NaN.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
     float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
     float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
@@ -79,6 +85,9 @@ class Sample:
     cause: str = ""
     cause_ttc_s: float = nan
     tv_run_in: Float32Array = field(default_factory=lambda: np.empty((len(STATE), 0), np.float32))
+    pull_out: str = ""
+    t_pass: float = nan
+    t_pair_end: float = nan
 
 
 class Episode(Settings):
@@ -139,11 +148,14 @@ def shard_name(scenario: str, seed: int) -> str:
     return f"{scenario}-{seed}.parquet"
 
 
-def schema(tv_length: int, uv_length: int, run_in_length: int = 0, version: int = SCHEMA_VERSION) -> pa.Schema:
+def schema(
+    tv_length: int, uv_length: int, run_in_length: int = 0, version: int = SCHEMA_VERSION, passing: bool = True
+) -> pa.Schema:
     """Return the columns of a shard.
 
     tv_length, uv_length: numbers of states of the TV and of the UV in a record. run_in_length: of the TV before it;
-    with 0, there is no column of them. version: of the schema.
+    with 0, there is no column of them. version: of the schema. passing: whether it has the columns `PASSING`, which
+    former schemas and the first datasets of version 3 lack.
     """
 
     def states(length: int) -> pa.DataType:
@@ -165,6 +177,9 @@ def schema(tv_length: int, uv_length: int, run_in_length: int = 0, version: int 
         "t_onset": pa.float64(),
         "t_commit": pa.float64(),
         "t_end": pa.float64(),
+        "pull_out": pa.string(),
+        "t_pass": pa.float64(),
+        "t_pair_end": pa.float64(),
         "sensor": pa.string(),
         "snr_db": pa.float32(),
         "n_sites": pa.int8(),
@@ -174,26 +189,41 @@ def schema(tv_length: int, uv_length: int, run_in_length: int = 0, version: int 
     }
     if version < 3:
         del types["cause"], types["cause_ttc_s"]
+    if version < 3 or not passing:
+        for name in PASSING:
+            del types[name]
     if run_in_length:
         types[RUN_IN] = states(run_in_length)
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
-ORIGIN, CAUSE, CAUSE_TTC_S = (schema(1, 1).field(name) for name in ("origin", "cause", "cause_ttc_s"))
+ORIGIN = schema(1, 1).field("origin")
+LACKING = {"cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan}
+"""The columns that older datasets lack, and what they are read as."""
 
 
 def write_shard(
-    folder: Path, samples: Sequence[Sample], episode: Episode, tv_length: int, uv_length: int, run_in_length: int = 0
+    folder: Path,
+    samples: Sequence[Sample],
+    episode: Episode,
+    tv_length: int,
+    uv_length: int,
+    run_in_length: int = 0,
+    dropped_pull_outs: Shard | None = None,
 ) -> Shard:
     """Write an episode's samples as one shard into a folder, completely or not at all, and return its entry.
 
-    samples: may be empty. tv_length, uv_length, run_in_length: as in `schema`.
+    samples: may be empty. tv_length, uv_length, run_in_length: as in `schema`. dropped_pull_outs: the entry of the
+    episode's shard of dropped pull-outs, which is written before, if there is one; its digest is stored.
     Raises OutputError if the file cannot be written.
     """
     columns = schema(tv_length, uv_length, run_in_length)
     table = pa.Table.from_arrays([_column(field, samples) for field in columns], schema=columns)
-    table = table.replace_schema_metadata({_EPISODE_KEY: episode.model_dump_json()})
+    metadata: dict[bytes, str] = {_EPISODE_KEY: episode.model_dump_json()}
+    if dropped_pull_outs is not None:
+        metadata[_PULL_OUTS_KEY] = dropped_pull_outs.sha256
+    table = table.replace_schema_metadata(metadata)
     floats = [name for name in columns.names if pa.types.is_floating(columns.field(name).type)]
     path = folder / shard_name(episode.scenario, episode.seed)
     replace_file(
@@ -217,19 +247,23 @@ def write_shard(
 def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Return columns of a shard, all of them when absent, as the present schema has them.
 
-    Of a former schema, origins are renamed, and there is no cause. Raises OSError or ValueError for a damaged file.
+    Origins of former schemas are renamed, and columns that they lack are added, empty or NaN. Raises OSError or
+    ValueError for a damaged file.
     """
     file = pq.ParquetFile(path, page_checksum_verification=True)
-    stored = [name for name in columns or file.schema_arrow.names if name in file.schema_arrow.names]
+    present = file.schema_arrow.names
+    stored = [name for name in columns or present if name in present]
     # Without a column to read there would be no rows.
     table = file.read([*stored, *([] if stored else ["sample_id"])])
-    if "cause" in file.schema_arrow.names:
+    lacking = [name for name in LACKING if name not in present]
+    if not lacking:
         return table
-    if "origin" in stored:
+    if "cause" in lacking and "origin" in stored:
         origins = [FORMER_ORIGINS.get(name, name) for name in table["origin"].to_pylist()]
         table = table.set_column(table.schema.get_field_index("origin"), ORIGIN, pa.array(origins, pa.string()))
-    for column, value in ((CAUSE, ""), (CAUSE_TTC_S, nan)):
-        table = table.append_column(column, pa.array([value] * len(table), column.type))
+    for name in lacking:
+        column = schema(1, 1).field(name)
+        table = table.append_column(column, pa.array([LACKING[name]] * len(table), column.type))
     wanted = list(columns) if columns is not None else [*SCALARS, *ARRAYS]
     return table.select([name for name in wanted if name in table.column_names])
 
@@ -257,6 +291,18 @@ def read_episode(path: Path) -> Episode:
         return Episode.model_validate_json(pq.read_metadata(path).metadata[_EPISODE_KEY])
     except (KeyError, TypeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
+
+
+def pull_outs_digest(path: Path) -> str | None:
+    """Return the SHA-256 digest of the shard of dropped pull-outs that belongs to a shard; None if there is none.
+
+    Reads only the end of the shard's file. Raises InputError if that is damaged.
+    """
+    try:
+        digest = (pq.read_metadata(path).metadata or {}).get(_PULL_OUTS_KEY)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
+    return None if digest is None else digest.decode()
 
 
 def read_shard(path: Path) -> Shard:

@@ -19,6 +19,7 @@ from isacsim.traffic import motion
 from isacsim.traffic.labelled_recording import LabelledRecording
 from isacsim.traffic.recording import Recording
 from labeling.dataset.dataset import Episode, Sample, Shard, write_shard
+from labeling.dataset.pull_outs import write_dropped_pull_outs
 from labeling.events import label
 from labeling.generation.settings import DatasetStudy, ReportSettings, SelectionSettings
 from labeling.intentions import Intention
@@ -33,7 +34,8 @@ UNSEEN = "too_few_sites"
 def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, folder: Path, fingerprint: str) -> Shard:
     """Label and sense an episode's recording, write its shard into a folder, and return the shard's entry.
 
-    fingerprint: of the study; it is stored in the shard. Raises OutputError if the shard cannot be written.
+    folder: of the dataset's shards; dropped pull-outs go into a folder beside it. fingerprint: of the study; it is
+    stored in the shard. Raises OutputError if the shard cannot be written.
     """
     around = Surroundings(recording)
     labels = label(recording, study.labels, around)
@@ -45,6 +47,8 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
     samples, fixes = make_samples(study, scenario, recording, chosen)
+    pull_outs = select_pull_outs(available.dropped_pull_outs, study.selection, (scenario.name, recording.seed))
+    dropped_samples, _ = make_samples(study, scenario, recording, pull_outs, "p")
     dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
     record = study.record
     episode = Episode(
@@ -60,12 +64,14 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in samples],
     )
     run_in_s = study.sensing.tracking.run_in_s
-    spans = (
-        (record.duration_s, record.tv_rate_hz),
-        (record.duration_s, record.uv_rate_hz),
-        (run_in_s, record.tv_rate_hz),
+    lengths = (
+        round(record.duration_s * record.tv_rate_hz),
+        round(record.duration_s * record.uv_rate_hz),
+        round(run_in_s * record.tv_rate_hz),
     )
-    return write_shard(folder, samples, episode, *(round(span_s * rate_hz) for span_s, rate_hz in spans))
+    # Before the shard, which holds its digest: a shard that exists is complete.
+    dropped_shard = write_dropped_pull_outs(folder.parent, dropped_samples, episode, lengths)
+    return write_shard(folder, samples, episode, *lengths, dropped_shard)
 
 
 def select(
@@ -86,11 +92,23 @@ def select(
     return order, len(available) - len(chosen)
 
 
+def select_pull_outs(
+    dropped: Sequence[Candidate], settings: SelectionSettings, key: tuple[str, int]
+) -> list[Candidate]:
+    """Choose dropped pull-outs up to their limit, by an even draw if there are more, in the order of onset.
+
+    key: scenario and seed, which name the draw.
+    """
+    drawn = stream("selection", *key, "dropped pull-outs").permutation(len(dropped))[: settings.pull_outs]
+    return [dropped[k] for k in sorted(drawn.tolist())]
+
+
 def make_samples(
-    study: DatasetStudy, scenario: Scenario, recording: Recording, chosen: Sequence[Candidate]
+    study: DatasetStudy, scenario: Scenario, recording: Recording, chosen: Sequence[Candidate], mark: str = ""
 ) -> tuple[list[Sample], list[Array]]:
     """Sense the chosen candidates; return samples of those that enough sites see, and their fixes before the filter.
 
+    mark: what the numbers in their ids begin with.
     The fixes of a sample are its fused position and velocity, (4, S), m and m/s. The truth is rounded to float32 before
     it is sensed, because it is stored so, and every random draw is named by values that the row holds. Therefore
     sensing a stored record anew gives the same bytes.
@@ -116,7 +134,7 @@ def make_samples(
         uv_truth = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz)
         samples.append(
             Sample(
-                sample_id=f"{scenario.name}-{recording.seed}-{len(samples)}",
+                sample_id=f"{scenario.name}-{recording.seed}-{mark}{len(samples)}",
                 scenario=scenario.name,
                 seed=recording.seed,
                 source=study.source,
@@ -130,6 +148,7 @@ def make_samples(
                 t_onset=candidate.t_onset,
                 t_commit=candidate.t_commit,
                 t_end=candidate.t_end,
+                **_passing(candidate),
                 sensor="isac",
                 snr_db=record.snr_db,
                 n_sites=record.n_sites,
@@ -140,6 +159,14 @@ def make_samples(
             )
         )
     return samples, [record.fixes for record in sensed if record.usable]
+
+
+def _passing(candidate: Candidate) -> dict[str, Any]:
+    """Return the columns of a sample that say whether and when the TV passes the UV."""
+    pull_out = candidate.pull_out
+    if pull_out is None:
+        return {}
+    return {"pull_out": pull_out.outcome, "t_pass": pull_out.t_pass, "t_pair_end": pull_out.t_pair_end}
 
 
 def record_key(scenario: str, seed: int, tv: str, intention: Intention, t_start: float) -> tuple[str | int, ...]:

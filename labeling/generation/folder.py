@@ -14,6 +14,7 @@ from typing import Any
 from isacsim.errors import InputError, RunError
 from isacsim.files import claim, remove_partial
 from labeling.dataset.dataset import (
+    DROPPED_PULL_OUTS,
     META_FILE,
     ROADS,
     SHARDS,
@@ -54,14 +55,16 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
 def _prepare(out: Path) -> None:
     """Create the folders inside, and delete the temporary files of killed commands. Raises InputError."""
     try:
-        for folder in (out / SHARDS, out / ROADS):
+        for folder in (out / SHARDS, out / ROADS, out / DROPPED_PULL_OUTS):
             if folder.is_symlink():
                 raise InputError(
                     f"{folder}: is a link that leads out of the dataset's folder; replace it with a folder"
                 )
-            folder.mkdir(exist_ok=True)
+            if folder.name != DROPPED_PULL_OUTS:
+                folder.mkdir(exist_ok=True)
         remove_partial(out, "*.json")
-        remove_partial(out / SHARDS, "*.parquet")
+        for folder in (out / SHARDS, out / DROPPED_PULL_OUTS):
+            remove_partial(folder, "*.parquet")
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror}); fix that, or choose another folder") from None
     effective = os.access in os.supports_effective_ids
@@ -125,7 +128,7 @@ def finish(
     if lost and not shards:
         raise RunError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
     kept = {shard.file for shard in shards}
-    for path in (out / SHARDS).iterdir():
+    for path in (*(out / SHARDS).iterdir(), *(out / DROPPED_PULL_OUTS).glob("*")):
         if path.name not in kept:
             path.unlink()
     finished = {"complete": True, "shards": tuple(shards), "lost": tuple(lost), "short": tuple(short)}

@@ -27,6 +27,7 @@ from isacsim.sensors.protocol import SensorSettings, StoredRecords
 from isacsim.settings import checked
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
+from labeling.dataset.pull_outs import dropped_pull_outs, write_dropped_pull_outs
 from labeling.dataset.shard import SCHEMA_VERSION, read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
@@ -180,17 +181,8 @@ def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder:
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
     wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
     episode, sensor = job.shard.episode, SENSORS[settings.sensor]
-    sites, report = dataset.sites(episode.scenario), own_report(dataset)
-    samples: list[Sample] = []
-    fix_errors: list[float] = []
-    for begin in range(0, len(wanted), TOGETHER):
-        part = wanted[begin : begin + TOGETHER]
-        sensed = sensor.sense(_records(part, sites, dataset.meta, report), settings)
-        for sample, record in zip(part, sensed, strict=True):
-            if record.usable:
-                samples.append(_with(sample, record, settings.sensor))
-                if sensor.filtered:
-                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
+    samples, fix_errors = _sense(wanted, dataset, settings, episode.scenario)
+    pull_outs, _ = _sense(_dropped_pull_outs(dataset, job.shard), dataset, settings, episode.scenario)
     left_out = dict(episode.left_out)
     if dropped := len(wanted) - len(samples):
         left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + dropped
@@ -201,8 +193,37 @@ def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder:
         "fix_error_m": tuple(fix_errors),
         "state_error_m": tuple(median_error_m(sample.tv, sample.tv_truth) for sample in samples),
     }
-    meta = dataset.meta
-    return write_shard(folder, samples, episode.model_copy(update=update), *meta.lengths)
+    meta, sensed = dataset.meta, episode.model_copy(update=update)
+    dropped_shard = write_dropped_pull_outs(folder.parent, pull_outs, sensed, meta.lengths)
+    return write_shard(folder, samples, sensed, *meta.lengths, dropped_shard)
+
+
+def _dropped_pull_outs(dataset: Dataset, shard: Shard) -> list[Sample]:
+    """Return the dropped pull-outs that belong to a shard; they are sensed once, however often its records are."""
+    alone = replace(dataset, meta=dataset.meta.model_copy(update={"shards": (shard,)}))
+    dropped = dropped_pull_outs(alone)
+    return [sample for part in dropped.meta.shards for sample in read_samples(dropped.shard_path(part))]
+
+
+def _sense(
+    wanted: Sequence[Sample], dataset: Dataset, settings: ResenseSettings, scenario: str
+) -> tuple[list[Sample], list[float]]:
+    """Return those of the samples that the sensor can use, sensed anew, and the errors of their fixes, m.
+
+    scenario: the name of theirs. A sensor without a filter has no fixes.
+    """
+    sensor, sites, report = SENSORS[settings.sensor], dataset.sites(scenario), own_report(dataset)
+    samples: list[Sample] = []
+    fix_errors: list[float] = []
+    for begin in range(0, len(wanted), TOGETHER):
+        part = wanted[begin : begin + TOGETHER]
+        sensed = sensor.sense(_records(part, sites, dataset.meta, report), settings)
+        for sample, record in zip(part, sensed, strict=True):
+            if record.usable:
+                samples.append(_with(sample, record, settings.sensor))
+                if sensor.filtered:
+                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
+    return samples, fix_errors
 
 
 def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: ReportSettings) -> StoredRecords:

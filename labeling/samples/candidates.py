@@ -18,6 +18,7 @@ from labeling.detectors.overtake import OvertakeDetector
 from labeling.events import Labels, Provenance, provenance
 from labeling.intentions import Event, Intention, outward
 from labeling.road.surroundings import Relation, Surroundings
+from labeling.samples.pull_outs import PullOut, pull_out_of
 from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
 
 
@@ -61,7 +62,8 @@ class RecordSettings(Settings):
 class Candidate:
     """A sample before it is sensed: the pair, the label, and the times of the event, s of simulation time.
 
-    t_start: start of the record. relation: where the UV was, seen from the TV, when it was chosen.
+    t_start: start of the record. relation: where the UV was, seen from the TV, when it was chosen. pull_out: whether
+    and when the TV passes the UV, if it pulls out behind it.
     """
 
     tv: str
@@ -73,6 +75,7 @@ class Candidate:
     t_commit: float
     t_end: float
     relation: Relation
+    pull_out: PullOut | None = None
 
 
 @dataclass(frozen=True)
@@ -84,10 +87,14 @@ class Candidates:
     `beyond_car` (the TV or the UV accelerates in the plane as no car can), `beyond_driver` (one of them accelerates
     across its direction of travel by more than `RecordSettings.across_mps2` outside a swerve: the road is too sharp for
     its speed), and the marks of events, such as `passed_did_not_return` and `unresolved`.
+
+    dropped_pull_outs: pull-outs that are in no class, but answer whether the TV passes the UV; they are among those
+    that are left out. Their intention is that of the lane change.
     """
 
     samples: tuple[Candidate, ...]
     left_out: dict[str, int]
+    dropped_pull_outs: tuple[Candidate, ...] = ()
 
 
 def candidates(
@@ -110,14 +117,18 @@ def candidates(
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
     samples: list[Candidate] = []
+    dropped: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for event in labels.events:
         candidate = _candidate(surroundings, labels, event, by_vehicle[event.vehicle], pairs, record, plane)
-        if isinstance(candidate, Candidate):
-            samples.append(candidate)
-        else:
+        if not isinstance(candidate, Candidate):
             left_out[candidate] += 1
-    return Candidates(tuple(samples), dict(sorted(left_out.items())))
+        elif candidate.pull_out is not None and candidate.pull_out.dropped:
+            left_out[candidate.pull_out.outcome] += 1
+            dropped.append(candidate)
+        else:
+            samples.append(candidate)
+    return Candidates(tuple(samples), dict(sorted(left_out.items())), tuple(dropped))
 
 
 SWERVE_MARGIN_S = 0.5
@@ -166,7 +177,7 @@ def _candidate(
     record: RecordSettings,
     plane: PlaneLimits | None,
 ) -> Candidate | str:
-    """Return the sample of an event, or the reason why there is none."""
+    """Return the sample of an event, which may be a dropped pull-out, or the reason why there is none."""
     recording = surroundings.recording
     if not may_be_tv(recording.tracks[event.vehicle], pairs):
         return "tv_kind"
@@ -186,12 +197,13 @@ def _candidate(
     if any(span[0] <= t <= span[1] for vehicle in (event.vehicle, pair.uv) for t in labels.jumps.get(vehicle, ())):
         return "jump"
     event = for_pair(surroundings, labels, event, pair.uv)
-    if event.mark is not None:
+    pull_out = pull_out_of(surroundings, event, pair.uv)
+    if event.mark is not None and pull_out is None:
         return event.mark
     for vehicle in (event.vehicle, pair.uv):
         reason = None if plane is None else plane.exceeded(vehicle, start, start + record.duration_s)
         if reason is not None:
-            return reason
+            return event.mark or reason
     return Candidate(
         tv=event.vehicle,
         uv=pair.uv,
@@ -202,6 +214,7 @@ def _candidate(
         t_commit=event.commit,
         t_end=start + record.duration_s if event.intention is Intention.FOLLOWING else event.end,
         relation=pair.relation,
+        pull_out=pull_out,
     )
 
 

@@ -17,8 +17,10 @@ from isacsim.versions import OF_RUNS, versions
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from models.evaluation import commit, metrics, repeats, unknown
+from models.evaluation.passing import Passing, ask, pass_scores
 from models.evaluation.prediction_table import write_predictions
 from models.evaluation.predictions import Predictions, ends_at_lead, predict, unseen
+from models.evaluation.pull_outs import PullOuts, ends_of
 from models.evaluation.repeats import Measured
 from models.evaluation.results import (
     METRICS_FILE,
@@ -43,22 +45,26 @@ if TYPE_CHECKING:
 class Evaluation:
     """An evaluation: its result, as `metrics.json` holds it, and the predictions behind it.
 
-    measured: the evaluated run and those compared with it, in that order.
+    measured: the evaluated run and those compared with it, in that order. passing: the windows of pull-outs; None where
+    the dataset does not say when they pass.
     """
 
     result: EvaluationResult
     measured: tuple[Measured, ...]
+    passing: Passing | None = None
 
 
 @dataclass(frozen=True)
 class SharedEnds:
     """Ends of the windows on which all compared runs are measured.
 
-    drawn: those of the evaluation. at_leads: ends at a fixed time before the commit, by that time, s.
+    drawn: those of the evaluation. at_leads: ends at a fixed time before the commit, by that time, s. dropped: records
+    of pull-outs that are in no class, with the ends of their windows; None where there are none.
     """
 
     drawn: Ends
     at_leads: Mapping[float, Ends]
+    dropped: tuple[Records, Ends] | None = None
 
 
 def evaluate(
@@ -71,7 +77,8 @@ def evaluate(
     Raises InputError where no unseen seed is left, the sampling rates differ, or `out` holds something else.
     """
     origin = {"digest": dataset.digest, "study": dataset.meta.study}
-    return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against)
+    pull_outs = PullOuts.of(dataset)
+    return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
 
 
 def evaluate_records(
@@ -81,29 +88,40 @@ def evaluate_records(
     out: str | Path,
     settings: EvaluateSettings,
     against: Sequence[Run] = (),
+    pull_outs: PullOuts | None = None,
 ) -> Evaluation:
     """Measure a run on records in memory; otherwise as `evaluate`.
 
-    made_of: `digest` and `study` of the dataset that the records come from.
+    made_of: `digest` and `study` of the dataset that the records come from. pull_outs: of that dataset; without them,
+    it is not asked whether the TV passes the UV.
     """
     with claim(Path(out), METRICS_FILE, "evaluation"):
-        evaluation = _evaluate([run, *against], records, DatasetOrigin.model_validate(made_of), settings)
+        origin = DatasetOrigin.model_validate(made_of)
+        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs)
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
-        write_predictions(evaluation.measured, Path(out))
+        write_predictions(evaluation.measured, Path(out), evaluation.passing)
     return evaluation
 
 
-def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, settings: EvaluateSettings) -> Evaluation:
+def _evaluate(
+    runs: Sequence[Run],
+    all_records: Records,
+    origin: DatasetOrigin,
+    settings: EvaluateSettings,
+    pull_outs: PullOuts | None,
+) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
-    records = unseen(records, runs)
+    records = unseen(all_records, runs)
     windows = runs[0].card.settings.windows
     if settings.end_after_s is not None:
         windows = WindowSettings.model_validate({**windows.model_dump(), "end_after_s": settings.end_after_s})
     ends = draw_ends(records, windows, "evaluate", settings.seed, per_record=settings.ends_per_record)
     at_leads = {lead_s: ends_at_lead(records, windows, lead_s) for lead_s in settings.leads_s}
-    shared = SharedEnds(ends, {lead_s: at_lead for lead_s, at_lead in at_leads.items() if len(at_lead)})
+    dropped = None if pull_outs is None else _dropped_ends(pull_outs, records, windows, settings)
+    shared = SharedEnds(ends, {lead_s: at_lead for lead_s, at_lead in at_leads.items() if len(at_lead)}, dropped)
     names = _distinct_names(runs)
     measured = [measure(run, name, records, shared, settings) for run, name in zip(runs, names, strict=True)]
+    passing = None if pull_outs is None else ask(pull_outs, all_records, measured[0], windows, settings)
     repeated = len(repeats.grouped(measured)) < len(measured)
     result = EvaluationResult(
         **dict(measured[0].result),
@@ -112,10 +130,12 @@ def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, sett
                 **dict(other.result),
                 paired_difference=repeats.difference(measured[:1], [other]),
                 paired_difference_before_commit=repeats.difference_before_commit(measured[:1], [other]),
+                paired_difference_by_lead=repeats.differences_by_lead(measured[:1], [other]),
             )
             for other in measured[1:]
         ],
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
+        passing=None if passing is None else pass_scores(passing, measured),
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,
@@ -130,7 +150,16 @@ def _evaluate(runs: Sequence[Run], records: Records, origin: DatasetOrigin, sett
             versions=versions(OF_RUNS),
         ),
     )
-    return Evaluation(result, tuple(measured))
+    return Evaluation(result, tuple(measured), passing)
+
+
+def _dropped_ends(
+    pull_outs: PullOuts, records: Records, windows: WindowSettings, settings: EvaluateSettings
+) -> tuple[Records, Ends] | None:
+    """Return the dropped pull-outs of the seeds of some records, with the ends of their windows; None without any."""
+    dropped = pull_outs.dropped.take(np.isin(pull_outs.dropped.groups, np.unique(records.groups.astype(str))))
+    ends = ends_of(dropped, windows, settings.seed, settings.ends_per_record)
+    return (dropped, ends) if len(ends) else None
 
 
 def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> Measured:
@@ -140,12 +169,13 @@ def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: E
     """
     predictions = predict(run, records, ends.drawn)
     at_leads = {lead_s: predict(run, records, at_lead) for lead_s, at_lead in ends.at_leads.items()}
+    dropped = None if ends.dropped is None else predict(run, *ends.dropped)
     curve = settings.window_end_curve
     at_ends = {} if curve is None else predict_at_ends(run, records, curve)
     result = run_result(run, name, predictions, at_leads)
     if curve is not None:
         result = result.model_copy(update={"by_window_end": window_end_scores(run, at_ends)})
-    return Measured(run, predictions, result, at_leads, at_ends)
+    return Measured(run, predictions, result, at_leads, at_ends, dropped)
 
 
 def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[float, Predictions]) -> RunResult:

@@ -7,10 +7,13 @@ simulates the coverage of both).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import numpy.typing as npt
 from scipy.stats import t as student_t
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, BoolArray
 
 LEVEL = 0.95
 """Coverage that the intervals are made for."""
@@ -30,3 +33,19 @@ def jackknife_half_width(left_out: Array) -> Array:
     deviation = left_out - left_out.mean(axis=0)
     standard_error = np.sqrt((count - 1) / count * (deviation**2).sum(axis=0))
     return np.asarray(student_t.ppf((1 + LEVEL) / 2, count - 1) * standard_error)
+
+
+def jackknife_interval(
+    statistic: Callable[[BoolArray], float], groups: npt.NDArray[np.object_]
+) -> tuple[float | None, float | None, float | None]:
+    """Return a score between 0 and 1 of n windows, with its LEVEL interval over groups.
+
+    statistic: the score of some of the windows, a mask (n,); NaN where it is undefined. groups: scenario seed of each
+    window, (n,). The bounds are None where `jackknife_half_width` is undefined, the score where it is itself.
+    """
+    value = statistic(np.ones(len(groups), dtype=bool))
+    half_width = float(jackknife_half_width(np.array([statistic(groups != name) for name in sorted(set(groups))])))
+    bounds = (value, max(value - half_width, 0.0), min(value + half_width, 1.0))
+    if np.isnan(value):
+        return None, None, None
+    return bounds if np.isfinite(half_width) else (value, None, None)

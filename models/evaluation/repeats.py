@@ -10,7 +10,7 @@ import numpy as np
 from models.evaluation import metrics
 from models.evaluation.predictions import Predictions
 from models.evaluation.results import PredictorResult, RunResult
-from models.evaluation.score_results import PairedDifference, PairSpreads, ScoreSpreads
+from models.evaluation.score_results import LeadDifference, PairedDifference, PairSpreads, ScoreSpreads
 from models.run import Run
 
 
@@ -20,6 +20,7 @@ class Measured:
 
     at_leads: predictions on windows that end at a fixed time before the commit, by that time, s.
     at_ends: predictions of the window-end curve, by the end of the windows, s.
+    dropped: predictions on windows of pull-outs that are in no class; None where the dataset has none.
     """
 
     run: Run
@@ -27,6 +28,7 @@ class Measured:
     result: RunResult
     at_leads: Mapping[float, Predictions] = field(default_factory=dict)
     at_ends: Mapping[float, Predictions] = field(default_factory=dict)
+    dropped: Predictions | None = None
 
 
 def same_but_for_seed(first: Run, second: Run) -> bool:
@@ -62,6 +64,7 @@ def over_training_seeds(measured: Sequence[Measured]) -> list[PredictorResult]:
             **dict(summary([member.result for member in group])),
             paired_difference=None if group is first else difference(first, group),
             paired_difference_before_commit=None if group is first else difference_before_commit(first, group),
+            paired_difference_by_lead=None if group is first else differences_by_lead(first, group),
         )
         for group in groups
     ]
@@ -87,29 +90,49 @@ def summary(results: Sequence[RunResult]) -> ScoreSpreads:
 
 def difference(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
     """Return `metrics.paired_difference` of two groups, on windows of intentions that all of them were trained on."""
-    return _difference(first, second, np.ones(len(first[0].predictions.label), dtype=bool))
+    return _difference(_drawn(first), _drawn(second), first[0].run.card.classes)
 
 
 def difference_before_commit(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
     """Return the same on the windows that end before the commit."""
-    return _difference(first, second, first[0].predictions.before_commit, metrics.LEAST_IN_BIN)
+    before_commit = first[0].predictions.before_commit
+    return _difference(
+        _drawn(first), _drawn(second), first[0].run.card.classes, before_commit, least=metrics.LEAST_IN_BIN
+    )
+
+
+def differences_by_lead(first: Sequence[Measured], second: Sequence[Measured]) -> list[LeadDifference]:
+    """Return the same on the windows that end at each fixed time before the commit."""
+    differences = []
+    for lead_s in first[0].at_leads:
+        one, other = ([member.at_leads[lead_s] for member in group] for group in (first, second))
+        paired = _difference(one, other, first[0].run.card.classes, least=metrics.LEAST_IN_BIN)
+        differences.append(LeadDifference(lead_s=lead_s, **dict(paired)))
+    return differences
+
+
+def _drawn(group: Sequence[Measured]) -> list[Predictions]:
+    """Return each run's predictions on the windows of the evaluation."""
+    return [member.predictions for member in group]
 
 
 def _difference(
-    first: Sequence[Measured], second: Sequence[Measured], rows: metrics.BoolArray, least: int = 1
+    first: Sequence[Predictions],
+    second: Sequence[Predictions],
+    classes: tuple[str, ...],
+    rows: metrics.BoolArray | None = None,
+    least: int = 1,
 ) -> PairedDifference:
-    """Return the paired difference on some of the windows, a mask (n,).
+    """Return the paired difference between two groups of runs, from their predictions on the same windows.
 
+    classes: names of the known intentions. rows: the windows to count, a mask (n,); all of them when absent.
     least: a class with fewer windows is left out of the macro-F1.
     """
-    predictions = first[0].predictions
-    known = rows & np.all([member.predictions.known for member in (*first, *second)], axis=0)
-    predicted = [np.stack([member.predictions.predicted[known] for member in group]) for group in (first, second)]
+    shared = first[0]
+    known = np.all([predictions.known for predictions in (*first, *second)], axis=0)
+    if rows is not None:
+        known &= rows
+    predicted = [np.stack([predictions.predicted[known] for predictions in group]) for group in (first, second)]
     return metrics.paired_difference(
-        predictions.label[known],
-        predicted[0],
-        predicted[1],
-        predictions.group[known],
-        first[0].run.card.classes,
-        least,
+        shared.label[known], predicted[0], predicted[1], shared.group[known], classes, least
     )

@@ -15,12 +15,14 @@ from pydantic import Field, JsonValue, model_validator
 
 from isacsim.settings import Settings, read_json
 from models.data.windows import WindowSettings
+from models.evaluation.pass_results import PassScores
 from models.evaluation.score_results import (
     AfterCommit,
     BeforeCommit,
     Calibration,
     FiveClassScores,
     HeldOutScores,
+    LeadDifference,
     LeadTimeBin,
     ManeuverScores,
     PairedDifference,
@@ -49,9 +51,12 @@ class PredictorResult(ResultWithOptionalParts):
     `ScoreSpreads`.
     paired_difference: mean scores of the first predictor minus those of this one; absent for the first.
     paired_difference_before_commit: the same on the windows before the commit.
+    paired_difference_by_lead: the same on the windows at each lead time; absent in files of earlier versions.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = frozenset({"paired_difference", "paired_difference_before_commit"})
+    optional_parts: ClassVar[frozenset[str]] = frozenset(
+        {"paired_difference", "paired_difference_before_commit", "paired_difference_by_lead"}
+    )
 
     name: str
     training_seeds: list[int]
@@ -63,6 +68,7 @@ class PredictorResult(ResultWithOptionalParts):
     overtake_against_left: PairSpreads
     paired_difference: PairedDifference | None = None
     paired_difference_before_commit: PairedDifference | None = None
+    paired_difference_by_lead: list[LeadDifference] | None = None
 
 
 class RunResult(ResultWithOptionalParts):
@@ -151,12 +157,21 @@ class ComparedResult(RunResult):
     paired_difference: scores of the evaluated run minus those of this one, on the windows of
     intentions that both were trained on.
     paired_difference_before_commit: the same on those that end before the commit; absent in files of earlier versions.
+    paired_difference_by_lead: the same on those at each lead time; absent in files of earlier versions.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"paired_difference_before_commit"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {
+        "paired_difference_before_commit",
+        "paired_difference_by_lead",
+    }
 
     paired_difference: PairedDifference
     paired_difference_before_commit: PairedDifference | None = None
+    paired_difference_by_lead: list[LeadDifference] | None = None
+
+    def difference_at(self, lead_s: float) -> LeadDifference | None:
+        """Return the paired difference at a lead time, s; None where it was not measured."""
+        return next((paired for paired in self.paired_difference_by_lead or () if paired.lead_s == lead_s), None)
 
 
 class MeasuredWindows(WindowSettings):
@@ -210,14 +225,17 @@ class EvaluationResult(RunResult):
 
     compared: metrics of the other runs.
     over_training_seeds: runs that differ in the training seed alone, summed up; absent where there are none.
+    passing: whether the TV passes the UV soon after the window, for pull-outs of every outcome; absent where the
+    dataset does not say, and in files of earlier versions.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing"}
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
+    passing: list[PassScores] | None = None
     windows: MeasuredWindows
     made_by: MadeBy
 

@@ -292,6 +292,15 @@ class PairedDifference(Settings):
         return self.groups >= LEAST_FOR_VERDICT
 
 
+class LeadDifference(PairedDifference):
+    """The paired difference on windows that all end at the same time before the commit, and not before the onset.
+
+    lead_s: that time, s.
+    """
+
+    lead_s: float
+
+
 class Spread(Settings):
     """Mean and spread of a score over trainings.
 

@@ -41,6 +41,9 @@ def draw_figures(evaluation: Evaluation, folder: Path) -> None:
         figures.window_end(by_end, curve.relative_to, folder / "window_end.png")
         if has_following:
             figures.unknown_window_end(by_end, curve.relative_to, folder / "unknown_window_end.png")
+    trained = {f"within {part.within_s:g} s": part.trained for part in result.passing or ()}
+    if curves := {name: answer.reliability for name, answer in trained.items() if answer is not None}:
+        figures.reliability(curves, folder / "passing.png")
     if (run.path / HISTORY_FILE).exists():
         figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png")
 

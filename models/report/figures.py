@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 
 from isacsim.arrays import Array
 from isacsim.files import replace_file
+from models.evaluation.pass_results import ReliabilityBin
 from models.evaluation.score_results import LeadTimeBin, WindowEndScores
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
@@ -117,6 +118,23 @@ def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
         axes.set(xlabel="share of following taken for known", ylabel="share of known kept")
         axes.set(xlim=(0, 1), ylim=(0, 1.01), aspect="equal")
         axes.set_title("The unknown class: following")
+        axes.legend(loc="lower right")
+
+
+def reliability(rows: Mapping[str, Sequence[ReliabilityBin]], path: Path) -> None:
+    """Draw how often the TV passes the UV against the probability that was given, a line for each question.
+
+    rows: the bins of probability, by the name of the question.
+    """
+    with figure(path, 5.2, 4.8) as drawn:
+        axes = drawn.subplots()
+        axes.plot([0, 1], [0, 1], ":", color=GREY, lw=1.2, label="calibrated")
+        for name, bins in rows.items():
+            probability, share = [row.mean_probability for row in bins], [row.share_passed for row in bins]
+            axes.plot(probability, share, marker="o", ms=4, label=name)
+        axes.set(xlabel="probability of passing", ylabel="share that passes", xlim=(0, 1), ylim=(0, 1.01))
+        axes.set_aspect("equal")
+        axes.set_title("Does the TV pass the UV?")
         axes.legend(loc="lower right")
 
 

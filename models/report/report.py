@@ -18,6 +18,7 @@ from models.evaluation.results import EvaluationResult
 from models.report import html_page
 from models.report.evaluation_figures import draw_figures
 from models.report.figures import spoken
+from models.report.passing_table import QUESTION, passing_table
 from models.report.record_choice import choose_record
 from models.report.record_view import RecordView, draw_record
 from models.report.score_table import by_lead_table, head, headline, sections
@@ -40,6 +41,7 @@ CAPTIONS = {
     "unknown_lead_time.png": "Separation of following, against the time left until the maneuver commits.",
     "unknown_window_end.png": "Separation of following, against the time at which every window ends.",
     "unknown_roc.png": "Separation of the intentions seen in training from following, which was not.",
+    "passing.png": "How often the TV passes the UV, against the probability of trees trained on this question.",
     "loss.png": "Training.",
 }
 """Figures of a page, in order, with their captions; those that the folder does not hold are left out."""
@@ -116,6 +118,7 @@ commits is prediction; one that ends after it, recognition.</p>
 {_html_sections(result)}
 {_html_by_lead(result)}
 {_html_verdict(result)}
+{_html_passing(result)}
 {figures}
 {html_page.made_by(json.dumps(made_by.model_dump(mode="json"), indent=1))}"""
     return html_page.document(f"{result.name} on unseen traffic", body)
@@ -140,6 +143,21 @@ def _html_by_lead(result: EvaluationResult) -> str:
     title = f"{result.name}: windows that end so long before the commit, and not before the onset"
     strong = range(len(result.classes), len(rows))
     return f"<h2>{html.escape(title)}</h2>\n{html_page.table([html.escape(text) for text in top], cells, strong)}"
+
+
+def _html_passing(result: EvaluationResult) -> str:
+    """Return how well it is answered whether the TV passes the UV soon; nothing where that was not asked."""
+    if not result.passing:
+        return ""
+    top, rows = passing_table(result.passing)
+    cells = [[html.escape(text) for text in row] for row in rows]
+    text = (
+        "Every pull-out behind a UV is asked, whether it is an overtake, a lane change or in no class. A run answers "
+        "with its probability of an overtake, as a share of that of an overtake or a change to the faster side; the "
+        "trees learn the question itself, from the training seeds, and are calibrated on the validation seeds."
+    )
+    table = html_page.table([html.escape(cell) for cell in top], cells, range(len(result.runs) + 1))
+    return f"<h2>{html.escape(QUESTION)}</h2>\n<p>{text}</p>\n{table}"
 
 
 def _html_verdict(result: EvaluationResult) -> str:

@@ -10,6 +10,7 @@ from rich.table import Table
 from models.evaluation.results import EvaluationResult, RunResult
 from models.evaluation.score_results import BeforeCommit, ClassifiedWindows, Interval, PairedDifference
 from models.report.figures import spoken
+from models.report.passing_table import QUESTION, passing_rows
 from models.report.verdict import difference_text, seeds_text
 from models.scores import open_set
 
@@ -44,7 +45,7 @@ def table(result: EvaluationResult) -> Table:
     drawn.add_column(first)
     for heading in others:
         drawn.add_column(heading, justify="right")
-    for section in sections(result):
+    for section in [*sections(result), *_passing(result)]:
         drawn.add_row(f"[bold]{section.title}[/bold]", *("" for _ in others))
         for k, row in enumerate(section.rows):
             drawn.add_row(f"  {row[0]}", *row[1:], end_section=k == len(section.rows) - 1)
@@ -114,12 +115,17 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> S
 
 
 def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Section:
-    """Return the macro-F1 of each run at each lead time."""
+    """Return the macro-F1 of each run at each lead time, and the difference to each compared run."""
     rows = []
     for k, at_lead in enumerate(early[0].by_lead):
-        label = f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {len(at_lead.macro_f1_over)} intentions"
+        label = (
+            f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {len(at_lead.macro_f1_over)} intentions, "
+            f"{seeds_text(at_lead.groups)}"
+        )
         scores = [scores.by_lead[k] for scores in early]
-        rows.append([label, *(cell(score.macro_f1) for score in scores), *("" for _ in result.compared)])
+        pairs = [other.difference_at(at_lead.lead_s) for other in result.compared]
+        differences = _differences(pairs, lambda paired: paired.macro_f1)
+        rows.append([label, *(cell(score.macro_f1) for score in scores), *differences])
     return Section("Prediction: macro-F1 of windows that end so long before the commit", rows)
 
 
@@ -182,6 +188,14 @@ def _unknown(result: EvaluationResult) -> list[Section]:
             Section("Detector trained on pre-onset driving: it recognises driving, not novelty", [detector])
         )
     return sections
+
+
+def _passing(result: EvaluationResult) -> list[Section]:
+    """Return how well runs answer whether the TV passes the UV soon; the page has a table of its own for that."""
+    if not result.passing:
+        return []
+    columns = len(result.runs) + len(result.compared)
+    return [Section(f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}", passing_rows(result.passing, columns))]
 
 
 def _class_label(before: BeforeCommit, name: str) -> str:

@@ -18,28 +18,45 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
+from labeling.dataset.pull_outs import write_dropped_pull_outs
 from labeling.intentions import Intention
+from models.data.windows import Records
 from tests.support.made_up import make_records
+from tests.support.made_up_pull_outs import make_pull_outs
 
 SITE = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
 STUDY = {"seeds": [0, 3]}
 
 
-def write_dataset(folder: Path, scenario: str = "toy", seeds: int = 4, per_class: int = 2) -> Dataset:
-    """The records of so many seeds; what the TV truly did lies 0.1 in every component beside what was sensed."""
+def write_dataset(
+    folder: Path, scenario: str = "toy", seeds: int = 4, per_class: int = 2, passing: bool = False
+) -> Dataset:
+    """The records of so many seeds; what the TV truly did lies 0.1 in every component beside what was sensed.
+
+    passing: whether it says when pull-outs pass, and holds dropped ones.
+    """
     (folder / "shards").mkdir(parents=True)
-    records = make_records(seeds, per_class)
-    table, shards = records.table, []
-    for seed in range(seeds):
-        rows = [
+    records, shards = make_records(seeds, per_class), []
+    pull_outs = make_pull_outs(records, seeds, per_class) if passing else None
+    answers = {} if pull_outs is None else pull_outs.table.to_dict("index")
+
+    def samples(part: Records, seed: int, mark: str) -> list[Sample]:
+        prefix = f"{scenario}-{seed}-{mark}"
+        return [
             Sample(
-                f"{scenario}-{seed}-{k}", scenario, seed, "kinematic", "tv", "uv", Intention(row.label), "natural",
+                f"{prefix}{k}", scenario, seed, "kinematic", "tv", "uv", Intention(row.label), "natural",
                 row.t_start, row.t_onset, row.t_commit, row.t_commit + 1, "isac", row.snr_db, 4,
-                records.tv[row.Index], records.tv[row.Index] + np.float32(0.1), records.uv[row.Index],
+                part.tv[row.Index], part.tv[row.Index] + np.float32(0.1), part.uv[row.Index],
+                **answers.get(row.sample_id, {}),
             )
-            for k, row in enumerate(table[table["seed"] == seed].itertuples())
+            for k, row in enumerate(part.table[part.table["seed"] == seed].itertuples())
         ]  # fmt: skip
-        shards.append(write_shard(folder / "shards", rows, Episode(scenario=scenario, seed=seed), 2000, 500))
+
+    for seed in range(seeds):
+        episode, lengths = Episode(scenario=scenario, seed=seed), (2000, 500, 0)
+        dropped = [] if pull_outs is None else samples(pull_outs.dropped, seed, "p")
+        kept = write_dropped_pull_outs(folder, dropped, episode, lengths)
+        shards.append(write_shard(folder / "shards", samples(records, seed, ""), episode, *lengths, kept))
     described = ScenarioMeta(name=scenario, source=scenario, sha256="0" * 64, origin=(0.0, 0.0), sites=(SITE,))
     meta = Meta(
         complete=True, fingerprint="f", tv_rate_hz=400, uv_rate_hz=100, duration_s=5.0, study=STUDY,

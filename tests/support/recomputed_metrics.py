@@ -246,15 +246,30 @@ def of_unknown(separated: dict[str, float | None]) -> dict[str, float | None]:
 def difference(
     first: list[pd.DataFrame], second: list[pd.DataFrame], classes: list[str], early: bool = False
 ) -> dict[str, Any]:
-    """The paired difference of mean scores of runs, with its intervals, by loops over the seeds."""
+    """The paired difference of mean scores of runs."""
     sides = []
     for runs in (first, second):
         kept = [run[(run["windows"] == "drawn") & run["known"]] for run in runs]
         if early:
             kept = [rows[(rows["end_after_onset_s"] > -1e-6) & (rows["lead_s"] > 1e-6)] for rows in kept]
         sides.append(kept)
+    return difference_of(sides, classes, 5 if early else 1)
+
+
+def differences_by_lead(
+    first: list[pd.DataFrame], second: list[pd.DataFrame], classes: list[str]
+) -> list[dict[str, Any]]:
+    """The same at each lead time."""
+    leads = sorted(first[0].loc[first[0]["windows"] == "at_lead", "at_s"].unique())
+    parts = {lead_s: [[run[(run["windows"] == "at_lead") & (run["at_s"] == lead_s) & run["known"]] for run in runs]
+                      for runs in (first, second)] for lead_s in leads}  # fmt: skip
+    return [{"lead_s": lead_s, **difference_of(sides, classes, 5)} for lead_s, sides in parts.items()]
+
+
+def difference_of(sides: list[list[pd.DataFrame]], classes: list[str], least: int) -> dict[str, Any]:
+    """The paired difference of mean scores on the same rows, with its intervals, by loops over the seeds."""
     n = sides[0][0]["intention"].value_counts()
-    enough = [name for name in classes if n.get(name, 0) >= (5 if early else 1)]
+    enough = [name for name in classes if n.get(name, 0) >= least]
     groups = sorted(set(sides[0][0]["group"]))
 
     def gaps(without: str = "") -> dict[str, float]:

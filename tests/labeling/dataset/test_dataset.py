@@ -28,7 +28,8 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.shard import ARRAYS, SCALARS, read_samples, read_shard, schema
+from labeling.dataset.pull_outs import dropped_pull_outs
+from labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
 from labeling.intentions import Intention
 
 LENGTHS = (200, 50, 20)
@@ -115,7 +116,8 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "sample_id": "string", "scenario": "string", "seed": "int64", "source": "string", "tv_id": "string",
         "uv_id": "string", "intention": "string", "label": "int8", "origin": "string", "cause": "string",
         "cause_ttc_s": "float", "t_start": "double",
-        "t_onset": "double", "t_commit": "double", "t_end": "double", "sensor": "string", "snr_db": "float",
+        "t_onset": "double", "t_commit": "double", "t_end": "double", "pull_out": "string", "t_pass": "double",
+        "t_pair_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
         "tv_run_in": states.format(20),
     }  # fmt: skip
@@ -148,7 +150,8 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     columns = [group.column(k) for group in groups for k in range(group.num_columns)]
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
-    assert split == {"cause_ttc_s", "t_start", "t_onset", "t_commit", "t_end", "snr_db", *ARRAYS}
+    times = {"t_start", "t_onset", "t_commit", "t_end", "t_pass", "t_pair_end"}
+    assert split == {"cause_ttc_s", *times, "snr_db", *ARRAYS}
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -281,7 +284,7 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
         origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]
         columns = schema(*LENGTHS[:2], version=version)
         table = table.set_column(table.schema.get_field_index("origin"), "origin", pa.array(origins))
-        table = table.drop_columns(["cause", "cause_ttc_s", "tv_run_in"]).cast(columns)
+        table = table.drop_columns(["cause", "cause_ttc_s", "tv_run_in", *PASSING]).cast(columns)
         pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(metadata)}), path)
         shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(Counter(origins))})
     meta = json.loads((dataset.path / "dataset.json").read_text())
@@ -299,6 +302,27 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
     samples = read_samples(former.shard_path(former.meta.shards[0]))
     assert {(sample.origin, sample.cause) for sample in samples} == {("natural", ""), ("commanded", "")}
     np.testing.assert_array_equal(former.arrays("tv")["tv"], dataset.arrays("tv")["tv"])
+
+
+def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Path) -> None:
+    dataset = make(tmp_path / "data", (6, 3))
+    shards = []
+    for shard in dataset.meta.shards:
+        path = dataset.shard_path(shard)
+        pq.write_table(pq.read_table(path).drop_columns(list(PASSING)), path)
+        shards.append(read_shard(path))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": tuple(shards)}))
+    former = Dataset.open(dataset.path)
+    former.verify()
+    frame = former.frame()
+    assert list(frame.columns) == list(SCALARS)
+    assert (frame["pull_out"] == "").all()
+    assert frame[["t_pass", "t_pair_end"]].isna().all(axis=None)
+    assert frame.drop(columns=list(PASSING)).equals(dataset.frame().drop(columns=list(PASSING)))
+    assert len(former.frame(["t_pass"])) == len(former) == 9
+    [first, *_] = read_samples(former.shard_path(former.meta.shards[0]))
+    assert first.pull_out == ""
+    assert len(dropped_pull_outs(former)) == 0
 
 
 def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
 from models.run import Run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
-from tests.support.recomputed_metrics import difference, repeated, scores
+from tests.support.recomputed_metrics import difference, differences_by_lead, repeated, scores
 
 SETTINGS = EvaluateSettings(ends_per_record=3, window_end_curve=WindowEndCurveSettings(step_s=0.9))
 DESCRIBED = {"model", "name", "classes", "unknown_score", "windows", "made_by"}
@@ -56,6 +56,7 @@ def test_every_figure_can_be_recomputed(evaluation: str, request: pytest.Fixture
         scores(runs[k], compared, temperature[k])
         | {"paired_difference": difference([runs[0]], [runs[k]], content["classes"])}
         | {"paired_difference_before_commit": difference([runs[0]], [runs[k]], content["classes"], early=True)}
+        | {"paired_difference_by_lead": differences_by_lead([runs[0]], [runs[k]], content["classes"])}
         for k, compared in enumerate(content["compared"], start=1)
     ]
     if evaluation == "written":
@@ -68,6 +69,8 @@ def test_every_figure_can_be_recomputed(evaluation: str, request: pytest.Fixture
             key: difference([runs[0], runs[2]], [runs[1]], content["classes"], early)
             for key, early in (("paired_difference", False), ("paired_difference_before_commit", True))
         }
+        by_lead = differences_by_lead([runs[0], runs[2]], [runs[1]], content["classes"])
+        expected["over_training_seeds"][1]["paired_difference_by_lead"] = by_lead
     assert_same(expected, content, "metrics.json")
 
 

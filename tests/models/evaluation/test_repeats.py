@@ -66,7 +66,7 @@ def test_mean_and_spread_over_training_seeds(result: EvaluationResult) -> None:
     assert network.macro_f1.mean == pytest.approx(result.compared[0].macro_f1)
     assert (network.macro_f1.sd, network.macro_f1.n) == (None, 1)
     content = result.model_dump(mode="json")["over_training_seeds"]
-    for key in ("paired_difference", "paired_difference_before_commit"):
+    for key in ("paired_difference", "paired_difference_before_commit", "paired_difference_by_lead"):
         assert [key in group for group in content] == [False, True]
 
 

@@ -68,8 +68,17 @@ def test_the_table_and_the_page_say_the_same(result: EvaluationResult, tmp_path:
     for score in (early.macro_f1, result.after_commit.macro_f1, result.macro_f1, result.five_classes.macro_f1):
         assert f"{score:.3f}" in text
         assert f"{score:.3f}" in page
+    (compared,) = result.compared
     for at_lead in early.by_lead:
-        assert f"{at_lead.lead_s:g} s before: {at_lead.n} windows" in text
+        row = next(line for line in text.splitlines() if f"{at_lead.lead_s:g} s before: {at_lead.n} windows" in line)
+        assert "2 test seeds" in row
+        paired = compared.difference_at(at_lead.lead_s)
+        assert paired is not None
+        assert paired.groups == 2
+        gap = paired.macro_f1
+        if gap.low is not None:
+            assert f"{gap.difference:+.3f} ({gap.low:+.3f} to {gap.high:+.3f})" in row
+    assert any(compared.difference_at(at_lead.lead_s).macro_f1.low is not None for at_lead in early.by_lead)
 
 
 def test_what_comes_first_is_prediction(result: EvaluationResult, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,12 @@ from rich.console import Console
 
 from command_line.progress import ConsoleFeedback
 from labeling.dataset.dataset import Dataset
+from labeling.dataset.pull_outs import dropped_pull_outs
 from models.evaluation.evaluation import evaluate
+from models.evaluation.pull_outs import PullOuts
 from models.evaluation.settings import EvaluateSettings
 from models.report.report import write_report
+from models.report.score_table import table
 from models.training.training import train
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import STUDY, write_dataset
@@ -33,9 +37,42 @@ def test_train_evaluate_report(dataset: Dataset, tmp_path: Path) -> None:
     page = write_report(evaluation, dataset, tmp_path / "report")
     assert page.name == "index.html"
     assert "this is the one" in page.read_text()
+    assert "passing" not in evaluation.result.model_dump()
     assert {path.name for path in page.parent.glob("*.png")} == {
         "confusion.png", "lead_time.png", "unknown_roc.png", "unknown_lead_time.png", "record.png",
     }  # fmt: skip
+
+
+def test_pull_outs_are_asked_whether_they_pass(tmp_path: Path) -> None:
+    passing = write_dataset(tmp_path / "data", seeds=6, per_class=4, passing=True)
+    dropped = dropped_pull_outs(passing)
+    run = train(passing, tmp_path / "run", TREES)
+    assert sum(run.card.counts.values()) == 6 * 4 * len(run.card.split["train"])
+    evaluation = evaluate(run, passing, tmp_path / "report", EvaluateSettings(leads_s=()))
+    result = evaluation.result
+    assert result.passing is not None
+    seeds = [int(group.rpartition("-")[2]) for group in result.made_by.seeds]
+    for part in result.passing:
+        outcomes = dropped.frame(["seed", "pull_out"]).query("seed in @seeds")["pull_out"].value_counts()
+        assert 0 < part.pull_outs["passed_did_not_return"] <= outcomes["passed_did_not_return"]
+        assert part.groups == len(seeds)
+    page = write_report(evaluation, passing, tmp_path / "report").read_text()
+    console = Console(file=io.StringIO(), width=200)
+    console.print(table(result))
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    first = result.passing[0]
+    assert first.trained is not None
+    for text in (page, printed):
+        assert "Does the TV pass the UV within a time of the window" in text
+        assert f"{first.answers[0].auroc:.3f}" in text
+        assert f"{first.trained.auroc:.3f}" in text
+    assert f"<td>{first.trained.brier:.3f} ({first.brier_of_base_rate:.3f})</td>" in page
+    assert f"<td>{first.already_passed}, {first.censored}</td>" in page
+    assert (tmp_path / "report" / "passing.png").stat().st_size > 5000
+    # Without the dropped ones, the others are chosen by what became of them.
+    chosen = passing.meta.model_copy(update={"study": {"selection": {"pull_outs": 0}}})
+    assert PullOuts.of(passing) is not None
+    assert PullOuts.of(replace(passing, meta=chosen)) is None
 
 
 def test_progress_is_drawn_on_a_terminal(dataset: Dataset, tmp_path: Path, capfd: pytest.CaptureFixture) -> None:

@@ -1,0 +1,58 @@
+"""Dropped pull-outs: records of pull-outs that are in no class, kept beside a dataset's samples.
+
+A pull-out that passed the UV without returning, or whose outcome the recording does not resolve, is neither an overtake
+nor a lane change. It still shows whether the TV passes the UV. These records have shards of their own, in a folder of
+their own, so that whoever reads the dataset does not take them for samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from isacsim.errors import InputError
+from labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset
+from labeling.dataset.shard import Episode, Sample, Shard, pull_outs_digest, read_shard, write_shard
+
+
+def dropped_pull_outs(dataset: Dataset) -> Dataset:
+    """Return the dropped pull-outs as a dataset of their own, which is empty where there are none.
+
+    Raises InputError if their shards are missing or damaged.
+    """
+    shards = []
+    for shard in dataset.meta.shards:
+        digest = pull_outs_digest(dataset.shard_path(shard))
+        if digest is not None:
+            shards.append(_read(dataset, shard, digest))
+    return replace(dataset, meta=dataset.meta.model_copy(update={"shards": tuple(shards)}), folder=DROPPED_PULL_OUTS)
+
+
+def _read(dataset: Dataset, shard: Shard, digest: str) -> Shard:
+    """Return the entry of the shard of dropped pull-outs that belongs to a shard."""
+    path = dataset.path / DROPPED_PULL_OUTS / shard.file
+    if path.is_file():
+        stored = read_shard(path)
+        if stored.sha256 == digest:
+            return stored
+    raise InputError(
+        f"{path}: is missing or damaged; delete {dataset.shard_path(shard)} and run the same "
+        f"`{dataset.meta.maker}` again"
+    )
+
+
+def write_dropped_pull_outs(
+    folder: Path, samples: Sequence[Sample], episode: Episode, lengths: tuple[int, int, int]
+) -> Shard | None:
+    """Write an episode's dropped pull-outs into a dataset's folder, and return their entry; None without any.
+
+    lengths: numbers of states, as in `labeling.dataset.shard.schema`. Raises OutputError if the file cannot be written.
+    """
+    if not samples:
+        return None
+    target = folder / DROPPED_PULL_OUTS
+    target.mkdir(exist_ok=True)
+    # What the episode counts belongs to its samples.
+    alone = Episode(scenario=episode.scenario, seed=episode.seed, fingerprint=episode.fingerprint)
+    return write_shard(target, samples, alone, *lengths)
