@@ -5,16 +5,18 @@
   its shard is empty. The processor time that scheduler and parent spend on an episode limits the rate at which they
   could serve any number of workers. Their memory is reported at the beginning, in the middle and at the end, because
   the scheduler's log grows during the first thousands of episodes until it reaches its fixed length.
-- metadata: a dataset's list of synthetic shards, as large as the bundled motorway's, is planned, written and read back
-  in a process of its own.
+- index: a dataset's synthetic shards, as large as the bundled motorway's, are planned, their index is written and read
+  back, in a process of its own.
 
-Run: python -m benchmarks.cluster
+Run: python -m benchmarks.cluster [--workers 16] [--episodes 6000] [--shards 1000 10000 100000]
 """
 
 # mypy: disable-error-code="no-untyped-call"
 # distributed is typed in part only.
 from __future__ import annotations
 
+import argparse
+import hashlib
 import importlib
 import json
 import os
@@ -23,7 +25,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,11 +39,12 @@ from isacsim.feedback import Feedback
 from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import CLASS_NAMES, META_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
 from labeling.generation.engine import ClusterEngine
 from labeling.generation.episode_plan import Jobs, Plan
 from labeling.generation.folder import finish
 from labeling.generation.generate import describe, generate
+from labeling.generation.journal import Journal
 from labeling.generation.settings import DatasetStudy, SeedRange
 
 SCENARIO = "motorway"
@@ -71,9 +74,10 @@ class Paused:
         return 0.0
 
 
-def run() -> dict[str, Any]:
-    """Run the benchmark. Returns the keys `cluster` and `metadata`."""
-    return {"cluster": simulated(EPISODES, WORKERS), "metadata": [apart(metadata, number) for number in LISTED]}
+def run(workers: int = WORKERS, episodes: int = EPISODES, shards: Sequence[int] = LISTED) -> dict[str, Any]:
+    """Run the benchmark. Returns the keys `cluster`, left out without episodes, and `index`."""
+    measured = {"cluster": simulated(episodes, workers)} if episodes else {}
+    return {**measured, "index": [apart(indexed, number) for number in shards]}
 
 
 def simulated(episodes: int, workers: int) -> dict[str, Any]:
@@ -154,28 +158,31 @@ def _address(file: Path) -> str | None:
         return None
 
 
-def metadata(episodes: int) -> dict[str, Any]:
-    """Plan, write and read back a list of synthetic shards.
+def indexed(episodes: int) -> dict[str, Any]:
+    """Plan a dataset of synthetic shards, write its index and read it back.
 
-    Returns the keys `episodes`, `plan_s`, `write_s`, `read_s`, `bytes` (size of the list on disk) and `peak_mib` (most
-    memory of the process).
+    Returns the keys `episodes`, processor times `plan_s`, `write_s` and `read_s`, `bytes` (of the index on disk), and
+    `peak_mib` (most memory of the process).
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
     plan = Plan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
-    begin = time.perf_counter()
-    for job in plan.missing():
-        # Pickled, as from a worker, so that it shares nothing with the others.
-        plan.add(job, pickle.loads(pickle.dumps(synthetic_shard(job.seed))))
-    planned = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="cosim-") as name:
         folder = Path(name)
         (folder / SHARDS).mkdir()
-        finish(folder, started, [shard for shard in plan.run() if isinstance(shard, Shard)])
-        written = time.perf_counter()
+        journal = Journal.open(folder, started)
+        begin = time.process_time()
+        for job in plan.missing():
+            # Pickled, as from a worker, so that it shares nothing with the others.
+            shard = pickle.loads(pickle.dumps(synthetic_shard(job.seed)))
+            journal.add(shard)
+            plan.add(job, shard.by_intention)
+        planned = time.process_time()
+        finish(folder, started, journal, (shard_name(job.scenario, job.seed) for job in plan.kept()))
+        written = time.process_time()
         read_meta(folder)
-        read = time.perf_counter()
-        size = (folder / META_FILE).stat().st_size
+        read = time.process_time()
+        size = (folder / INDEX_FILE).stat().st_size
     return {
         "episodes": episodes,
         "plan_s": round(planned - begin, 2),
@@ -202,7 +209,7 @@ def synthetic_shard(seed: int) -> Shard:
     )
     return Shard(
         file=shard_name(SCENARIO, seed),
-        sha256=f"{seed:064x}",
+        sha256=hashlib.sha256(str(seed).encode()).hexdigest(),
         bytes=7_500_000,
         samples=130,
         by_intention=counts,
@@ -229,5 +236,9 @@ def _spent(process: psutil.Process) -> tuple[float, int]:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.cluster")
+    parser.add_argument("--workers", type=int, default=WORKERS)
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="0 leaves the cluster out")
+    parser.add_argument("--shards", type=int, nargs="*", default=LISTED)
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.cluster").run(), indent=2))
+    print(json.dumps(importlib.import_module("benchmarks.cluster").run(**vars(parser.parse_args())), indent=2))

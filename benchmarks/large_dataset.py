@@ -34,6 +34,7 @@ from labeling.dataset.dataset import (
     Sample,
     ScenarioMeta,
     Shard,
+    ShardIndex,
     SiteMeta,
     write_meta,
     write_shard,
@@ -115,7 +116,7 @@ def write_made_up(folder: Path, samples: int) -> None:
     scenario = ScenarioMeta(name=SCENARIO, source=SCENARIO, sha256="0" * 64, origin=(0.0, 0.0), sites=(site,))
     meta = Meta(
         complete=True, fingerprint="made up", tv_rate_hz=400.0, uv_rate_hz=100.0, duration_s=5.0, study={},
-        versions={}, scenarios=(scenario,), shards=tuple(shards),
+        versions={}, scenarios=(scenario,), shards=ShardIndex.of(shards),
     )  # fmt: skip
     write_meta(folder, meta)
 

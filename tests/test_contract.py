@@ -84,6 +84,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
         "labeling.generation.engine.LocalEngine.run",
+        "labeling.generation.kept_workers.KeptWorkers.run",
         "models.networks.fitting.fit_network",
         "models.predictors.trees.fit_trees",
         "models.predictors.trees.TreesPredictor.__call__",
@@ -257,6 +258,10 @@ READERS = {
     "bare.net.xml": ("network sites bare.net.xml -o new",),
     "map.osm": ("network import map.osm -o new",),
     "data/dataset.json": (
+        "inspect data", "inspect data --verify --json", "train data -o new", "sense data -o new",
+        "evaluate run --data data", "generate road -o data",
+    ),
+    "data/shards.parquet": (
         "inspect data", "inspect data --verify --json", "train data -o new", "sense data -o new",
         "evaluate run --data data", "generate road -o data",
     ),

@@ -1,40 +1,47 @@
-"""A dataset on disk: a folder with `dataset.json`, one Parquet shard per episode, and the lanes of its road networks.
+"""A dataset on disk: a folder with one Parquet shard per episode, their index, and the lanes of the road networks.
 
-The layout is a contract, described in docs/dataset.md. `labeling.generation.generate` writes datasets; all other code
-opens them here.
+`dataset.json` says how the dataset was made, and `shards.parquet`, the index, what is in each shard. The layout is a
+contract, described in docs/dataset.md. `labeling.generation.generate` writes datasets; all other code opens them here.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, model_validator
 
 from isacsim.arrays import Float32Array
 from isacsim.errors import InputError
 from isacsim.files import replace_file
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import Site
-from isacsim.settings import Settings, read_json
+from labeling.dataset.meta import (
+    META_FILE,
+    Lost,
+    Meta,
+    ScenarioMeta,
+    SiteMeta,
+    read_description,
+    read_meta,
+    write_meta,
+)
 from labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,
     PASSING,
     RUN_IN,
     SCALARS,
-    SCHEMA_VERSION,
     STATE,
     Episode,
     Sample,
@@ -48,20 +55,28 @@ from labeling.dataset.shard import (
     states_of,
     write_shard,
 )
+from labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
 from labeling.intentions import Intention
 
 __all__ = [
     "ARRAYS",
     "CLASS_NAMES",
+    "INDEX_FILE",
+    "META_FILE",
     "SCALARS",
     "STATE",
     "Dataset",
     "Episode",
+    "Lost",
     "Meta",
     "RoadLane",
     "Sample",
     "ScenarioMeta",
     "Shard",
+    "ShardIndex",
+    "SiteMeta",
+    "read_description",
+    "read_meta",
     "read_shard",
     "shard_name",
     "write_meta",
@@ -69,120 +84,9 @@ __all__ = [
     "write_shard",
 ]
 
-META_FILE = "dataset.json"
 SHARDS = "shards"
 DROPPED_PULL_OUTS = "dropped_pull_outs"
 ROADS = "roads"
-
-
-class SiteMeta(Settings):
-    """A site, with the fields of `isacsim.scenarios.scenario.Site`."""
-
-    id: str
-    x: float
-    y: float
-    height_m: float
-    azimuth_deg: float
-
-
-class ScenarioMeta(Settings):
-    """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
-
-    source: the scenario as the user named it. sha256: digest of its input files. origin: the origin of its plane in
-    SUMO's coordinates, m.
-    """
-
-    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
-    source: str
-    sha256: str
-    origin: tuple[float, float]
-    sites: tuple[SiteMeta, ...]
-
-
-class Lost(Settings):
-    """An episode that failed and was left out."""
-
-    scenario: str
-    seed: int
-    reason: str
-
-
-class Meta(Settings):
-    """The content of `dataset.json`.
-
-    complete: False while episodes are missing. study: all settings, with their defaults. tv_rate_hz, uv_rate_hz,
-    duration_s: sampling rates and length of the records. run_in_s: how long before each record the TV's true states are
-    stored; 0 before schema version 3. lost: episodes that failed. short: known intentions with fewer
-    samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
-    that they were sensed anew with (labeling.generation.resense), None if they were generated.
-    """
-
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
-    complete: bool
-    fingerprint: str
-    class_names: tuple[str, ...] = CLASS_NAMES
-    state: tuple[str, ...] = STATE
-    tv_rate_hz: float = Field(gt=0)
-    uv_rate_hz: float = Field(gt=0)
-    duration_s: float = Field(gt=0)
-    run_in_s: float = Field(0.0, ge=0)
-    study: dict[str, Any]
-    versions: dict[str, str]
-    scenarios: tuple[ScenarioMeta, ...]
-    shards: tuple[Shard, ...] = ()
-    lost: tuple[Lost, ...] = ()
-    short: tuple[str, ...] = ()
-    resensed: dict[str, Any] | None = None
-
-    @model_validator(mode="after")
-    def _of_its_scenarios(self) -> Self:
-        known = {scenario.name for scenario in self.scenarios}
-        if unknown := {shard.episode.scenario for shard in self.shards} - known:
-            raise ValueError(f"has shards of scenarios that it does not list: {', '.join(sorted(unknown))}")
-        return self
-
-    @property
-    def maker(self) -> str:
-        """The command that wrote the dataset and can complete or repair it."""
-        return "cosim generate" if self.resensed is None else "cosim sense"
-
-    @property
-    def tv_length(self) -> int:
-        """States of the TV in a record."""
-        return round(self.duration_s * self.tv_rate_hz)
-
-    @property
-    def uv_length(self) -> int:
-        """States of the UV in a record."""
-        return round(self.duration_s * self.uv_rate_hz)
-
-    @property
-    def run_in_length(self) -> int:
-        """States of the TV before a record."""
-        return round(self.run_in_s * self.tv_rate_hz)
-
-    @property
-    def lengths(self) -> tuple[int, int, int]:
-        """Numbers of states: of the TV and of the UV in a record, and of the TV before it."""
-        return self.tv_length, self.uv_length, self.run_in_length
-
-    @property
-    def samples(self) -> int:
-        """Samples of all shards."""
-        return sum(shard.samples for shard in self.shards)
-
-    def by_intention(self) -> dict[str, int]:
-        """Return the number of samples of every intention, in the order of the labels."""
-        counted = _sum(shard.by_intention for shard in self.shards)
-        return {name: counted[name] for name in self.class_names}
-
-    def by_origin(self) -> dict[str, int]:
-        """Return the number of samples of every origin, in alphabetical order."""
-        return dict(sorted(_sum(shard.by_origin for shard in self.shards).items()))
-
-    def left_out(self) -> dict[str, int]:
-        """Return how many candidates did not become samples, by reason."""
-        return dict(sorted(_sum(shard.episode.left_out for shard in self.shards).items()))
 
 
 @dataclass(frozen=True)
@@ -215,21 +119,20 @@ class Dataset:
             raise InputError(f"{folder}: not a dataset (it has no {META_FILE}); make one with `cosim generate`")
         if not meta.complete:
             raise InputError(f"{folder}: dataset is not finished; run the same `{meta.maker}` again to finish it")
-        dataset = cls(folder, meta)
-        for shard in meta.shards:
-            if not dataset.shard_path(shard).is_file():
-                raise InputError(
-                    f"{dataset.shard_path(shard)}: the shard is missing; run the same `{meta.maker}` again"
-                )
-        return dataset
+        stored = set(files_in(folder / SHARDS))
+        for file in meta.shards.files:
+            if file not in stored:
+                raise InputError(f"{folder / SHARDS / file}: the shard is missing; run the same `{meta.maker}` again")
+        return cls(folder, meta)
 
     def __len__(self) -> int:
         return self.meta.samples
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 digest of the shards' names and digests. Equal samples give equal digests."""
-        lines = "".join(f"{shard.file} {shard.sha256}\n" for shard in self.meta.shards)
+        shards = self.meta.shards
+        lines = "".join(f"{file} {sha256}\n" for file, sha256 in zip(shards.files, shards.digests, strict=True))
         return hashlib.sha256(f"schema {self.meta.schema_version}\n{lines}".encode()).hexdigest()
 
     def shard_path(self, shard: Shard) -> Path:
@@ -252,10 +155,11 @@ class Dataset:
         lengths = {"tv": tv_length, "tv_truth": tv_length, "uv": uv_length, RUN_IN: run_in_length}
         arrays = {name: np.empty((len(self), 6, lengths[name]), np.float32) for name in names if name in ARRAYS}
         start = 0
-        for shard, part in zip(self.meta.shards, self.arrays_by_shard(*names), strict=True):
+        counts = self.meta.shards.numbers("samples").tolist()
+        for samples, part in zip(counts, self.arrays_by_shard(*names), strict=True):
             for name in names:
-                arrays[name][start : start + shard.samples] = part[name]
-            start += shard.samples
+                arrays[name][start : start + samples] = part[name]
+            start += samples
         return arrays
 
     def arrays_by_shard(self, *names: str) -> Iterator[dict[str, Float32Array]]:
@@ -267,11 +171,12 @@ class Dataset:
 
     def record(self, name: str, row: int) -> Float32Array:
         """Return one row of an array column, (6, length), by reading the shard that holds it."""
-        for shard in self.meta.shards:
-            if row < shard.samples:
-                return np.asarray(states_of(self._table(shard, [name])[name])[row])
-            row -= shard.samples
-        raise IndexError(f"the dataset has {len(self)} rows")
+        ends = np.cumsum(self.meta.shards.numbers("samples"))
+        k = int(np.searchsorted(ends, row, side="right"))
+        if not 0 <= row < len(self):
+            raise IndexError(f"the dataset has {len(self)} rows")
+        states = states_of(self._table(self.meta.shards[k].file, [name])[name])
+        return np.asarray(states[row - int(ends[k])])
 
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
@@ -295,9 +200,11 @@ class Dataset:
 
     def verify(self) -> None:
         """Check every shard against its digest and the contract. Raises InputError with the first fault."""
+        shards, faults = self.meta.shards, []
         with ThreadPoolExecutor() as threads:
-            by_shard = threads.map(lambda shard: list(self._faults(shard)), self.meta.shards)
-            faults = [fault for shard_faults in by_shard for fault in shard_faults]
+            for start in range(0, len(shards), TOGETHER):
+                for of_shard in threads.map(lambda shard: list(self._faults(shard)), shards[start : start + TOGETHER]):
+                    faults += of_shard
         if faults:
             others = f" (and {len(faults) - 1} more faults)" if len(faults) > 1 else ""
             raise InputError(
@@ -306,12 +213,12 @@ class Dataset:
 
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the named columns of one shard after the other. Raises InputError if a shard is damaged."""
-        for shard in self.meta.shards:
-            yield self._table(shard, columns)
+        for file in self.meta.shards.files:
+            yield self._table(file, columns)
 
-    def _table(self, shard: Shard, columns: list[str]) -> pa.Table:
-        """Return the named columns of a shard. Raises InputError if it is damaged."""
-        path = self.shard_path(shard)
+    def _table(self, file: str, columns: list[str]) -> pa.Table:
+        """Return the named columns of a shard's file. Raises InputError if it is damaged."""
+        path = self.path / self.folder / file
         try:
             return read_table(path, columns)
         except (OSError, ValueError) as error:
@@ -325,7 +232,7 @@ class Dataset:
         """Yield what is wrong with a shard."""
         path = self.shard_path(shard)
         if file_digest(path) != shard.sha256:
-            yield f"{path}: its bytes differ from the digest in {META_FILE}"
+            yield f"{path}: its bytes differ from the digest in {INDEX_FILE}"
             return
         try:
             stored = read_shard(path)
@@ -333,7 +240,7 @@ class Dataset:
             yield str(error)
             return
         if stored != shard:
-            yield f"{path}: its counts differ from those in {META_FILE}"
+            yield f"{path}: its counts differ from those in {INDEX_FILE}"
         table = pq.ParquetFile(path).read()
         passing = set(PASSING) <= set(table.column_names)
         expected = schema(*self.meta.lengths, self.meta.schema_version, passing)
@@ -372,16 +279,13 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
             yield f"{name} holds values that are not finite"
 
 
-def read_meta(folder: Path) -> Meta | None:
-    """Return a folder's `dataset.json`, None if there is none. Raises InputError if it is damaged."""
-    return read_json(Meta, folder / META_FILE)
-
-
-def write_meta(folder: Path, meta: Meta) -> None:
-    """Write `dataset.json` completely or not at all. Raises OutputError."""
-    replace_file(
-        folder / META_FILE, lambda partial: partial.write_bytes(f"{meta.model_dump_json(indent=1)}\n".encode())
-    )
+def files_in(folder: Path) -> dict[str, int]:
+    """Return the size in bytes of every file in a folder, by name; nothing if there is no folder."""
+    try:
+        with os.scandir(folder) as entries:
+            return {entry.name: entry.stat().st_size for entry in entries if entry.is_file()}
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
 
 
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
@@ -400,11 +304,3 @@ def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -
     pq.write_table(table, sink, compression="zstd")
     (folder / ROADS).mkdir(exist_ok=True)
     replace_file(folder / ROADS / f"{scenario}.parquet", lambda partial: partial.write_bytes(sink.getvalue()))
-
-
-def _sum(counts: Iterable[dict[str, int]]) -> Counter[str]:
-    """Return the sum of counts, key by key."""
-    total: Counter[str] = Counter()
-    for part in counts:
-        total.update(part)
-    return total

@@ -45,6 +45,10 @@ CLASS_NAMES = tuple(intention.text for intention in Intention)
 PASSING = ("pull_out", "t_pass", "t_pair_end")
 """The columns that say whether and when the TV passes the UV."""
 ROW_GROUP = 256
+SHARD_FILE = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$"
+"""Names of shards' files."""
+DIGEST = r"^[0-9a-f]{64}$"
+"""A SHA-256 digest, hexadecimal."""
 _EPISODE_KEY = b"cosim.episode"
 _PULL_OUTS_KEY = b"cosim.pull_outs"
 
@@ -97,7 +101,7 @@ class Episode(Settings):
     events by intention. counts: number of things that are not events (labeling.events.Labels). left_out: number of
     candidates that did not become samples, by reason. collided, teleported: number of vehicles.
     fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
-    filter and of the sensed states. Only the shard's file holds these two (`read_episode`), `dataset.json` does not.
+    filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
     """
 
     scenario: str
@@ -114,10 +118,10 @@ class Episode(Settings):
 
 
 class Shard(Settings):
-    """A shard's entry in `dataset.json`: its file, digest and size, and what is in it."""
+    """A shard's entry in the index: its file, digest and size, and what is in it."""
 
-    file: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$")
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    file: str = Field(pattern=SHARD_FILE)
+    sha256: str = Field(pattern=DIGEST)
     bytes: int
     samples: int
     by_intention: dict[str, int]

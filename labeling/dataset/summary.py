@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from labeling.dataset.dataset import Dataset
+from labeling.dataset.dataset import SHARDS, Dataset
 from labeling.dataset.distributions import distributions, too_few_seeds
 from labeling.dataset.shard import read_episode
 from labeling.samples.generated_labels import agreement, other_counts
@@ -34,14 +33,12 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     samples, by reason; `label_agreement`, what the detectors make of the maneuvers of each intention, only where the
     motion source gives the labels.
     """
-    meta = dataset.meta
-    seeds = {
-        scenario.name: [shard.episode.seed for shard in meta.shards if shard.episode.scenario == scenario.name]
-        for scenario in meta.scenarios
-    }
-    episodes = [shard.episode for shard in meta.shards]
-    errors = [read_episode(dataset.shard_path(shard)) for shard in meta.shards]
-    counts = dict(sorted(sum((Counter(episode.counts) for episode in episodes), Counter()).items()))
+    meta, shards = dataset.meta, dataset.meta.shards
+    seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
+    for name, seed in zip(shards.scenarios, shards.numbers("seed").tolist(), strict=True):
+        seeds[name].append(seed)
+    errors = [read_episode(dataset.path / SHARDS / file) for file in shards.files]
+    counts = dict(sorted((+shards.totals("counts")).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
     origins = scalars.groupby(["intention", "origin"]).size()
@@ -70,12 +67,12 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "left_out": meta.left_out(),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
-        "collided": sum(episode.collided for episode in episodes),
-        "teleported": sum(episode.teleported for episode in episodes),
+        "collided": int(shards.numbers("collided").sum()),
+        "teleported": int(shards.numbers("teleported").sum()),
         "distributions": distributions(dataset),
         "lost": [lost.model_dump(mode="json") for lost in meta.lost],
         "short": list(meta.short),
-        "bytes": sum(shard.bytes for shard in meta.shards),
+        "bytes": int(shards.numbers("bytes").sum()),
     }
 
 

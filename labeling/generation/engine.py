@@ -19,7 +19,7 @@ import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from isacsim.errors import InputError, RunError
-from isacsim.versions import OF_DATASETS, versions
+from isacsim.versions import OF_DATASETS, OF_RUNS, versions
 from labeling.generation import interrupts
 
 Item = TypeVar("Item")
@@ -65,9 +65,12 @@ class Engine(Protocol):
     def workers(self) -> int:
         """The number of worker processes at the moment, at least 1."""
 
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+    def run(
+        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
+    ) -> Generator[Outcome[Item, Result]]:
         """Yield the outcome of task(item) for every item, in the order in which they finish.
 
+        threads: that a task uses. Of `workers` processes, every `threads`-th one gets a task, and at least one does.
         Takes an item from the iterable only when a worker is free for it. Closing the generator ends the running tasks.
         """
 
@@ -85,9 +88,11 @@ class LocalEngine:
     def workers(self) -> int:
         return self.jobs
 
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+    def run(
+        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
+    ) -> Generator[Outcome[Item, Result]]:
         with self.started() as client:
-            yield from run_on(client, task, items, lambda: self.jobs)
+            yield from run_on(client, task, items, lambda: self.jobs // threads)
 
     @contextmanager
     def started(self) -> Iterator[Client]:
@@ -119,6 +124,8 @@ class LocalEngine:
                     # Any free port, so that commands side by side do not warn about each other's.
                     scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                     silence_logs=logging.CRITICAL,
+                    # No limit: tasks of several threads leave workers idle, whose share of the memory they may use.
+                    memory_limit=0,
                     preload=[interrupts.__name__],
                 )
             except RuntimeError as error:
@@ -148,9 +155,12 @@ class ClusterEngine:
         with self._connected():
             pass
 
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+    def run(
+        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
+    ) -> Generator[Outcome[Item, Result]]:
         with self._connected() as client:
-            yield from run_on(client, task, items, _worker_count(client))
+            workers = _worker_count(client)
+            yield from run_on(client, task, items, lambda: workers() // threads)
 
     @contextmanager
     def _connected(self) -> Iterator[Client]:
@@ -182,8 +192,9 @@ class ClusterEngine:
                     f"--cluster {self.address}: worker {worker} has {threads} threads, but a process can run only one "
                     "simulation at a time; start it with --nthreads 1"
                 )
-        here = versions(OF_DATASETS)
-        for worker, there in client.run(versions, OF_DATASETS, on_error="return").items():
+        packages = (*OF_DATASETS, *OF_RUNS)
+        here = versions(packages)
+        for worker, there in client.run(versions, packages, on_error="return").items():
             if isinstance(there, BaseException):
                 raise InputError(
                     f"--cluster {self.address}: worker {worker} cannot load the tool ({describe(there)}); "
@@ -218,7 +229,8 @@ def run_on(
 ) -> Generator[Outcome[Item, Result]]:
     """Yield the outcomes of tasks on a cluster, in the order in which they finish.
 
-    capacity: called to get the number of tasks to run at the same time. Raises RunError if the scheduler goes away.
+    capacity: called to get the number of tasks to run at the same time; below 1, one runs.
+    Raises RunError if the scheduler goes away.
     """
     remaining = enumerate(items)
     pending: dict[Future[Any], tuple[int, Item]] = {}
@@ -231,7 +243,7 @@ def run_on(
         finished.add(future)
 
     def fill() -> None:
-        while len(pending) < capacity():
+        while len(pending) < max(1, capacity()):
             numbered = next(remaining, None)
             if numbered is None:
                 return

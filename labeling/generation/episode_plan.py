@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
 
-from labeling.dataset.dataset import Lost, Shard
+from labeling.dataset.dataset import Lost
 from labeling.generation.settings import SeedRange, SelectionSettings
 from labeling.intentions import KNOWN
 
@@ -56,26 +56,34 @@ class Jobs(Sequence[Job]):
         return Job(where, scenario, seed) if where is not None and in_range else None
 
 
+Counts = Mapping[str, int]
+"""Samples of an episode by intention."""
+
+
 @dataclass
 class Plan:
     """Chooses the episodes of a dataset: the shortest run of jobs, from the first on, that satisfies the selection.
 
     The run depends on what the episodes hold and never on the order in which they finish.
-    finished: every episode so far, also beyond the run. length: number of jobs in the run so far.
+    length: number of jobs in the run so far. lost: the episodes of the run that failed.
     """
 
     jobs: Sequence[Job]
     selection: SelectionSettings
-    finished: dict[Job, Shard | Lost] = field(default_factory=dict)
     length: int = 0
+    lost: list[Lost] = field(default_factory=list)
+    _ahead: dict[Job, Counts | Lost] = field(default_factory=dict)
+    """Finished episodes that the run has not reached. Nothing is kept of those that it has, as they may be millions."""
     _counts: Counter[str] = field(default_factory=Counter)
     _idle: int = 0
 
-    def add(self, job: Job, episode: Shard | Lost) -> None:
-        """Add a finished episode."""
-        self.finished[job] = episode
-        while not self.done and (next_episode := self.finished.get(self.jobs[self.length])) is not None:
-            counts = next_episode.by_intention if isinstance(next_episode, Shard) else {}
+    def add(self, job: Job, episode: Counts | Lost) -> None:
+        """Add a finished episode: its samples by intention, or why it was lost."""
+        self._ahead[job] = episode
+        while not self.done and (reached := self._ahead.pop(self.jobs[self.length], None)) is not None:
+            if isinstance(reached, Lost):
+                self.lost.append(reached)
+            counts = {} if isinstance(reached, Lost) else {name: n for name, n in reached.items() if n}
             self._counts.update(counts)
             self._idle = 0 if counts else self._idle + 1
             self.length += 1
@@ -102,21 +110,25 @@ class Plan:
 
     def missing(self) -> Iterator[Job]:
         """Yield the jobs that are not finished yet, in order, until the run is complete."""
-        for job in self.jobs:
+        for number, job in enumerate(self.jobs):
             if self.done:
                 return
-            if job not in self.finished:
+            if number >= self.length and job not in self._ahead:
                 yield job
 
-    def run(self) -> list[Shard | Lost]:
-        """Return the episodes of the run, in the order of its jobs."""
-        return [self.finished[job] for job in self.jobs[: self.length]]
+    def kept(self) -> Iterator[Job]:
+        """Yield the jobs of the run that were not lost, in their order."""
+        lost = {(episode.scenario, episode.seed) for episode in self.lost}
+        for number in range(self.length):
+            job = self.jobs[number]
+            if (job.scenario, job.seed) not in lost:
+                yield job
 
     def progress(self) -> tuple[int, int]:
         """Return how many samples, or else episodes, are finished, and how many there will be."""
         wanted = self.selection.windows
         if wanted is None:
-            return len(self.finished), len(self.jobs)
+            return self.length + len(self._ahead), len(self.jobs)
         least = self.selection.min_per_class
         shares = [self._counts[known.text] / least for known in KNOWN] if least else []
         return int(wanted * min([1.0, self._counts.total() / wanted, *shares])), wanted

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,17 +14,16 @@ from isacsim.errors import InputError, RunError
 from isacsim.files import claim, remove_partial
 from labeling.dataset.dataset import (
     DROPPED_PULL_OUTS,
+    INDEX_FILE,
     META_FILE,
     ROADS,
     SHARDS,
     Lost,
     Meta,
-    Shard,
-    read_meta,
-    read_shard,
-    shard_name,
+    read_description,
     write_meta,
 )
+from labeling.generation.journal import Journal
 
 
 def fingerprint(*identity: Any) -> str:
@@ -41,7 +39,7 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
     study included, or another command uses it.
     """
     with claim(out, META_FILE, "dataset"):
-        before = read_meta(out)
+        before = read_description(out)
         if before is not None and before.fingerprint != started.fingerprint:
             raise InputError(
                 f"{out}: holds the dataset of another study ({_difference(before, started)}); choose another folder"
@@ -63,6 +61,7 @@ def _prepare(out: Path) -> None:
             if folder.name != DROPPED_PULL_OUTS:
                 folder.mkdir(exist_ok=True)
         remove_partial(out, "*.json")
+        remove_partial(out, INDEX_FILE)
         for folder in (out / SHARDS, out / DROPPED_PULL_OUTS):
             remove_partial(folder, "*.parquet")
     except OSError as error:
@@ -93,43 +92,27 @@ def _first_difference(path: str, before: Any, now: Any) -> str | None:
     return None if before == now else f"{path} is {json.dumps(before)} there and {json.dumps(now)} here"
 
 
-def existing_shards(out: Path, started: Meta) -> dict[str, Shard]:
-    """Return the complete shards of this study that the folder holds already, by file name."""
-    before = read_meta(out)
-    known = {shard.file: shard for shard in before.shards} if before else {}
-
-    def read(path: Path) -> Shard | None:
-        shard = known.get(path.name)
-        if shard is not None and shard.bytes == path.stat().st_size:
-            return shard
-        try:
-            return read_shard(path)
-        except InputError:
-            return None
-
-    # Reading a shard keeps a core busy but releases Python's global lock.
-    with ThreadPoolExecutor() as threads:
-        shards = [shard for shard in threads.map(read, sorted((out / SHARDS).iterdir())) if shard is not None]
-    return {
-        shard.file: shard
-        for shard in shards
-        if shard.episode.fingerprint == started.fingerprint
-        and shard.file == shard_name(shard.episode.scenario, shard.episode.seed)
-    }
-
-
 def finish(
-    out: Path, started: Meta, shards: Sequence[Shard], lost: Sequence[Lost] = (), short: Sequence[str] = ()
+    out: Path,
+    started: Meta,
+    journal: Journal,
+    files: Iterable[str],
+    lost: Sequence[Lost] = (),
+    short: Sequence[str] = (),
 ) -> None:
-    """Write the finished `dataset.json`, and delete the shards of episodes that turned out not to be needed.
+    """Write the index and the finished `dataset.json`, and delete the shards that turned out not to be needed.
 
+    journal: the entries of the folder's shards. files: names of the shards that belong to the dataset, in its order.
     lost: episodes that failed. short: known intentions with too few samples. Raises RunError if all episodes failed.
     """
+    shards = journal.shards.select(files)
     if lost and not shards:
         raise RunError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
-    kept = {shard.file for shard in shards}
+    kept = set(shards.files)
     for path in (*(out / SHARDS).iterdir(), *(out / DROPPED_PULL_OUTS).glob("*")):
         if path.name not in kept:
             path.unlink()
-    finished = {"complete": True, "shards": tuple(shards), "lost": tuple(lost), "short": tuple(short)}
-    write_meta(out, started.model_copy(update=finished))
+    write_meta(
+        out, started.model_copy(update={"complete": True, "shards": shards, "lost": tuple(lost), "short": tuple(short)})
+    )
+    journal.remove()

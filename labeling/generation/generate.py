@@ -18,20 +18,24 @@ from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
+    CLASS_NAMES,
     SHARDS,
     Dataset,
     Lost,
     Meta,
     ScenarioMeta,
     Shard,
+    ShardIndex,
     SiteMeta,
+    shard_name,
     write_roads,
 )
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
-from labeling.generation.folder import claimed, existing_shards, fingerprint, finish
+from labeling.generation.folder import claimed, fingerprint, finish
+from labeling.generation.journal import Journal
 from labeling.generation.log import Entry, Note, overridden
 from labeling.generation.settings import DatasetStudy
 
@@ -62,18 +66,15 @@ def generate(
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
-        for shard in existing_shards(out, started).values():
-            if job := jobs.find(shard.episode.scenario, shard.episode.seed):
-                plan.add(job, shard)
+        journal = Journal.open(out, started)
+        _add_existing(plan, jobs, journal.shards)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
             note = partial(log.record, out, feedback)
             with feedback.bar("generating", study.unit) as move:
-                _run_missing(task, plan, engine or LocalEngine(1), move, note)
-        episodes = plan.run()
-        shards = [episode for episode in episodes if isinstance(episode, Shard)]
-        lost = [episode for episode in episodes if isinstance(episode, Lost)]
-        finish(out, started, shards, lost, plan.short())
+                _run_missing(task, plan, journal, engine or LocalEngine(1), move, note)
+        files = (shard_name(job.scenario, job.seed) for job in plan.kept())
+        finish(out, started, journal, files, plan.lost, plan.short())
     return Dataset.open(out)
 
 
@@ -85,10 +86,23 @@ class EpisodeResult:
     warnings: int
 
 
+def _add_existing(plan: Plan, jobs: Jobs, shards: ShardIndex) -> None:
+    """Add to a plan the episodes whose shards exist already."""
+    columns = shards.scenarios, shards.numbers("seed").tolist(), shards.by_intention().tolist()
+    for scenario, seed, counts in zip(*columns, strict=True):
+        if job := jobs.find(scenario, seed):
+            plan.add(job, dict(zip(CLASS_NAMES, counts, strict=True)))
+
+
 def _run_missing(
-    task: Callable[[Job], EpisodeResult | InputError | OutputError], plan: Plan, engine: Engine, move: Move, note: Note
+    task: Callable[[Job], EpisodeResult | InputError | OutputError],
+    plan: Plan,
+    journal: Journal,
+    engine: Engine,
+    move: Move,
+    note: Note,
 ) -> None:
-    """Run the episodes that the plan still needs, and add them to it."""
+    """Run the episodes that the plan still needs, and add them to it and to the journal."""
     move(*plan.progress())
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
@@ -96,7 +110,8 @@ def _run_missing(
             if isinstance(result, InputError | OutputError):
                 raise result
             if result is not None:
-                plan.add(job, result.shard)
+                journal.add(result.shard)
+                plan.add(job, result.shard.by_intention)
                 note(log.entry_of(result.shard, outcome, result.warnings))
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))

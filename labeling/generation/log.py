@@ -79,18 +79,22 @@ def entry_of(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Ent
 
 
 def append(folder: Path, entry: Entry) -> None:
-    """Add a line to a dataset's log. An incomplete line of a killed command stays a line of its own.
+    """Add a line to a dataset's log. Raises OutputError if the log cannot be written, or is a link."""
+    append_line(folder / LOG_FILE, entry.model_dump_json())
 
-    Raises OutputError if the log cannot be written, or is a link.
+
+def append_line(path: Path, line: str) -> None:
+    """Add a line to a file. An incomplete line of a killed command stays a line of its own.
+
+    Raises OutputError if the file cannot be written, or is a link.
     """
-    path = folder / LOG_FILE
-    # A link could lead to a file that is not a log.
+    # A link could lead to a file that is not ours.
     with writing(path), open(path, "a+b", opener=_open_no_link) as file:
         if file.tell():
             file.seek(-1, 2)
             if file.read(1) != b"\n":
                 file.write(b"\n")
-        file.write(f"{entry.model_dump_json()}\n".encode())
+        file.write(f"{line}\n".encode())
 
 
 def record(folder: Path, feedback: Feedback, entry: Entry) -> None:

@@ -6,7 +6,7 @@ the other vehicles: what depends on them (blockage, the radar's line of sight) c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,13 +26,24 @@ from isacsim.sensors import SENSORS
 from isacsim.sensors.protocol import SensorSettings, StoredRecords
 from isacsim.settings import checked
 from isacsim.versions import OF_DATASETS, versions
-from labeling.dataset.dataset import SHARDS, Dataset, Meta, Sample, Shard, write_roads, write_shard
-from labeling.dataset.pull_outs import dropped_pull_outs, write_dropped_pull_outs
-from labeling.dataset.shard import SCHEMA_VERSION, read_samples
+from labeling.dataset.dataset import (
+    DROPPED_PULL_OUTS,
+    SHARDS,
+    Dataset,
+    Meta,
+    Sample,
+    Shard,
+    ShardIndex,
+    write_roads,
+    write_shard,
+)
+from labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
+from labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.episode import median_error_m, record_key, report_noise
-from labeling.generation.folder import claimed, existing_shards, fingerprint, finish
+from labeling.generation.folder import claimed, fingerprint, finish
+from labeling.generation.journal import Journal
 from labeling.generation.log import Note
 from labeling.generation.settings import ReportSettings
 
@@ -55,16 +66,17 @@ class ResenseSettings(SensorSettings):
 
 @dataclass(frozen=True)
 class Job:
-    """One shard to sense anew: all its records `times` over, and the first `more` of them once more."""
+    """One shard to sense anew: all its `samples` records `times` over, and the first `more` of them once more."""
 
-    shard: Shard
+    file: str
+    samples: int
     times: int
     more: int
 
     @property
     def records(self) -> int:
         """Records to sense, repeats included."""
-        return self.times * self.shard.samples + self.more
+        return self.times * self.samples + self.more
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
@@ -113,31 +125,33 @@ def resense(
     """
     _check(dataset, settings, out)
     started = _describe(dataset, settings)
-    jobs = plan(dataset.meta.shards, settings.records)
-    sensed: dict[str, Shard] = {}
     roads = {scenario.name: dataset.roads(scenario.name) for scenario in dataset.meta.scenarios}
     with claimed(out, started):
         for name, lanes in roads.items():
             write_roads(out, name, lanes)
-        sensed |= existing_shards(out, started)
-        missing = [job for job in jobs if job.shard.file not in sensed]
-        if missing:
-            task = partial(_work, dataset, settings, started.fingerprint, (out / SHARDS).resolve())
+        journal = Journal.open(out, started)
+        stored = set(journal.shards.files)
+        files, jobs = dataset.meta.shards.files, plan(dataset.meta.shards, settings.records)
+        if any(file not in stored for file in files):
+            # A task is sent for every shard: without the list of all shards, however long that is.
+            unlisted = replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of(())}))
+            task = partial(_work, unlisted, settings, started.fingerprint, (out / SHARDS).resolve())
             noted = partial(log.record, out, feedback)
             with feedback.bar("sensing", "records") as move:
-                _sense_missing(task, jobs, sensed, engine or LocalEngine(1), move, noted)
-        finish(out, started, [sensed[job.shard.file] for job in jobs], dataset.meta.lost, dataset.meta.short)
+                _sense_missing(task, jobs, stored, journal, engine or LocalEngine(1), move, noted)
+        finish(out, started, journal, files, dataset.meta.lost, dataset.meta.short)
     return Dataset.open(out)
 
 
-def plan(shards: Sequence[Shard], records: int | None) -> list[Job]:
+def plan(shards: ShardIndex, records: int | None) -> list[Job]:
     """Plan how often each record is sensed, so that there are `records` of all shards, taken in order over and over."""
-    stored = sum(shard.samples for shard in shards)
+    samples = shards.numbers("samples").tolist()
+    stored = sum(samples)
     times, rest = (1, 0) if records is None or not stored else divmod(records, stored)
     jobs = []
-    for shard in shards:
-        more = min(rest, shard.samples)
-        jobs.append(Job(shard, times, more))
+    for file, number in zip(shards.files, samples, strict=True):
+        more = min(rest, number)
+        jobs.append(Job(file, number, times, more))
         rest -= more
     return jobs
 
@@ -145,22 +159,24 @@ def plan(shards: Sequence[Shard], records: int | None) -> list[Job]:
 def _sense_missing(
     task: Callable[[Job], Shard | InputError | OutputError],
     jobs: Sequence[Job],
-    sensed: dict[str, Shard],
+    stored: Collection[str],
+    journal: Journal,
     engine: Engine,
     move: Move,
     note: Note,
 ) -> None:
-    """Sense the shards that are not yet among those sensed, and add them there."""
+    """Sense the shards whose files are not stored yet, and add them to the journal."""
     total = sum(job.records for job in jobs)
-    done = sum(job.records for job in jobs if job.shard.file in sensed)
+    missing = [job for job in jobs if job.file not in stored]
+    done = total - sum(job.records for job in missing)
     move(done, total)
-    with closing(engine.run(task, [job for job in jobs if job.shard.file not in sensed])) as outcomes:
+    with closing(engine.run(task, missing)) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome.result, InputError | OutputError):
                 raise outcome.result
             if outcome.result is None:
-                raise RunError(f"{outcome.item.shard.file}: {outcome.error}")
-            sensed[outcome.item.shard.file] = outcome.result
+                raise RunError(f"{outcome.item.file}: {outcome.error}")
+            journal.add(outcome.result)
             note(log.entry_of(outcome.result, outcome))
             done += outcome.item.records
             move(done, total)
@@ -177,12 +193,13 @@ def _work(
 
 
 def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job) -> Shard:
-    stored = read_samples(dataset.shard_path(job.shard))
+    path = dataset.path / SHARDS / job.file
+    stored, episode = read_samples(path), read_episode(path)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
     wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
-    episode, sensor = job.shard.episode, SENSORS[settings.sensor]
+    sensor = SENSORS[settings.sensor]
     samples, fix_errors = _sense(wanted, dataset, settings, episode.scenario)
-    pull_outs, _ = _sense(_dropped_pull_outs(dataset, job.shard), dataset, settings, episode.scenario)
+    pull_outs, _ = _sense(_dropped_pull_outs(dataset, job.file), dataset, settings, episode.scenario)
     left_out = dict(episode.left_out)
     if dropped := len(wanted) - len(samples):
         left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + dropped
@@ -198,11 +215,10 @@ def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder:
     return write_shard(folder, samples, sensed, *meta.lengths, dropped_shard)
 
 
-def _dropped_pull_outs(dataset: Dataset, shard: Shard) -> list[Sample]:
+def _dropped_pull_outs(dataset: Dataset, file: str) -> list[Sample]:
     """Return the dropped pull-outs that belong to a shard; they are sensed once, however often its records are."""
-    alone = replace(dataset, meta=dataset.meta.model_copy(update={"shards": (shard,)}))
-    dropped = dropped_pull_outs(alone)
-    return [sample for part in dropped.meta.shards for sample in read_samples(dropped.shard_path(part))]
+    shard = dropped_pull_outs_of(dataset, file)
+    return [] if shard is None else read_samples(dataset.path / DROPPED_PULL_OUTS / shard.file)
 
 
 def _sense(
@@ -298,7 +314,7 @@ def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
         "fingerprint": fingerprint(study, now, scenarios, resensed, SCHEMA_VERSION),
         "study": study,
         "versions": now,
-        "shards": (),
+        "shards": ShardIndex.of(()),
         "resensed": resensed,
     }
     return dataset.meta.model_copy(update=update)

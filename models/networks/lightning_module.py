@@ -22,9 +22,9 @@ from isacsim.arrays import IntArray
 from isacsim.feedback import Feedback, Move
 from isacsim.files import replace_file
 from isacsim.seeding import stream
-from models.data.augment import augmented
+from models.data.augment import AugmentSettings, augmented
 from models.data.pre_onset import pre_onset_windows
-from models.data.windows import Ends, Records, Windows, batches, cut, draw_ends
+from models.data.windows import Ends, Records, Windows, cut, draw_ends
 from models.fit_settings import FitSettings
 from models.networks.losses import exposure_loss
 from models.networks.network import WindowNetwork, torch_seed
@@ -87,7 +87,9 @@ class WindowData(lightning.LightningDataModule):
     def train_dataloader(self) -> DataLoader[Batch]:
         """Return the training windows; each iteration draws those of the current epoch."""
         count = len(self.epoch_windows(0)[0])
-        return self._loader(self.training, lambda: self.epoch_windows(self._epoch()), count, self._varied)
+        # Variation draws for whole batches, so that without it a device need not read the windows of the others.
+        variation = self._varied if self.settings.augment != AugmentSettings() else None
+        return self._loader(self.training, lambda: self.epoch_windows(self._epoch()), count, variation)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Return the validation windows, the same in every epoch."""
@@ -127,12 +129,9 @@ class Share:
     rank: int = 0
     count: int = 1
 
-    def of(self, batch: Batch) -> Batch:
-        """Return the part of a batch. A device whose part would be empty takes a row of another one."""
-        if self.count == 1:
-            return batch
-        rows = torch.arange(self.rank % len(batch[2]), len(batch[2]), self.count)
-        return batch[0][rows], batch[1][rows], batch[2][rows]
+    def rows(self, size: int) -> IntArray:
+        """Return the rows of a batch of some size. A device that would have none takes a row of another one."""
+        return np.arange(self.rank % size, size, self.count)
 
 
 class WindowBatches(IterableDataset[Batch]):
@@ -158,12 +157,18 @@ class WindowBatches(IterableDataset[Batch]):
         return math.ceil(self.n / self.settings.optimiser.batch)
 
     def __iter__(self) -> Iterator[Batch]:
-        (ends, label), size = self.windows(), self.settings.optimiser.batch
-        parts = batches(self.records, ends, self.settings.windows, size)
-        for k, (windows, part) in enumerate(zip(parts, np.split(label, range(size, len(label), size)), strict=True)):
+        ends, label = self.windows()
+        size = self.settings.optimiser.batch
+        for k, start in enumerate(range(0, len(ends), size)):
+            batch = np.arange(start, min(start + size, len(ends)))
+            own = self.share.rows(len(batch))
+            if self.variation is None:
+                batch, own = batch[own], np.arange(len(own))
+            windows, labels = cut(self.records, ends[batch], self.settings.windows), label[batch]
             if self.variation is not None:
-                windows, part = self.variation(k, windows, part)
-            yield self.share.of((torch.from_numpy(windows.tv), torch.from_numpy(windows.uv), torch.from_numpy(part)))
+                windows, labels = self.variation(k, windows, labels)
+            tv, uv, labels = windows.tv[own], windows.uv[own], labels[own]
+            yield torch.from_numpy(tv), torch.from_numpy(uv), torch.from_numpy(labels)
 
 
 class NetworkModule(lightning.LightningModule):

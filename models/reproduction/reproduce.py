@@ -13,6 +13,7 @@ from isacsim.files import write_json
 from isacsim.registry import nearest
 from isacsim.settings import Settings
 from labeling.generation.engine import Engine
+from labeling.generation.kept_workers import kept_running
 from models.reproduction import asi_bip, castformer
 from models.reproduction.asi_bip_report import asi_bip_parts
 from models.reproduction.castformer_report import castformer_parts
@@ -20,7 +21,6 @@ from models.reproduction.claims import Claim
 from models.reproduction.pages import CLAIMS, Part, write_pages
 from models.reproduction.sizes import ASI_BIP, CASTFORMER, AsiBipSize, CastformerSize, SizeName, merged
 from models.reproduction.stages import Cost, Stage, chosen_stages, cost_of, identity_of, run_stages
-from models.reproduction.workers import kept_running
 from models.training.progress import spoken_time
 
 PAPERS = (asi_bip.PAPER, castformer.PAPER)

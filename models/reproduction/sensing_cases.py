@@ -110,7 +110,8 @@ def resense_settings(generated: Dataset, case: SensingCase, snr: str | None = No
 
 def of_groups(dataset: Dataset, groups: list[str]) -> Dataset:
     """Return the part of a dataset that some scenario seeds make up; groups: `<scenario>-<seed>` of each."""
-    shards = tuple(shard for shard in dataset.meta.shards if f"{shard.episode.scenario}-{shard.episode.seed}" in groups)
+    chosen, shards = {f"{group}.parquet" for group in groups}, dataset.meta.shards
+    shards = shards.select(file for file in shards.files if file in chosen)
     return replace(dataset, meta=dataset.meta.model_copy(update={"shards": shards}))
 
 

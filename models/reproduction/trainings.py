@@ -33,7 +33,7 @@ from models.reproduction.estimates import Counts
 from models.reproduction.unknown_class import UnknownScores, unknown_scores
 from models.run import Run
 from models.settings import TrainSettings
-from models.studies.sweep import made_of
+from models.studies.cell_tasks import made_of
 from models.training.training import train_records
 
 EVALUATION_SEED = 0

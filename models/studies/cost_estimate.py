@@ -33,6 +33,8 @@ class StudyEstimate:
     cpu_s: processor time of generating and sensing the datasets, s.
     training_s: processor time of trainings and evaluations, s.
     bytes: size on disk.
+    threads: CPU threads of a training.
+    most_at_once: number of trainings that may run at the same time.
     """
 
     cells: int
@@ -44,10 +46,17 @@ class StudyEstimate:
     cpu_s: float
     training_s: float
     bytes: int
+    threads: int
+    most_at_once: int
+
+    def trainings_at_once(self, workers: int) -> int:
+        """Return how many trainings run at the same time on that many workers."""
+        return min(self.most_at_once, max(1, workers // self.threads))
 
     def seconds(self, workers: int) -> float:
-        """Return the time on that many workers, s; one process trains."""
-        return round(self.cpu_s / min(workers, max(1, self.episodes)) + self.training_s, 1)
+        """Return the time on that many workers, s."""
+        generating_s = self.cpu_s / min(workers, max(1, self.episodes))
+        return round(generating_s + self.training_s / self.trainings_at_once(workers), 1)
 
 
 def estimate_study(study: Study) -> StudyEstimate:
@@ -69,6 +78,8 @@ def estimate_study(study: Study) -> StudyEstimate:
         cpu_s=round(sum(cost.cpu_s for cost in datasets), 1),
         training_s=round(training, 1),
         bytes=round(sum(cost.bytes for cost in datasets) + trainings * RUN_BYTES + len(study.cells) * REPORT_BYTES),
+        threads=study.training.optimiser.threads,
+        most_at_once=trainings if study.sweep else 1,
     )
 
 

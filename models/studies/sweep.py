@@ -14,29 +14,26 @@ sensor cannot use. Each part resumes where it stopped. A cell that fails is repo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from functools import lru_cache
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from isacsim.errors import NO_ROOM, InputError, OutputError, RunError
+from isacsim.errors import InputError, OutputError, RunError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.versions import OF_RUNS, versions
-from labeling.dataset.dataset import Dataset, read_meta
+from labeling.dataset.dataset import Dataset, read_description
 from labeling.generation.cost_estimate import estimate, sensed_anew
 from labeling.generation.engine import Engine, describe
 from labeling.generation.generate import generate
+from labeling.generation.kept_workers import kept_running
 from labeling.generation.resense import ResenseSettings, resense
 from labeling.generation.settings import DatasetStudy
 from models.data.windows import COLUMNS, Records, SplitSettings, split
-from models.evaluation.evaluation import evaluate_records
 from models.evaluation.results import EvaluationResult, read_metrics
-from models.report.evaluation_figures import draw_figures
-from models.report.report import PAGE, write_page
+from models.report.report import PAGE
 from models.roles import FLOOR
-from models.run import Run, load_run, read_card
+from models.studies.cell_tasks import CellEvaluation, CellTraining, run_tasks
 from models.studies.cost_estimate import cell_s, estimate_study
 from models.studies.single import claim_study
 from models.studies.study import Study
@@ -44,17 +41,18 @@ from models.studies.sweep_axes import Cell, Sensing, sensings
 from models.studies.sweep_results import FailedTraining, SweepMadeBy, SweepResult, SweepRow
 from models.studies.sweep_table import row_of, write_sweep
 from models.training.progress import Steps
-from models.training.training import train_records
 
 
 def run_sweep(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> SweepResult:
     """Run all cells of a study in a folder of its own; return the table.
 
-    engine: what generates and senses the datasets. feedback: where progress is reported.
+    engine: runs the episodes, trainings and evaluations; the results do not depend on it. feedback: where progress is
+    reported.
     Raises InputError where a dataset's settings or folder are wrong, OutputError where nothing can be written.
     """
-    with claim_study(out, study):
-        sweep = Sweep(study, out, engine, feedback)
+    with claim_study(out, study), kept_running(engine) as workers:
+        # Workers of a cluster may run in another folder.
+        sweep = Sweep(study, out.resolve(), workers, feedback)
         sweep.make_datasets()
         sweep.measure_cells()
         result = sweep.result()
@@ -69,6 +67,8 @@ class Sweep:
     sides: scenario seeds to train, validate and test on, by network.
     rows: of the table.
     failed: trainings left out, with the reason.
+    untrained: cells and training seeds of which there is no predictor.
+    unmeasured: cells and networks whose evaluation failed.
     """
 
     def __init__(self, study: Study, out: Path, engine: Engine, feedback: Feedback) -> None:
@@ -78,9 +78,10 @@ class Sweep:
         self.sides: dict[str, dict[str, list[str]]] = {}
         self.rows: list[SweepRow] = []
         self.failed: list[FailedTraining] = []
-        self.steps = Steps(feedback, estimate_study(study).seconds(engine.workers))
-        # Room for the records that a cell is trained on, and for those of other networks that it is tested on.
-        self.records = lru_cache(maxsize=1 + len(self.axes.test_on))(self._load)
+        self.untrained: set[tuple[Cell, int]] = set()
+        self.unmeasured: set[tuple[Cell, str]] = set()
+        self.estimate = estimate_study(study)
+        self.steps = Steps(feedback, self.estimate.seconds(engine.workers))
 
     def make_datasets(self) -> None:
         """Generate the dataset of every network and sense it in every way; leave out networks without samples."""
@@ -92,16 +93,27 @@ class Sweep:
                 raise
             except RunError as error:
                 cells = [cell for cell in self.study.cells if cell.network == network]
-                self._leave_out(cells, self.axes.training_seeds, error)
+                self._leave_out(cells, self.axes.training_seeds, describe(error))
                 continue
             self._sense(network, study, generated)
 
     def measure_cells(self) -> None:
-        """Train and evaluate every cell whose dataset exists; a cell's floor comes before it."""
-        cells = self.study.cells
-        for number, cell in enumerate(cells):
-            if (cell.network, cell.sensing) in self.datasets:
-                self._measure(cell, f"cell {number + 1} of {len(cells)} ({cell})")
+        """Train and evaluate every cell whose dataset exists, as far as that is not finished, and fill the table.
+
+        All trainings come first, because an evaluation compares with the cell's floor.
+        """
+        cells = [cell for cell in self.study.cells if (cell.network, cell.sensing) in self.datasets]
+        unfinished = [cell for cell in cells if self._unfinished_networks(cell)]
+        self.steps.skip(self._expected_s([cell for cell in cells if cell not in unfinished]))
+        title = f"training and evaluation of {len(unfinished)} of {len(cells)} cells"
+        with self.steps.step(title, self._expected_s(unfinished), not unfinished):
+            self._train(unfinished)
+            self._evaluate(unfinished)
+        for cell in cells:
+            for network in self._tested_networks(cell):
+                if (result := self._finished_result(cell, network)) is not None:
+                    report = self._report(cell, network).relative_to(self.out)
+                    self.rows.append(row_of(cell, network, result, str(report)))
 
     def result(self) -> SweepResult:
         """Return the table."""
@@ -140,94 +152,97 @@ class Sweep:
             with self.steps.step(f"dataset of {network}, {sensing}", expected_s, finished(folder)):
                 self.datasets[network, sensing] = resense(generated, settings, folder, self.engine, self.feedback)
 
-    def _measure(self, cell: Cell, title: str) -> None:
-        """Train a cell and evaluate it, as far as that is not finished, and add its rows to the table."""
-        folder = self.out / "cells" / cell.path
-        others = [
-            network
-            for network in self.axes.test_on
-            if network != cell.network and (network, cell.sensing) in self.datasets
+    def _train(self, cells: Sequence[Cell]) -> None:
+        """Run the trainings of cells that are not finished; report and leave out those that fail."""
+        trainings = [self._training(cell, seed) for cell in cells for seed in self.axes.training_seeds]
+        digests = {key: dataset.digest for key, dataset in self.datasets.items()}
+        missing = [
+            training
+            for training in trainings
+            if not training.is_finished(digests[training.cell.network, training.cell.sensing])
         ]
-        reports = {cell.network: folder / "report", **{network: folder / f"report_{network}" for network in others}}
-        results = {network: self._finished_result(report, cell, network) for network, report in reports.items()}
-        expected_s = cell_s(self.study, cell.model, estimate(self.study.networks[cell.network]).samples)
-        if all(results.values()):
-            self.steps.skip(expected_s * len(self.axes.training_seeds))
-        elif runs := self._train(cell, folder, title, expected_s):
-            with self._left_out(cell, [run.card.settings.seed for run in runs]):
-                results = {
-                    network: finished_result or self._evaluate(runs, cell, network, reports[network])
-                    for network, finished_result in results.items()
-                }
-        for network, result in results.items():
-            if result is not None:
-                self.rows.append(row_of(cell, network, result, str(reports[network].relative_to(self.out))))
+        threads = self.study.training.optimiser.threads
+        for training, reason in run_tasks(missing, self.engine, self.feedback, "training", "trainings", threads):
+            self.untrained.add((training.cell, training.training.seed))
+            self._leave_out([training.cell], [training.training.seed], reason)
 
-    def _train(self, cell: Cell, folder: Path, title: str, expected_s: float) -> list[Run]:
-        """Return a cell's runs, one for each training seed but those that fail."""
-        dataset, runs = self.datasets[cell.network, cell.sensing], []
-        for seed in self.axes.training_seeds:
-            out, settings = folder / f"seed-{seed}", self.study.training_of(cell.model, seed)
-            card = read_card(out)
-            with (
-                self.steps.step(f"{title}, training seed {seed}", expected_s, card is not None and card.complete),
-                self._left_out(cell, [seed]),
-            ):
-                records = self.records(cell.network, cell.sensing)
-                sides = self.sides[cell.network]
-                runs.append(train_records(records, made_of(dataset), out, settings, self.feedback, sides))
-        return runs
+    def _evaluate(self, cells: Sequence[Cell]) -> None:
+        """Run the evaluations of cells that are not finished; report and leave out those that fail."""
+        evaluations = [
+            self._evaluation(cell, network, seeds)
+            for cell in cells
+            if (seeds := self._trained_seeds(cell))
+            for network in self._unfinished_networks(cell)
+        ]
+        for evaluation, reason in run_tasks(evaluations, self.engine, self.feedback, "evaluating", "evaluations"):
+            self.unmeasured.add((evaluation.cell, evaluation.network))
+            self._leave_out([evaluation.cell], self._trained_seeds(evaluation.cell), reason)
 
-    def _evaluate(self, runs: list[Run], cell: Cell, network: str, out: Path) -> EvaluationResult:
-        """Measure a cell's runs on the test seeds of a network, and compare them with those of the floor."""
-        records = self.records(network, cell.sensing)
-        tested = records.take(np.isin(records.groups, self.sides[network]["test"]))
-        origin = made_of(self.datasets[network, cell.sensing])
-        against = [*runs[1:], *self._floors(cell)]
-        evaluation = evaluate_records(runs[0], tested, origin, out, self.study.evaluation, against)
-        draw_figures(evaluation, out)
-        write_page(evaluation.result, out)
-        return evaluation.result
+    def _training(self, cell: Cell, seed: int) -> CellTraining:
+        """Return the training of a cell with a training seed."""
+        dataset, run = self.datasets[cell.network, cell.sensing], self._run(cell, seed)
+        return CellTraining(cell, dataset.path, self.sides[cell.network], self.study.training_of(cell.model, seed), run)
 
-    def _floors(self, cell: Cell) -> list[Run]:
-        """Return the runs of the cell's floor; none for the floor itself. Those that failed are reported already."""
-        if cell.model == FLOOR:
-            return []
-        folder = self.out / "cells" / Cell(cell.network, cell.sensing, FLOOR).path
-        runs = []
-        for seed in self.axes.training_seeds:
-            with suppress(InputError):
-                runs.append(load_run(folder / f"seed-{seed}"))
-        return runs
+    def _evaluation(self, cell: Cell, network: str, seeds: Sequence[int]) -> CellEvaluation:
+        """Return the evaluation of a cell's runs with some training seeds on a network, beside the floor's."""
+        return CellEvaluation(
+            cell=cell,
+            network=network,
+            dataset=self.datasets[network, cell.sensing].path,
+            seeds=tuple(self.sides[network]["test"]),
+            runs=tuple(self._run(cell, seed) for seed in seeds),
+            floors=tuple(self._floor_runs(cell)),
+            evaluation=self.study.evaluation,
+            report=self._report(cell, network),
+        )
 
-    def _finished_result(self, report: Path, cell: Cell, network: str) -> EvaluationResult | None:
+    def _trained_seeds(self, cell: Cell) -> list[int]:
+        """Return the training seeds of which a cell has a predictor."""
+        return [seed for seed in self.axes.training_seeds if (cell, seed) not in self.untrained]
+
+    def _floor_runs(self, cell: Cell) -> list[Path]:
+        """Return the folders of the cell's floor, which it is compared with; none for the floor itself."""
+        floor = Cell(cell.network, cell.sensing, FLOOR)
+        return [] if cell == floor else [self._run(floor, seed) for seed in self._trained_seeds(floor)]
+
+    def _tested_networks(self, cell: Cell) -> list[str]:
+        """Return the networks on whose test seeds a cell is measured, its own first."""
+        others = (network for network in self.axes.test_on if network != cell.network)
+        return [cell.network, *(network for network in others if (network, cell.sensing) in self.datasets)]
+
+    def _unfinished_networks(self, cell: Cell) -> list[str]:
+        """Return those of them on which it is not measured yet."""
+        return [network for network in self._tested_networks(cell) if self._finished_result(cell, network) is None]
+
+    def _finished_result(self, cell: Cell, network: str) -> EvaluationResult | None:
         """Return the result of an evaluation that is finished, on the current dataset and of all runs, else None."""
+        report = self._report(cell, network)
+        if not self._trained_seeds(cell) or (cell, network) in self.unmeasured:
+            return None
         # The page is written last.
         if not (report / PAGE).is_file() or (result := read_metrics(report)) is None:
             return None
-        expected_runs = len(self.axes.training_seeds) * (1 if cell.model == FLOOR else 2)
+        expected_runs = len(self._trained_seeds(cell)) + len(self._floor_runs(cell))
         same_dataset = result.made_by.dataset.digest == self.datasets[network, cell.sensing].digest
         return result if same_dataset and len(result.made_by.runs) == expected_runs else None
 
-    @contextmanager
-    def _left_out(self, cell: Cell, seeds: Sequence[int]) -> Iterator[None]:
-        """Leave out those training seeds where the work within fails, unless every other cell would fail, too."""
-        try:
-            yield
-        except Exception as error:
-            if isinstance(error, OutputError) or getattr(error, "errno", None) in NO_ROOM:
-                raise
-            self._leave_out([cell], seeds, error)
-
-    def _load(self, network: str, sensing: Sensing) -> Records:
-        return Records.of(self.datasets[network, sensing])
+    def _expected_s(self, cells: Sequence[Cell]) -> float:
+        """Return how long the trainings and evaluations of cells are expected to take, s."""
+        samples = {network: estimate(study).samples for network, study in self.study.networks.items()}
+        cpu_s = sum(cell_s(self.study, cell.model, samples[cell.network]) for cell in cells)
+        return cpu_s * len(self.axes.training_seeds) / self.estimate.trainings_at_once(self.engine.workers)
 
     def _folder(self, network: str, sensing: Sensing) -> Path:
         return self.out / "datasets" / network / sensing.name
 
-    def _leave_out(self, cells: Sequence[Cell], seeds: Sequence[int], error: Exception) -> None:
+    def _run(self, cell: Cell, seed: int) -> Path:
+        return self.out / "cells" / cell.path / f"seed-{seed}"
+
+    def _report(self, cell: Cell, network: str) -> Path:
+        return self.out / "cells" / cell.path / ("report" if network == cell.network else f"report_{network}")
+
+    def _leave_out(self, cells: Sequence[Cell], seeds: Sequence[int], reason: str) -> None:
         """Record trainings as failed, and report them."""
-        reason = describe(error)
         self.failed += [
             FailedTraining(cell=str(cell), training_seed=seed, reason=reason) for cell in cells for seed in seeds
         ]
@@ -250,10 +265,5 @@ def shared_split(dataset: Dataset, settings: SplitSettings) -> dict[str, list[st
 
 def finished(folder: Path) -> bool:
     """Return whether a folder holds a complete dataset."""
-    meta = read_meta(folder)
+    meta = read_description(folder)
     return meta is not None and meta.complete
-
-
-def made_of(dataset: Dataset) -> dict[str, object]:
-    """Return what results record of the dataset that they come from."""
-    return {"digest": dataset.digest, "study": dataset.meta.study}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
 from isacsim.seeding import stream
 from labeling.intentions import Intention
 from models.data.pre_onset import PreOnsetSettings
+from models.data.states import StatesOnDisk
 from models.data.windows import Records, WindowSettings
 from models.fit_settings import OptimiserSettings
 from models.predictors.asi_bip import AsiBipSettings
@@ -103,3 +106,10 @@ SMALL_RUN = TrainSettings(
     trees=TreesSettings(rounds=10, ends_per_record=1),
     preludes=PreOnsetSettings(rounds=20, ends_per_record=1),
 )
+
+
+def on_disk(records: Records) -> Records:
+    """The same records with their states on disk."""
+    states = {"tv": records.tv, "uv": records.uv}
+    lengths = {name: values.shape[2] for name, values in states.items()}
+    return replace(records, **StatesOnDisk.copied([states], len(records), lengths))

@@ -127,7 +127,9 @@ class InlineEngine:
 
     workers = 1
 
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
+    def run(
+        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
+    ) -> Generator[Outcome[Item, Result]]:
         for item in items:
             try:
                 yield Outcome(item, result=task(item))

@@ -23,6 +23,7 @@ from labeling.dataset.dataset import (
     Meta,
     Sample,
     ScenarioMeta,
+    ShardIndex,
     SiteMeta,
     write_meta,
     write_roads,
@@ -31,6 +32,7 @@ from labeling.dataset.dataset import (
 from labeling.dataset.pull_outs import dropped_pull_outs
 from labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
 from labeling.intentions import Intention
+from tests.support.former_dataset import without_index
 
 LENGTHS = (200, 50, 20)
 
@@ -211,7 +213,7 @@ def test_values_against_the_contract_are_noticed(tmp_path: Path, fault: str) -> 
     dataset = make(tmp_path / "data", (3,))
     rows = [sample(0, 0), WRONG[fault](sample(1, 0)), sample(2, 0)]
     shard = write_shard(dataset.path / "shards", rows, dataset.meta.shards[0].episode, *LENGTHS)
-    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": (shard,)}))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([shard])}))
     with pytest.raises(InputError, match="finite" if fault == "nan" else fault):
         Dataset.open(dataset.path).verify()
 
@@ -223,7 +225,7 @@ def test_a_label_that_contradicts_its_intention_is_noticed(tmp_path: Path) -> No
     k = table.schema.get_field_index("label")
     table = table.set_column(k, table.schema.field(k), pa.array([6, 6, 6], pa.int8()))
     pq.write_table(table, path)
-    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": (read_shard(path),)}))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([read_shard(path)])}))
     with pytest.raises(InputError, match="label and intention disagree"):
         Dataset.open(dataset.path).verify()
 
@@ -255,6 +257,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
 
 def test_a_shard_named_outside_the_folder_is_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
+    without_index(dataset.path)
     path = dataset.path / "dataset.json"
     path.write_text(path.read_text().replace("road-0.parquet", "../../x.parquet"))
     with pytest.raises(InputError, match=r"shards\.0\.file"):
@@ -287,7 +290,7 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
         table = table.drop_columns(["cause", "cause_ttc_s", "tv_run_in", *PASSING]).cast(columns)
         pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(metadata)}), path)
         shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(Counter(origins))})
-    meta = json.loads((dataset.path / "dataset.json").read_text())
+    meta = without_index(dataset.path)
     meta |= {"schema_version": version, "shards": shards, "run_in_s": 0.0}
     (dataset.path / "dataset.json").write_text(json.dumps(meta))
     former = Dataset.open(dataset.path)
@@ -330,6 +333,6 @@ def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
     [shard] = dataset.meta.shards
     samples = [replace(row, cause="") for row in read_samples(dataset.shard_path(shard))]
     changed = write_shard(dataset.path / "shards", samples, shard.episode, *LENGTHS)
-    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": (changed,)}))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([changed])}))
     with pytest.raises(InputError, match="reactions are not the samples with a cause"):
         Dataset.open(dataset.path).verify()

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import pytest
 from distributed import Client
 
-from labeling.generation.engine import Item, LocalEngine, Outcome, Result, run_on
-
-
-@dataclass(frozen=True)
-class KeptEngine:
-    """Runs tasks on worker processes that are already running. workers: how many tasks run at the same time."""
-
-    client: Client
-    workers: int
-
-    def run(self, task: Callable[[Item], Result], items: Iterable[Item]) -> Generator[Outcome[Item, Result]]:
-        return run_on(self.client, task, items, lambda: self.workers)
+from labeling.generation.engine import LocalEngine
+from labeling.generation.kept_workers import KeptWorkers
 
 
 @pytest.fixture(scope="package")
@@ -30,10 +19,10 @@ def client() -> Iterator[Client]:
 
 
 @pytest.fixture
-def one_worker(client: Client) -> KeptEngine:
-    return KeptEngine(client, 1)
+def one_worker(client: Client) -> KeptWorkers:
+    return KeptWorkers(lambda: client, 1)
 
 
 @pytest.fixture
-def two_workers(client: Client) -> KeptEngine:
-    return KeptEngine(client, 2)
+def two_workers(client: Client) -> KeptWorkers:
+    return KeptWorkers(lambda: client, 2)

@@ -8,23 +8,19 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.dataset.dataset import Episode, Lost, Shard
-from labeling.generation.episode_plan import Job, Jobs, Plan
+from labeling.dataset.dataset import Lost
+from labeling.generation.episode_plan import Counts, Job, Jobs, Plan
 from labeling.generation.settings import SeedRange, SelectionSettings
 from labeling.intentions import KNOWN
 
 NAMES = [intention.text for intention in KNOWN]
 
 
-def shard(job: Job, counts: list[int]) -> Shard | Lost:
-    """A shard with these counts of the six known intentions, or a lost episode where the first is negative."""
+def episode(job: Job, counts: list[int]) -> Counts | Lost:
+    """An episode with these counts of the six known intentions, or a lost one where the first is negative."""
     if counts[0] < 0:
         return Lost(scenario=job.scenario, seed=job.seed, reason="broke")
-    by_intention = {name: count for name, count in zip(NAMES, counts, strict=True) if count}
-    return Shard(
-        file=f"{job.scenario}-{job.seed}.parquet", sha256="0" * 64, bytes=1, samples=sum(counts),
-        by_intention=by_intention, by_origin={}, episode=Episode(scenario=job.scenario, seed=job.seed),
-    )  # fmt: skip
+    return dict(zip(NAMES, counts, strict=True))
 
 
 def shortest_run(episodes: list[list[int]], windows: int, least: int, patience: int) -> int:
@@ -57,9 +53,12 @@ def test_the_run_is_the_shortest_whatever_the_order(
     order.shuffle(numbers)
     for number in numbers:
         if not plan.done:
-            plan.add(jobs[number], shard(jobs[number], episodes[number]))
+            plan.add(jobs[number], episode(jobs[number], episodes[number]))
     assert plan.done
-    assert len(plan.run()) == shortest_run(episodes, windows, least, patience)
+    assert plan.length == shortest_run(episodes, windows, least, patience)
+    broke = {job.seed for job, counts in zip(jobs, episodes, strict=True) if counts[0] < 0}
+    assert [lost.seed for lost in plan.lost] == [seed for seed in range(plan.length) if seed in broke]
+    assert [job.seed for job in plan.kept()] == [seed for seed in range(plan.length) if seed not in broke]
 
 
 def test_jobs_are_every_scenario_seed_by_seed() -> None:
@@ -76,9 +75,9 @@ def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
     jobs = Jobs((("road", "road"),), SeedRange(first=0, last=2**31 - 1))
     plan = Plan(jobs, SelectionSettings(windows=12))
     for job in plan.missing():
-        plan.add(job, shard(job, [1] * 6))
+        plan.add(job, episode(job, [1] * 6))
     assert plan.progress() == (12, 12)
-    assert len(plan.run()) == 2
+    assert plan.length == 2
 
 
 def test_without_windows_every_episode_is_used() -> None:
@@ -87,27 +86,27 @@ def test_without_windows_every_episode_is_used() -> None:
     assert list(plan.missing()) == jobs
     for job in jobs:
         assert not plan.done
-        plan.add(job, shard(job, [0] * 6))
+        plan.add(job, episode(job, [0] * 6))
     assert plan.done
-    assert len(plan.run()) == 30
+    assert plan.length == 30
     assert plan.progress() == (30, 30)
 
 
 def test_missing_episodes_are_taken_in_order_and_only_while_needed() -> None:
     jobs = [Job("road", "road", seed) for seed in range(10)]
     plan = Plan(jobs, SelectionSettings(windows=5))
-    plan.add(jobs[1], shard(jobs[1], [1] * 6))
+    plan.add(jobs[1], episode(jobs[1], [1] * 6))
     taken = []
     for job in plan.missing():
         taken.append(job.seed)
-        plan.add(job, shard(job, [0] * 6))
+        plan.add(job, episode(job, [0] * 6))
     assert taken == [0]
-    assert len(plan.run()) == 2
+    assert plan.length == 2
 
 
 def test_progress_waits_for_the_rarest_class() -> None:
     jobs = [Job("road", "road", seed) for seed in range(4)]
     plan = Plan(jobs, SelectionSettings(windows=10, min_per_class=4))
-    plan.add(jobs[0], shard(jobs[0], [9, 9, 9, 9, 9, 1]))
+    plan.add(jobs[0], episode(jobs[0], [9, 9, 9, 9, 9, 1]))
     assert plan.progress() == (2, 10)
     assert plan.short() == (NAMES[5],)

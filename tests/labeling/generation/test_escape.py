@@ -13,6 +13,7 @@ from labeling.dataset.dataset import Dataset, read_shard
 from labeling.generation.generate import generate
 from labeling.generation.resense import ResenseSettings, own_sensing, resense
 from models.studies.study import read_study
+from tests.support.former_dataset import without_index
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 INLINE = InlineEngine()
@@ -34,6 +35,7 @@ def rewritten(dataset: Dataset, old: str, new: str) -> None:
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", ".hidden", "a/b", "a\\u0000b", "road\\n"])
 def test_a_scenario_cannot_be_named_out_of_the_folder(dataset: Dataset, name: str) -> None:
+    without_index(dataset.path)
     for old in ('"name": "road"', '"scenario": "road"', '"file": "road-1.parquet"'):
         before = (dataset.path / "dataset.json").read_text()
         key = old.partition(":")[0]

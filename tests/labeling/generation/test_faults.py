@@ -26,7 +26,7 @@ from labeling.dataset.shard import read_episode
 from labeling.dataset.summary import faults, summary
 from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
-from tests.labeling.generation.conftest import KeptEngine
+from labeling.generation.kept_workers import KeptWorkers
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -232,7 +232,7 @@ def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_p
         assert dataset.arrays(name)[name][:, 0].max() <= 3000.0
 
 
-def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path, one_worker: KeptEngine) -> None:
+def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path, one_worker: KeptWorkers) -> None:
     """From a worker process, where SUMO's own exceptions cannot leave: a car that wants to enter beyond the limit.
 
     The same scenario and seed would fail again, so there is no other try.

@@ -17,13 +17,13 @@ import pytest
 
 from isacsim.errors import InputError, RunError
 from isacsim.files import claim
-from labeling.dataset.dataset import META_FILE, Dataset, read_meta
+from labeling.dataset.dataset import META_FILE, Dataset, read_meta, write_meta
 from labeling.dataset.shard import read_episode
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
 from labeling.generation.generate import generate
+from labeling.generation.kept_workers import KeptWorkers
 from labeling.generation.settings import DatasetStudy
-from tests.labeling.generation.conftest import KeptEngine
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 from tests.support.waiting import wait_until
 
@@ -96,7 +96,7 @@ def test_a_summary_takes_a_shard_of_states_at_a_time(undisturbed: Dataset, monke
 
 
 def test_more_jobs_make_the_same_bytes(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptEngine
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptWorkers
 ) -> None:
     generate(study, tmp_path / "data", two_workers, source=source)
     assert bytes_of(tmp_path / "data") == bytes_of(undisturbed.path)
@@ -109,9 +109,10 @@ def test_what_stands_is_kept_and_what_is_missing_is_made(
     and one under another's name."""
     folder = tmp_path / "data"
     generate(study, folder, INLINE, source=source)
-    started = read_meta(folder)
-    assert started is not None
-    (folder / "dataset.json").write_text(started.model_copy(update={"complete": False, "shards": ()}).model_dump_json())
+    finished = read_meta(folder)
+    assert finished is not None
+    write_meta(folder, finished.model_copy(update={"complete": False}))
+    (folder / "shards.parquet").unlink()
     (folder / "shards/road-2.parquet").unlink()
     cut = folder / "shards/road-3.parquet"
     cut.write_bytes(cut.read_bytes()[:1000])
@@ -164,7 +165,7 @@ def test_an_interrupted_command_is_resumed(
 
 
 def test_a_worker_that_dies_is_replaced(
-    undisturbed: Dataset, source: ScriptedSource, tmp_path: Path, two_workers: KeptEngine
+    undisturbed: Dataset, source: ScriptedSource, tmp_path: Path, two_workers: KeptWorkers
 ) -> None:
     (tmp_path / "died").mkdir()
     frail = ScriptedSource(source.folder, frail=tmp_path / "died")
@@ -175,7 +176,7 @@ def test_a_worker_that_dies_is_replaced(
 
 
 def test_an_episode_that_keeps_failing_is_reported_and_left_out(
-    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptEngine
+    undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, two_workers: KeptWorkers
 ) -> None:
     failing = ScriptedSource(source.folder, broken=(1,), deadly=(3,))
     dataset = generate(study, tmp_path / "data", two_workers, source=failing)

@@ -14,6 +14,7 @@ from isacsim.settings import checked
 from labeling.dataset.dataset import Dataset
 from labeling.dataset.summary import show, summary
 from labeling.generation.generate import generate
+from labeling.generation.kept_workers import KeptWorkers
 from labeling.generation.resense import resense
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import KNOWN, Intention
@@ -21,7 +22,6 @@ from models.evaluation.evaluation import Evaluation, evaluate
 from models.report.report import write_report
 from models.settings import TrainSettings
 from models.training.training import train
-from tests.labeling.generation.conftest import KeptEngine
 from tests.support.scripted import InlineEngine
 
 EPISODES, PER_CLASS = 3, 3
@@ -78,7 +78,7 @@ def test_the_summary_reports_how_far_the_detectors_agree(dataset: Dataset) -> No
 
 
 def test_the_samples_do_not_depend_on_the_workers_and_an_interrupted_dataset_goes_on(
-    tmp_path: Path, two_workers: KeptEngine
+    tmp_path: Path, two_workers: KeptWorkers
 ) -> None:
     few = {"seeds": {"first": 1, "last": 2}, "kinematics": {"per_class": 1, "following_scenes": 0}}
     study = checked(DatasetStudy, {**CONTENT, **few}, "test")

@@ -12,9 +12,9 @@ from isacsim.errors import OutputError
 from labeling.dataset.dataset import Dataset
 from labeling.generation import log
 from labeling.generation.generate import generate
+from labeling.generation.kept_workers import KeptWorkers
 from labeling.generation.log import Entry
 from labeling.generation.resense import ResenseSettings, own_sensing, resense
-from tests.labeling.generation.conftest import KeptEngine
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -25,7 +25,7 @@ def lines(folder: Path) -> list[dict[str, object]]:
     return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
 
 
-def test_every_episode_leaves_a_line(tmp_path: Path, one_worker: KeptEngine) -> None:
+def test_every_episode_leaves_a_line(tmp_path: Path, one_worker: KeptWorkers) -> None:
     """One is made at once, one in the second try, one never: each says so, and what SUMO had to say."""
     (tmp_path / "died").mkdir()
     (tmp_path / "died" / "1").touch()

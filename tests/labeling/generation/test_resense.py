@@ -19,16 +19,17 @@ from isacsim.sensing import SensedRecord, SensingSettings, sense
 from isacsim.sensors import SENSORS
 from isacsim.sensors.protocol import SensorSettings, StoredRecords
 from isacsim.sensors.truth import TruthSensor
-from labeling.dataset.dataset import Dataset, Shard
+from labeling.dataset.dataset import Dataset, Shard, ShardIndex
 from labeling.dataset.shard import Episode, read_samples
 from labeling.dataset.summary import summary
 from labeling.generation.cost_estimate import estimate, sensed_anew
 from labeling.generation.generate import generate
+from labeling.generation.kept_workers import KeptWorkers
 from labeling.generation.log import LOG_FILE
 from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
 from models.studies.sweep_axes import SweepAxes, sensings
-from tests.labeling.generation.conftest import KeptEngine
 from tests.support import sensing_road
+from tests.support.former_dataset import without_index
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -162,23 +163,23 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
 
 @pytest.mark.parametrize("records", [1, 3, 7, 8, 30])
 def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
-    shards = [
+    shards = ShardIndex.of(
         Shard(
             file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={}, by_origin={},
             episode=Episode(scenario="a", seed=k),
         )
         for k, samples in enumerate((3, 0, 4))
-    ]  # fmt: skip
+    )  # fmt: skip
     jobs = plan(shards, records)
     assert sum(job.records for job in jobs) == records
     assert [job.records for job in plan(shards, None)] == [3, 0, 4]
-    counts = np.concatenate([np.arange(job.shard.samples) < job.more for job in jobs]) + jobs[0].times
+    counts = np.concatenate([np.arange(job.samples) < job.more for job in jobs]) + jobs[0].times
     assert (np.diff(counts.astype(int)) <= 0).all()
     assert counts.max() - counts.min() <= 1
 
 
 def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(
-    dataset: Dataset, anew: Anew, tmp_path: Path, two_workers: KeptEngine
+    dataset: Dataset, anew: Anew, tmp_path: Path, two_workers: KeptWorkers
 ) -> None:
     sensed = anew(snr="3", records=10)
     settings = resense_settings(dataset, SenseArguments("isac", snr="3", records=10))
@@ -239,7 +240,7 @@ FORMER = {
 def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
     """The dataset as schema 1 would have stored it, with UVs that report without noise."""
     shutil.copytree(dataset.path, folder)
-    content = json.loads((folder / "dataset.json").read_text())
+    content = without_index(folder)
     content["schema_version"] = 1
     del content["run_in_s"]
     content["study"] |= {"sensing": FORMER | sensing, "report": dict.fromkeys(content["study"]["report"], 0.0)}

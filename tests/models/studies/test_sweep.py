@@ -23,7 +23,7 @@ from labeling.generation.resense import ResenseSettings, resense
 from labeling.generation.settings import DatasetStudy
 from models.evaluation.results import read_metrics
 from models.evaluation.settings import EvaluateSettings
-from models.studies import sweep, sweep_table
+from models.studies import cell_tasks, sweep, sweep_table
 from models.studies.study import Study
 from models.studies.sweep_results import SweepResult
 from models.training.progress import Steps
@@ -81,7 +81,7 @@ TWO_WAYS = study_of(scenarios=["north"], sensors=["isac", "truth"], models=["asi
 def no_figures() -> Iterator[None]:
     """The figures of single evaluations take most of the time, and are tested where they are made."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sweep, "draw_figures", lambda *_: None)
+        patch.setattr(cell_tasks, "draw_figures", lambda *_: None)
         yield
 
 
@@ -145,7 +145,7 @@ def test_cells_of_a_network_share_its_records_and_its_seeds(swept: tuple[SweepRe
 def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, _, messages = swept
     assert "dataset of north, truth; about " in messages
-    assert "cell 4 of 4 (north, truth, asi-bip), training seed 4; about " in messages
+    assert "training and evaluation of 4 of 4 cells; about " in messages
     page = (out / "report" / "index.html").read_text()
     assert page.count("<tr>") == 5
     assert 'href="../cells/north/truth/asi-bip/report/index.html"' in page
@@ -212,35 +212,35 @@ def test_a_sweep_goes_on_where_it_was_interrupted(
 ) -> None:
     """Interrupted in the second training of a cell, it repeats that, goes on, and finds the same."""
     result, _, _, _ = swept
-    train, calls = sweep.train_records, []
+    train, calls = cell_tasks.train_records, []
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments: Any, **sides: Any) -> Any:
         calls.append(arguments[2])
         if len(calls) == 4:
             raise KeyboardInterrupt
-        return train(*arguments)
+        return train(*arguments, **sides)
 
-    monkeypatch.setattr(sweep, "train_records", counted)
+    monkeypatch.setattr(cell_tasks, "train_records", counted)
     with pytest.raises(KeyboardInterrupt):
         run(TWO_WAYS, tmp_path / "out", Makers())
     before = contents(tmp_path / "out" / "cells")
     again, _ = run(TWO_WAYS, tmp_path / "out", Makers())
     assert again == result
-    # The floor's cell is passed over; the finished training of the interrupted cell is read again.
-    assert len(calls) == 4 + 6
+    # Finished trainings are passed over.
+    assert len(calls) == 4 + 5
     assert {path: contents(tmp_path / "out")[path] for path in before} == before
 
 
 def test_what_fails_is_reported_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A network without samples, and a training that breaks; all else is in the table."""
-    train = sweep.train_records
+    train = cell_tasks.train_records
 
-    def fragile(records: Any, made_of: Any, out: Path, settings: Any, *others: Any) -> Any:
+    def fragile(records: Any, made_of: Any, out: Path, settings: Any, **sides: Any) -> Any:
         if "truth" in out.parts and settings.seed == 1:
             raise ValueError("the loss\nis no number")
-        return train(records, made_of, out, settings, *others)
+        return train(records, made_of, out, settings, **sides)
 
-    monkeypatch.setattr(sweep, "train_records", fragile)
+    monkeypatch.setattr(cell_tasks, "train_records", fragile)
     axes = {"sensors": ["isac", "truth"], "models": ["trees"], "training_seeds": [0, 1]}
     study = study_of(scenarios=["north", "south"], **axes)
     result, messages = run(study, tmp_path / "out", Makers("south"))
@@ -264,10 +264,10 @@ def test_what_fails_is_reported_and_left_out(tmp_path: Path, monkeypatch: pytest
 def test_what_no_other_cell_would_survive_ends_the_sweep(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: Any) -> None:
+    def full(*_: Any, **__: Any) -> None:
         raise error
 
-    monkeypatch.setattr(sweep, "train_records", full)
+    monkeypatch.setattr(cell_tasks, "train_records", full)
     with pytest.raises(type(error)):
         run(study_of(scenarios=["north"]), tmp_path / "out", Makers())
 

@@ -84,7 +84,9 @@ def test_the_cost_of_a_sweep_grows_with_its_axes() -> None:
     networks = estimate_study(study_of(scenarios=["motorway", "urban"], models=["asi-bip"]))
     assert (networks.cells, networks.samples) == (4, 2 * one.samples)
     assert networks.seconds(1) == pytest.approx(2 * one.seconds(1), rel=0.01)
-    assert networks.seconds(4) == pytest.approx(networks.cpu_s / 4 + networks.training_s, abs=0.1)
+    # A training has two threads.
+    assert networks.seconds(4) == pytest.approx(networks.cpu_s / 4 + networks.training_s / 2, abs=0.1)
+    assert [networks.trainings_at_once(workers) for workers in (1, 3, 6, 100)] == [1, 1, 3, 4]
     assert one.bytes < seeds.bytes < ways.bytes
     plain = estimate_study(checked(Study, {}, "test"))
-    assert (plain.cells, plain.trainings) == (1, 2)
+    assert (plain.cells, plain.trainings, plain.trainings_at_once(8)) == (1, 2, 1)

@@ -24,7 +24,7 @@ from models.run import Run, load_run
 from models.settings import TrainSettings
 from models.training import training
 from models.training.training import train_records
-from tests.support.made_up import MADE_OF, SMALL_RUN
+from tests.support.made_up import MADE_OF, SMALL_RUN, on_disk
 
 
 def windows_of(records: Records, run: Run):  # type: ignore[no-untyped-def]
@@ -71,13 +71,14 @@ class Stop(fitting.History):
 def test_a_killed_training_goes_on_to_the_run_that_would_have_been(
     records: Records, network_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """With states on disk, while those of the undisturbed training were in memory."""
     with monkeypatch.context() as patched:
         patched.setattr(fitting, "History", Stop)
         with pytest.raises(KeyboardInterrupt):
-            train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+            train_records(on_disk(records), MADE_OF, tmp_path / "run", SMALL_RUN)
     with pytest.raises(InputError, match="not finished"):
         load_run(tmp_path / "run")
-    resumed = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN)
+    resumed = train_records(on_disk(records), MADE_OF, tmp_path / "run", SMALL_RUN)
     for name in ("history.csv", "run.json"):
         assert (resumed.path / name).read_bytes() == (network_run.path / name).read_bytes()
     first, second = (torch.load(run.path / "weights.pt", weights_only=True) for run in (network_run, resumed))
@@ -264,15 +265,11 @@ def test_two_devices_share_each_batch_and_learn_the_same(records: Records, tmp_p
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("rows", [1, 2, 7])
 def test_the_shares_of_the_devices_make_up_the_batch(count: int, rows: int) -> None:
-    batch = torch.rand(rows, 6, 4), torch.rand(rows, 6, 2), torch.arange(rows)
-    shares = [Share(rank, count).of(batch) for rank in range(count)]
-    assert all(len(label) for _, _, label in shares)
-    assert {int(label) for share in shares for label in share[2]} == set(range(rows))
+    shares = [Share(rank, count).rows(rows) for rank in range(count)]
+    assert all(len(share) for share in shares)
+    assert {int(row) for share in shares for row in share} == set(range(rows))
     if rows >= count:
-        assert sum(len(label) for _, _, label in shares) == rows
-    for tv, uv, label in shares:
-        assert torch.equal(tv, batch[0][label])
-        assert torch.equal(uv, batch[1][label])
+        assert sum(len(share) for share in shares) == rows
 
 
 def test_a_training_in_bfloat16_answers_in_float32(records: Records, tmp_path: Path) -> None:

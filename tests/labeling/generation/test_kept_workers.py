@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from contextlib import closing
 
 from labeling.generation.engine import LocalEngine
-from models.reproduction.workers import KeptWorkers, kept_running
+from labeling.generation.kept_workers import KeptWorkers, kept_running
 from tests.support.scripted import InlineEngine
 
 
@@ -40,3 +41,14 @@ def test_other_engines_are_left_alone() -> None:
     engine = InlineEngine()
     with kept_running(engine) as workers:
         assert workers is engine
+
+
+def test_tasks_of_several_threads_leave_workers_idle(two_workers: KeptWorkers) -> None:
+    """An item is taken only when there is a worker for each of its threads, or nothing else runs."""
+    for threads, at_once in ((1, 2), (2, 1), (5, 1)):
+        taken: list[int] = []
+        items = (taken.append(k) or k for k in range(4))
+        with closing(two_workers.run(process_of, items, threads)) as outcomes:
+            next(outcomes)
+            assert len(taken) == at_once
+            assert len(list(outcomes)) == 3

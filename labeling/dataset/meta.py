@@ -1,0 +1,165 @@
+"""What a dataset says of itself: `dataset.json`, and the index of its shards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from isacsim.errors import InputError
+from isacsim.files import replace_file
+from isacsim.settings import Settings, checked, read_json
+from labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE, file_digest
+from labeling.dataset.shard_index import INDEX_FILE, ShardIndex
+
+META_FILE = "dataset.json"
+
+
+class SiteMeta(Settings):
+    """A site, with the fields of `isacsim.scenarios.scenario.Site`."""
+
+    id: str
+    x: float
+    y: float
+    height_m: float
+    azimuth_deg: float
+
+
+class ScenarioMeta(Settings):
+    """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
+
+    source: the scenario as the user named it. sha256: digest of its input files. origin: the origin of its plane in
+    SUMO's coordinates, m.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
+    source: str
+    sha256: str
+    origin: tuple[float, float]
+    sites: tuple[SiteMeta, ...]
+
+
+class Lost(Settings):
+    """An episode that failed and was left out."""
+
+    scenario: str
+    seed: int
+    reason: str
+
+
+class Meta(Settings):
+    """The content of `dataset.json` and of the index.
+
+    complete: False while episodes are missing. study: all settings, with their defaults. tv_rate_hz, uv_rate_hz,
+    duration_s: sampling rates and length of the records. run_in_s: how long before each record the TV's true states are
+    stored; 0 before schema version 3. shards: the index. index_sha256: its digest, None while episodes are missing.
+    lost: episodes that failed. short: known intentions with fewer
+    samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
+    that they were sensed anew with (labeling.generation.resense), None if they were generated.
+    """
+
+    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    complete: bool
+    fingerprint: str
+    class_names: tuple[str, ...] = CLASS_NAMES
+    state: tuple[str, ...] = STATE
+    tv_rate_hz: float = Field(gt=0)
+    uv_rate_hz: float = Field(gt=0)
+    duration_s: float = Field(gt=0)
+    run_in_s: float = Field(0.0, ge=0)
+    study: dict[str, Any]
+    versions: dict[str, str]
+    scenarios: tuple[ScenarioMeta, ...]
+    shards: ShardIndex = Field(default_factory=lambda: ShardIndex.of(()), exclude=True)
+    index_sha256: str | None = Field(None, pattern=DIGEST)
+    lost: tuple[Lost, ...] = ()
+    short: tuple[str, ...] = ()
+    resensed: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _of_its_scenarios(self) -> Self:
+        known = {scenario.name for scenario in self.scenarios}
+        if unknown := set(self.shards.scenarios) - known:
+            raise ValueError(f"has shards of scenarios that it does not list: {', '.join(sorted(unknown))}")
+        return self
+
+    @property
+    def maker(self) -> str:
+        """The command that wrote the dataset and can complete or repair it."""
+        return "cosim generate" if self.resensed is None else "cosim sense"
+
+    @property
+    def tv_length(self) -> int:
+        """States of the TV in a record."""
+        return round(self.duration_s * self.tv_rate_hz)
+
+    @property
+    def uv_length(self) -> int:
+        """States of the UV in a record."""
+        return round(self.duration_s * self.uv_rate_hz)
+
+    @property
+    def run_in_length(self) -> int:
+        """States of the TV before a record."""
+        return round(self.run_in_s * self.tv_rate_hz)
+
+    @property
+    def lengths(self) -> tuple[int, int, int]:
+        """Numbers of states: of the TV and of the UV in a record, and of the TV before it."""
+        return self.tv_length, self.uv_length, self.run_in_length
+
+    @property
+    def samples(self) -> int:
+        """Samples of all shards."""
+        return int(self.shards.numbers("samples").sum())
+
+    def by_intention(self) -> dict[str, int]:
+        """Return the number of samples of every intention, in the order of the labels."""
+        return dict(zip(CLASS_NAMES, self.shards.by_intention().sum(axis=0).tolist(), strict=True))
+
+    def by_origin(self) -> dict[str, int]:
+        """Return the number of samples of every origin, in alphabetical order."""
+        return dict(sorted(self.shards.totals("by_origin").items()))
+
+    def left_out(self) -> dict[str, int]:
+        """Return how many candidates did not become samples, by reason."""
+        return dict(sorted(self.shards.totals("left_out").items()))
+
+
+def read_description(folder: Path) -> Meta | None:
+    """Return a folder's `dataset.json` without the index, None if there is none.
+
+    Former versions had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
+    file is damaged.
+    """
+    return read_json(Meta, folder / META_FILE)
+
+
+def read_meta(folder: Path) -> Meta | None:
+    """Return a folder's `dataset.json` and index, None if there is no `dataset.json`.
+
+    Raises InputError if one of them is damaged, or if they do not belong together.
+    """
+    meta, path = read_description(folder), folder / INDEX_FILE
+    if meta is None or meta.index_sha256 is None:
+        return meta
+    try:
+        shards = ShardIndex.read(path)
+    except InputError as error:
+        raise InputError(f"{error}; run the same `{meta.maker}` again") from None
+    if file_digest(path) != meta.index_sha256:
+        raise InputError(f"{path}: its bytes differ from the digest in {META_FILE}; run the same `{meta.maker}` again")
+    return checked(Meta, {**dict(meta), "shards": shards}, path)
+
+
+def write_meta(folder: Path, meta: Meta) -> None:
+    """Write `dataset.json`, and before it the index if the dataset is complete; each file completely or not at all.
+
+    Raises OutputError.
+    """
+    if meta.complete:
+        meta.shards.write(folder / INDEX_FILE)
+    digest = file_digest(folder / INDEX_FILE) if meta.complete else None
+    content = f"{meta.model_copy(update={'index_sha256': digest}).model_dump_json(indent=1)}\n"
+    replace_file(folder / META_FILE, lambda partial: partial.write_bytes(content.encode()))
