@@ -314,7 +314,7 @@ def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Pat
         path = dataset.shard_path(shard)
         pq.write_table(pq.read_table(path).drop_columns(list(PASSING)), path)
         shards.append(read_shard(path))
-    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": tuple(shards)}))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of(shards)}))
     former = Dataset.open(dataset.path)
     former.verify()
     frame = former.frame()
