@@ -276,9 +276,11 @@ def difference_of(sides: list[list[pd.DataFrame]], classes: list[str], least: in
         """Differences of mean scores without the windows of a group, NaN where one is undefined."""
         means = []
         for runs in sides:
-            parts = [rows[rows["group"] != without] for rows in runs]
-            scores = [{**dict(zip(classes, f1_of(rows, classes), strict=True)), "macro": macro_f1(rows, enough)}
-                      for rows in parts]  # fmt: skip
+            scores = []
+            for rows in runs:
+                f1 = dict(zip(classes, f1_of(rows[rows["group"] != without], classes), strict=True))
+                kept = [f1[name] for name in enough if f1[name] is not None]
+                scores.append({**f1, "macro": np.mean(kept) if kept else None})
             means.append(pd.DataFrame(scores, dtype=float).mean(skipna=False))
         return dict(means[0] - means[1])
 
