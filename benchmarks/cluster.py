@@ -21,6 +21,7 @@ import importlib
 import json
 import os
 import pickle
+import random
 import subprocess
 import sys
 import tempfile
@@ -194,15 +195,17 @@ def indexed(episodes: int) -> dict[str, Any]:
 
 
 def synthetic_shard(seed: int) -> Shard:
-    """Return the entry of a shard as large as the bundled motorway's, with 130 samples."""
-    counts = dict.fromkeys(CLASS_NAMES, 18)
+    """Return the entry of a shard as large as the bundled motorway's, whose counts differ from shard to shard."""
+    drawn = random.Random(seed)
+    counts = {name: drawn.randint(1, 20) for name in CLASS_NAMES}
+    left_out = {"ambiguous": 500, "no_uv": 300, "tv_outside_track": 200, "beyond_cap": 100}
     episode = Episode(
         scenario=SCENARIO,
         seed=seed,
         fingerprint="0" * 64,
-        events=dict.fromkeys(CLASS_NAMES, 100),
+        events={name: drawn.randint(50, 150) for name in CLASS_NAMES},
         counts={"hard_brake_in_queue": 10, "short_change": 20},
-        left_out={"ambiguous": 500, "no_uv": 300, "tv_outside_track": 200, "beyond_cap": 100},
+        left_out={reason: drawn.randint(number // 2, 2 * number) for reason, number in left_out.items()},
         collided=5,
         fix_error_m=tuple(0.02 + k * 1e-5 for k in range(130)),
         state_error_m=tuple(0.002 + k * 1e-6 for k in range(130)),
@@ -210,10 +213,10 @@ def synthetic_shard(seed: int) -> Shard:
     return Shard(
         file=shard_name(SCENARIO, seed),
         sha256=hashlib.sha256(str(seed).encode()).hexdigest(),
-        bytes=7_500_000,
-        samples=130,
+        bytes=drawn.randint(7_000_000, 8_000_000),
+        samples=sum(counts.values()),
         by_intention=counts,
-        by_origin={"natural": 50, "commanded": 80},
+        by_origin={"natural": 5, "commanded": sum(counts.values()) - 5},
         episode=episode,
     )
 

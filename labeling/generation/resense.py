@@ -80,14 +80,14 @@ class Job:
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
-    """The sensing settings that a dataset was made with, also if a version before schema 2 made it."""
+    """Return the sensing settings that a dataset was generated with; those of schema 1 in their present form."""
     return checked(SensingSettings, _current_sensing(dataset.meta.study.get("sensing", {})), dataset.path)
 
 
 def _current_sensing(stored: dict[str, Any]) -> dict[str, Any]:
-    """Stored sensing settings in today's terms, with the same law of every draw.
+    """Return stored sensing settings in their present form, with every random draw distributed as before.
 
-    Before schema 2 the waveform had no cyclic prefix, and so no longest range; and the cross-section was the same from
+    Before schema 2, the waveform had no cyclic prefix, and so no longest range; and the cross-section was the same from
     every side, with `cross_section_dbsm` the mean of its dB values instead of its linear mean.
     """
     if "waveform" not in stored or "cyclic_prefix_s" in stored["waveform"]:
@@ -103,7 +103,7 @@ def _current_sensing(stored: dict[str, Any]) -> dict[str, Any]:
 
 
 def own_report(dataset: Dataset) -> ReportSettings:
-    """The noise that a dataset's UVs reported with; none if the dataset does not say."""
+    """Return the noise of the reports of a dataset's UVs; none if the dataset does not say."""
     silent = {"position_sd_m": 0.0, "speed_sd_mps": 0.0, "acceleration_sd_mps2": 0.0}
     return checked(ReportSettings, silent | dataset.meta.study.get("report", {}), dataset.path)
 
@@ -115,13 +115,13 @@ def resense(
     engine: Engine | None = None,
     feedback: Feedback = SILENT,
 ) -> Dataset:
-    """Sense a dataset's records anew into another folder, or finish one begun before, and open it.
+    """Sense a dataset's records anew into another folder, or finish a dataset begun there, and open it.
 
-    With the dataset's own settings `tv` comes out the same, to the bit. Records that the sensor cannot use are left out
-    and counted in their episode.
-    engine: senses the shards; one worker process when absent. The samples do not depend on it. feedback: where
-    progress is reported.
-    Raises InputError if settings, dataset or folder are wrong, RunError if a shard fails.
+    The dataset's own settings give the same `tv`, to the bit. Records that the sensor cannot use are left out and
+    counted in their episode.
+    engine: senses the shards, one worker process when absent; the samples do not depend on it.
+    feedback: receives the progress.
+    Raises InputError if the settings, the dataset or the folder are at fault, RunError if a shard fails.
     """
     _check(dataset, settings, out)
     started = _describe(dataset, settings)
@@ -133,9 +133,10 @@ def resense(
         stored = set(journal.shards.files)
         files, jobs = dataset.meta.shards.files, plan(dataset.meta.shards, settings.records)
         if any(file not in stored for file in files):
-            # A task is sent for every shard: without the list of all shards, however long that is.
-            unlisted = replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of(())}))
-            task = partial(_work, unlisted, settings, started.fingerprint, (out / SHARDS).resolve())
+            # Every task carries the dataset: leave out the index, which may be long. Workers may run in another folder.
+            meta = dataset.meta.model_copy(update={"shards": ShardIndex.of(())})
+            sent = replace(dataset, path=dataset.path.absolute(), meta=meta)
+            task = partial(_work, sent, settings, started.fingerprint, (out / SHARDS).resolve())
             noted = partial(log.record, out, feedback)
             with feedback.bar("sensing", "records") as move:
                 _sense_missing(task, jobs, stored, journal, engine or LocalEngine(1), move, noted)
@@ -144,7 +145,10 @@ def resense(
 
 
 def plan(shards: ShardIndex, records: int | None) -> list[Job]:
-    """Plan how often each record is sensed, so that there are `records` of all shards, taken in order over and over."""
+    """Return how often to sense the records of each shard.
+
+    records: number of records to sense in all, each once if None. They are taken in their order, over and over.
+    """
     samples = shards.numbers("samples").tolist()
     stored = sum(samples)
     times, rest = (1, 0) if records is None or not stored else divmod(records, stored)
@@ -243,9 +247,9 @@ def _sense(
 
 
 def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: ReportSettings) -> StoredRecords:
-    """Samples as sensors take them.
+    """Return samples in the form that sensors take.
 
-    A dataset stores what the UVs reported. Their true motion, on which a radar rides, is that less the noise, which is
+    A dataset stores what the UVs reported. Their true motion, which carries a radar, is that minus the noise, which is
     drawn again from the record's key.
     """
     reported = np.stack([sample.uv for sample in part]).astype(np.float64)
@@ -267,31 +271,31 @@ def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: 
 
 
 def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
-    """A sample with its TV as sensed now."""
+    """Return a sample with its TV as it was sensed anew."""
     return replace(
         sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=record.state.astype(np.float32)
     )
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:
-    """A record in its (turn + 1)-th sensing; the first keeps its id."""
+    """Return a sample with the id of its (turn + 1)-th sensing; the first one keeps its id."""
     return replace(sample, sample_id=f"{sample.sample_id}{REPEAT}{turn}") if turn else sample
 
 
 def _record_key(sample: Sample) -> tuple[str | int, ...]:
-    """The key of a record when its dataset was generated."""
+    """Return the key that a record had when its dataset was generated."""
     return record_key(sample.scenario, sample.seed, sample.tv_id, sample.intention, sample.t_start)
 
 
 def _key(sample: Sample) -> tuple[str | int, ...]:
-    """The key that seeds a record's draws: that of its generation, and the number of its repeat."""
+    """Return the key of a record's random draws: that of its generation, and the number of its repeat."""
     # The name of a scenario may contain REPEAT; what follows the seed does not.
     _, _, turn = sample.sample_id.removeprefix(f"{sample.scenario}-{sample.seed}-").partition(REPEAT)
     return (*_record_key(sample), "repeat", int(turn)) if turn else _record_key(sample)
 
 
 def _check(dataset: Dataset, settings: ResenseSettings, out: Path) -> None:
-    """Refuse what cannot be sensed. Raises InputError."""
+    """Raise InputError if the records cannot be sensed in this way or into this folder."""
     if out.resolve() == dataset.path.resolve():
         raise InputError(f"{out}: is the dataset to sense anew; choose another folder with -o")
     if refusal := SENSORS[settings.sensor].refusal(settings):
@@ -302,7 +306,7 @@ def _check(dataset: Dataset, settings: ResenseSettings, out: Path) -> None:
 
 
 def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
-    """The `dataset.json` of a dataset none of whose shards is sensed yet."""
+    """Return the `dataset.json` of the new dataset while it has no shards."""
     resensed: dict[str, Any] = {"of": dataset.digest, "settings": settings.model_dump(mode="json")}
     study, now = dict(dataset.meta.study), versions(OF_DATASETS)
     if SENSORS[settings.sensor].by_sites:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -196,6 +197,24 @@ def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(
     assert kept.stat().st_ino == before
     assert feedback.moves[0][0] > 0
     assert feedback.moves[-1] == (10, 10)
+
+
+def test_workers_in_another_folder_find_the_dataset(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As those of a cluster, where the dataset was named relative to the command's folder."""
+    (tmp_path / "elsewhere").mkdir()
+
+    class Elsewhere(InlineEngine):
+        def run(self, *arguments: Any) -> Iterator[Any]:  # type: ignore[override]
+            monkeypatch.chdir(tmp_path / "elsewhere")
+            yield from super().run(*arguments)
+            monkeypatch.chdir(dataset.path.parent)
+
+    monkeypatch.chdir(dataset.path.parent)
+    settings = ResenseSettings(sensor="truth")
+    anew = resense(Dataset.open(dataset.path.name), settings, tmp_path / "anew", Elsewhere())
+    assert len(anew) == len(dataset)
 
 
 def test_a_folder_is_held_for_one_way_of_sensing(dataset: Dataset, tmp_path: Path) -> None:

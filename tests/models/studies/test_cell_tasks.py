@@ -21,7 +21,7 @@ from tests.support.made_up_dataset import write_dataset
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
 
-OPTIMISER = {"epochs": 2, "batch": 32, "threads": 3}
+OPTIMISER = {"epochs": 2, "batch": 32, "threads": 2}
 FEW_ROUNDS = {"rounds": 4, "ends_per_record": 1}
 
 
@@ -66,18 +66,18 @@ def test_trainings_and_evaluations_are_tasks_with_their_threads(
     monkeypatch.setattr(cell_tasks, "draw_figures", lambda *_: None)
     engine = PicklingEngine()
     result = swept("trees", tmp_path, engine, monkeypatch)
-    assert engine.sent == [("CellTraining", 3)] * 2 + [("CellEvaluation", 1)]
+    assert engine.sent == [("CellTraining", 2)] * 2 + [("CellEvaluation", 1)]
     assert [(row.model, row.trainings) for row in result.cells] == [("trees", 2)]
 
 
 @pytest.mark.slow
 def test_worker_processes_leave_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One and six of them: with three threads each, one training runs at a time, or two do."""
-    results = [swept("asi-bip", tmp_path / str(workers), LocalEngine(workers), monkeypatch) for workers in (1, 6)]
+    """One and four of them: with two threads each, one training runs at a time, or two do."""
+    results = [swept("asi-bip", tmp_path / str(workers), LocalEngine(workers), monkeypatch) for workers in (1, 4)]
     assert results[0] == results[1]
-    one, six = files_of(tmp_path / "1"), files_of(tmp_path / "6")
-    assert list(one) == list(six)
-    assert [name for name in one if one[name] != six[name]] == []
+    one, four = files_of(tmp_path / "1"), files_of(tmp_path / "4")
+    assert list(one) == list(four)
+    assert [name for name in one if one[name] != four[name]] == []
 
 
 class Task:
