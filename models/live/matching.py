@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -42,6 +43,11 @@ def match(times: Array, earliest: Array, latest: Array) -> IntArray:
     if not len(times) or not len(earliest):
         return event_alarm
     fits = (times >= earliest[:, None] - 1e-9) & (times <= latest[:, None] + 1e-9)
+    if len(earliest) == 1:
+        fitting = np.flatnonzero(fits[0])
+        if len(fitting):
+            event_alarm[0] = fitting[times[fitting].argmin()]
+        return event_alarm
     # The bonus for an early alarm stays below one match, all events together.
     late = (times - times.min()) / max(float(np.ptp(times)), 1e-9)
     bonus = (1 - late) / (len(earliest) + 1)
@@ -96,19 +102,55 @@ class EventTable:
         """Match the alarms of the episode to its events."""
         event_alarm = np.full(len(self.vehicle), -1, dtype=np.int64)
         used = np.zeros(len(alarms), dtype=bool)
-        keys = np.stack([self.vehicle, self.intention], axis=1)
-        for vehicle, intention in np.unique(keys, axis=0).tolist() if len(alarms) else []:
-            events = np.flatnonzero((keys == (vehicle, intention)).all(axis=1))
-            candidates = np.flatnonzero((alarms.vehicle == vehicle) & (alarms.intention == intention))
+        order, slices = _by_key(alarms, self._keys)
+        for key, (begin, end) in slices.items():
+            events, candidates = self._events[key], order[begin:end]
             matched = match(alarms.time_s[candidates], self.earliest[events], self.latest[events])
             hit = matched >= 0
             event_alarm[events[hit]] = candidates[matched[hit]]
             used[candidates[matched[hit]]] = True
-        for k in range(len(self.neutral_vehicle) if len(alarms) else 0):
-            used |= (
-                (alarms.vehicle == self.neutral_vehicle[k])
-                & (alarms.intention == self.neutral_intention[k])
-                & (alarms.time_s >= self.neutral_earliest[k] - 1e-9)
-                & (alarms.time_s <= self.neutral_latest[k] + 1e-9)
-            )
+        order, slices = _by_key(alarms, self._neutral_keys)
+        for key, (begin, end) in slices.items():
+            events, candidates = self._neutral_events[key], order[begin:end]
+            time_s = alarms.time_s[candidates][:, None]
+            within = (time_s >= self.neutral_earliest[events] - 1e-9) & (time_s <= self.neutral_latest[events] + 1e-9)
+            used[candidates[within.any(axis=1)]] = True
         return Matching(event_alarm, np.flatnonzero(~used))
+
+    @cached_property
+    def _events(self) -> dict[int, IntArray]:
+        """The events that count, by the key of their vehicle and intention."""
+        return _grouped(_keys(self.vehicle, self.intention))
+
+    @cached_property
+    def _neutral_events(self) -> dict[int, IntArray]:
+        """The neutral events, by the key of their vehicle and intention."""
+        return _grouped(_keys(self.neutral_vehicle, self.neutral_intention))
+
+    @cached_property
+    def _keys(self) -> IntArray:
+        return np.array(list(self._events), np.int64)
+
+    @cached_property
+    def _neutral_keys(self) -> IntArray:
+        return np.array(list(self._neutral_events), np.int64)
+
+
+def _keys(vehicle: IntArray, intention: IntArray) -> IntArray:
+    """Return a number for each pair of vehicle and intention, (n,)."""
+    return np.asarray(vehicle * len(KNOWN) + intention)
+
+
+def _grouped(keys: IntArray) -> dict[int, IntArray]:
+    """Return the places of each key, in order."""
+    return {key: np.flatnonzero(keys == key) for key in np.unique(keys).tolist()}
+
+
+def _by_key(alarms: Alarms, keys: IntArray) -> tuple[IntArray, dict[int, tuple[int, int]]]:
+    """Sort alarms by key; return their order, and where in it the alarms of each key begin and end, if it has any."""
+    of_alarms = _keys(alarms.vehicle, alarms.intention)
+    order = np.argsort(of_alarms, kind="stable")
+    begin, end = (np.searchsorted(of_alarms[order], keys, side) for side in ("left", "right"))
+    some = np.flatnonzero(end > begin)
+    spans = zip(begin[some].tolist(), end[some].tolist(), strict=True)
+    return order, dict(zip(keys[some].tolist(), spans, strict=True))
