@@ -6,6 +6,7 @@ of the last n. An alarm is raised when the confirmed level rises to the threshol
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,40 +95,47 @@ def confirmed(levels: Levels, k: int, n: int) -> Levels:
     return Levels(level, levels.vehicle, levels.time_s, levels.begins)
 
 
-def raised(levels: Levels, threshold: float, refractory_s: float) -> Alarms:
-    """Return the alarms at a threshold. levels: confirmed. refractory_s: see `AlarmSettings`."""
-    on = levels.level >= threshold
+def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Alarms:
+    """Return the alarms that levels raise.
+
+    levels: confirmed. thresholds: one of each intention, (6,), or a single one of all. refractory_s: see
+    `AlarmSettings`.
+    """
+    on = levels.level >= thresholds
     rising = on.copy()
     rising[1:] &= ~on[:-1] | levels.begins[1:, None]
     rows, intentions = np.nonzero(rising)
     order = np.lexsort((rows, intentions))
     rows, intentions = rows[order], intentions[order]
-    kept = []
-    last = (-1, -1, -np.inf)
-    for place, (row, intention) in enumerate(zip(rows.tolist(), intentions.tolist(), strict=True)):
-        vehicle, time = int(levels.vehicle[row]), float(levels.time_s[row])
-        if last[:2] == (intention, vehicle) and time - last[2] < refractory_s - 1e-9:
-            continue
-        kept.append(place)
-        last = (intention, vehicle, time)
-    rows, intentions = rows[kept].astype(np.int64), intentions[kept].astype(np.int64)
-    return Alarms(intentions, rows, levels.vehicle[rows], levels.time_s[rows])
+    vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
+    soon = np.zeros(len(rows), dtype=bool)
+    soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & (np.diff(time_s) < refractory_s - 1e-9)
+    kept, last = ~soon, -1
+    for place in np.flatnonzero(soon).tolist():
+        # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
+        last = place - 1 if kept[place - 1] else last
+        kept[place] = time_s[place] - time_s[last] >= refractory_s - 1e-9
+    return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
 
 
 def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
     """Return the alarms of some settings. levels: of the settings' method, not confirmed."""
-    return raised(confirmed(levels, settings.k, settings.n), settings.threshold, settings.refractory_s)
+    return raised(confirmed(levels, settings.k, settings.n), settings.thresholds, settings.refractory_s)
 
 
 def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:
-    """Return the share of predictions at which some intention is at the threshold; None without any prediction."""
+    """Return the share of predictions at which some intention reaches its threshold; None without any prediction."""
     level = confirmed(levels, settings.k, settings.n).level
-    return float((level >= settings.threshold).any(axis=1).mean()) if len(level) else None
+    return float((level >= settings.thresholds).any(axis=1).mean()) if len(level) else None
 
 
-def peaks(levels: Levels) -> Float32Array:
-    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,)."""
+def peaks(levels: Levels, intentions: Sequence[int] | None = None) -> Float32Array:
+    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,).
+
+    intentions: numbers of those that matter; all by default.
+    """
     if not len(levels.level):
         return np.empty(0, np.float32)
-    highest = np.maximum.reduceat(levels.level, np.flatnonzero(levels.begins), axis=0)
+    level = levels.level if intentions is None else levels.level[:, list(intentions)]
+    highest = np.maximum.reduceat(level, np.flatnonzero(levels.begins), axis=0)
     return np.asarray(highest[np.isfinite(highest)], np.float32)

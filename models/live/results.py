@@ -6,10 +6,10 @@ times are in s. An event is predicted if its alarm came by its commit, detected 
 
 from __future__ import annotations
 
-from pydantic import JsonValue
+from pydantic import Field, JsonValue
 
 from isacsim.settings import Settings
-from models.live.settings import AlarmSettings, LiveStudy
+from models.live.settings import AlarmSettings, LiveStudy, Sharing
 from models.run import RunCard
 
 METRICS_FILE = "metrics.json"
@@ -34,10 +34,14 @@ class LeadTimes(Settings):
 
 
 class Interval(Settings):
-    """A bootstrap interval over seeds."""
+    """A t interval of the delete-one jackknife over seeds.
+
+    seeds: their number; None in results of earlier versions, whose intervals are percentiles of a bootstrap.
+    """
 
     low: float
     high: float
+    seeds: int | None = None
 
 
 class EventScores(Settings):
@@ -73,15 +77,34 @@ class EventScores(Settings):
 
 
 class CurvePoint(Settings):
-    """Recall at a rate of false alarms.
+    """The recall at a rate of false alarms, read from the curve of the measured seeds.
 
-    false_alarms_per_vehicle_hour: the rate that was asked for. measured: the highest rate not above it that some
-    threshold gives. threshold: that threshold. by_intention: recall of each intention.
+    false_alarms_per_vehicle_hour: the rate. measured: that of the thresholds with the highest recall at no more than
+    this rate. threshold: those thresholds, as in `AlarmSettings`. by_intention: recall of each intention.
     """
 
     false_alarms_per_vehicle_hour: float
     measured: float | None
-    threshold: float | None
+    threshold: float | dict[str, float] | None
+    recall: float | None
+    recall_interval: Interval | None
+    recall_with_detection: float | None
+    median_lead_s: float | None
+    by_intention: dict[str, float | None]
+
+
+class FrozenPoint(Settings):
+    """The recall of alarms that were chosen on the development seeds for a rate of false alarms, and frozen.
+
+    false_alarms_per_vehicle_hour: the rate. alarms: chosen for it. keeps_to_rate: whether they keep to it on the
+    development seeds. measured: false alarms per vehicle-hour on the measured seeds. by_intention: recall of each
+    intention. The interval does not cover what other development seeds would change.
+    """
+
+    false_alarms_per_vehicle_hour: float
+    alarms: AlarmSettings
+    keeps_to_rate: bool
+    measured: float | None
     recall: float | None
     recall_interval: Interval | None
     recall_with_detection: float | None
@@ -111,7 +134,8 @@ class AlarmResult(Settings):
     intentions.
     natural, reaction, commanded: events of that origin, and the time and false alarms of vehicles that drove naturally,
     reacted to a cause, or were commanded then. recall_at: the curve read on the measured seeds themselves, at rates.
-    duty_cycle: share of the time in which a vehicle's answers are at the threshold.
+    frozen_at: alarms chosen on the development seeds for each of these rates, with a threshold that all intentions
+    share, and with one for each. duty_cycle: share of the time in which a vehicle's answers reach a threshold.
     """
 
     name: str
@@ -124,6 +148,7 @@ class AlarmResult(Settings):
     reaction: GroupScores
     commanded: GroupScores
     recall_at: list[CurvePoint]
+    frozen_at: dict[Sharing, list[FrozenPoint]] = Field(default_factory=dict)
     recall_by_time_to_commit: list[TimeToCommit]
     false_alarms_per_100_km: float | None
     duty_cycle: float | None
@@ -171,8 +196,8 @@ class RecallLost(Settings):
     """What sensing costs at a rate of false alarms: the recall on true motion minus that on sensed motion.
 
     false_alarms_per_vehicle_hour: the rate. truth, sensed: the recalls, each by the threshold of its own curve that
-    has the highest recall at the rate. interval: of `lost`, by a bootstrap over the same seeds for both; None with a
-    single seed.
+    has the highest recall at the rate. interval: of `lost`, which leaves the same seeds out of both; None with a single
+    seed.
     """
 
     false_alarms_per_vehicle_hour: float

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 
+from isacsim.arrays import Array
 from isacsim.settings import Settings
 from labeling.generation.settings import DatasetStudy, SeedRange
+from labeling.intentions import KNOWN
 
 Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
+Sharing = Literal["shared", "each"]
+"""Whether all intentions share a threshold, or each has its own."""
 
 
 class StreamSettings(Settings):
@@ -40,16 +46,44 @@ class AlarmSettings(Settings):
     `reject`: the run's own unknown score, of windows whose likeliest intention this is, with at least
     `least_probability`. `background`: the log-odds of the intention from trees that also know a seventh answer, "none"
     (`models.live.background`).
+    threshold: of all intentions, or of each by its name; an intention without one never raises an alarm.
     An alarm is raised when `k` of the last `n` windows reach the threshold. No other alarm follows for the same
     intention of that vehicle until they have fallen below it again, and `refractory_s` have passed.
     """
 
     method: Method
-    threshold: float
+    threshold: float | dict[str, float]
     k: int = Field(1, ge=1)
     n: int = Field(1, ge=1)
     least_probability: float = Field(0.0, ge=0.0, le=1.0)
     refractory_s: float = Field(2.0, ge=0.0)
+
+    @field_validator("threshold")
+    @classmethod
+    def _known(cls, threshold: float | dict[str, float]) -> float | dict[str, float]:
+        names = [known.text for known in KNOWN]
+        wrong = [name for name in threshold if name not in names] if isinstance(threshold, dict) else []
+        if wrong:
+            raise ValueError(f"{wrong[0]}: no such intention; there are {', '.join(names)}")
+        return threshold
+
+    @property
+    def thresholds(self) -> Array:
+        """The threshold of each intention, infinite where it never raises an alarm, (6,)."""
+        if not isinstance(self.threshold, Mapping):
+            return np.full(len(KNOWN), self.threshold)
+        return np.array([self.threshold.get(known.text, np.inf) for known in KNOWN])
+
+
+def shown_threshold(thresholds: Array) -> float | dict[str, float]:
+    """Return thresholds (6,) as settings hold them: a single one if all are equal, otherwise those of each intention.
+
+    Infinite ones, of intentions that never raise an alarm, are left out.
+    """
+    finite = np.isfinite(thresholds)
+    if finite.all() and (thresholds == thresholds[0]).all():
+        return float(thresholds[0])
+    return {KNOWN[k].text: float(thresholds[k]) for k in np.flatnonzero(finite).tolist()}
 
 
 class ChoiceSettings(Settings):
@@ -57,6 +91,10 @@ class ChoiceSettings(Settings):
 
     false_alarms_per_vehicle_hour: float = Field(
         1.0, gt=0.0, description="the choice has the highest recall at this many false alarms per vehicle-hour"
+    )
+    threshold: Sharing = Field("shared", description="whether all intentions share a threshold, or each has its own")
+    least_events: int = Field(
+        20, ge=1, description="development events that an intention needs for a threshold of its own; others share one"
     )
     confirmations: tuple[tuple[int, int], ...] = Field(
         ((1, 1), (2, 3), (4, 5)), min_length=1, description="pairs (k, n): k of the last n windows reach the threshold"
@@ -100,8 +138,15 @@ class ScoringSettings(Settings):
     false_alarms_per_vehicle_hour: tuple[float, ...] = Field(
         (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
     )
-    resamples: int = Field(1000, ge=1, description="bootstrap resamples of the seeds")
     confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_resamples(cls, content: object) -> object:
+        """Leave out `resamples`, which results of earlier versions hold: intervals are no longer bootstraps."""
+        if not isinstance(content, Mapping):
+            return content
+        return {key: value for key, value in content.items() if key != "resamples"}
 
 
 class LiveSettings(Settings):

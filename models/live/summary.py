@@ -13,9 +13,10 @@ from isacsim.traffic.motion import REACH
 from isacsim.versions import OF_RUNS, versions
 from labeling.generation.settings import SeedRange
 from models.live import measuring
+from models.live.curves import recall_lost
 from models.live.measuring import Measured
 from models.live.results import AloneResult, Coverage, Latency, LiveMadeBy, TrafficResult, TruthResult
-from models.live.scoring import Truth, recall_lost
+from models.live.scoring import Truth
 from models.live.settings import LiveSettings, LiveStudy
 from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, LiveEpisode, file_name, read_episode
 from models.run import Run
@@ -75,11 +76,10 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
     first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
     baselines = {RANDOM: measuring.measure_random(measured, first, live)}
     for name in (RULE, *evaluated.against):
-        option = measuring.choose_reject(development, name, live.choice)
-        if option is not None:
-            levels = measuring.levels_of(measured, name, option.alarms, None)
-            shown = "rule of the road" if name == RULE else name
-            baselines[name] = measuring.measure(measured, levels, option, live, shown)
+        shown = "rule of the road" if name == RULE else name
+        baseline = measuring.measure_reject(development, measured, name, live, shown)
+        if baseline is not None:
+            baselines[name] = baseline
     true_motion = dict[str, Measured]()
     if live.streams.truth:
         name = f"{run.name} on true motion"
