@@ -45,8 +45,10 @@ class Combination:
     """Settings of alarms without thresholds, with what they give on the development seeds at many thresholds.
 
     template: the settings. shared: the sweep of a threshold that all intentions share. allocation: how a budget of
-    false alarms is best shared out. groups, candidates: the intentions that share a threshold, and the thresholds of
-    each group. hours: vehicle-hours. thresholds: the most steps of a path.
+    false alarms is best shared out, where each threshold counts one false alarm more than it has: a threshold that lies
+    just above a false alarm is chosen for that, and has more in other traffic. groups, candidates: the intentions that
+    share a threshold, and the thresholds of each group. hours, events: vehicle-hours, and events that count.
+    thresholds: the most steps of a path.
     """
 
     template: AlarmSettings
@@ -77,8 +79,9 @@ class Combination:
         parts = [
             counts[: len(values), list(group)].sum(axis=1) for group, values in zip(groups, candidates, strict=True)
         ]
+        # Above the level of the (m + 1)-th false alarm, other traffic gives m + 1 false alarms in the mean, not m.
         allocation = Allocation.of(
-            [part[:, 0] for part in parts], [part[:, 1] for part in parts], _budget(HIGHEST_RATE, hours)
+            [part[:, 0] for part in parts], [part[:, 1] + 1 for part in parts], _budget(HIGHEST_RATE, hours)
         )
         return cls(
             template, shared, allocation, tuple(groups), tuple(candidates), hours, int(events.sum()), choice.thresholds
@@ -87,8 +90,9 @@ class Combination:
     def choose(self, rate: float, sharing: Sharing) -> Chosen | None:
         """Return the best thresholds at a rate of false alarms; None if the development seeds give no threshold.
 
-        Where no threshold is that quiet, the thresholds of the highest F1 are returned. So they are if those of each
-        intention predict no event within the budget: then all share one.
+        If no threshold is that quiet, the threshold of the highest F1 is returned. With `each`, too, all intentions
+        share a threshold if the development seeds do not suffice: no intention has enough events, or thresholds of
+        their own predict no event within the budget.
         """
         if not len(self.shared.thresholds):
             return None
@@ -102,7 +106,7 @@ class Combination:
     def _each(self, rate: float) -> Chosen | None:
         budget = min(_budget(rate, self.hours), len(self.allocation.predicted) - 1)
         predicted = int(self.allocation.predicted[budget])
-        if not predicted:
+        if not predicted or len(self.groups) == 1:
             return None
         steps = self.allocation.steps()
         ranks = np.unique(np.rint(np.geomspace(1, len(steps), self.thresholds)).astype(np.int64)) - 1

@@ -92,7 +92,7 @@ class ChoiceSettings(Settings):
     false_alarms_per_vehicle_hour: float = Field(
         1.0, gt=0.0, description="the choice has the highest recall at this many false alarms per vehicle-hour"
     )
-    threshold: Sharing = Field("shared", description="whether all intentions share a threshold, or each has its own")
+    threshold: Sharing = Field("each", description="whether all intentions share a threshold, or each has its own")
     least_events: int = Field(
         20, ge=1, description="development events that an intention needs for a threshold of its own; others share one"
     )

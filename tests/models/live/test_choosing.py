@@ -56,7 +56,7 @@ def test_a_threshold_for_each_intention_predicts_what_a_shared_one_cannot(
     truths: list[Truth], levels: list[Levels]
 ) -> None:
     combination = Combination.of(truths, levels, TEMPLATE, choice())
-    shared, each = (combination.choose(0.5 * HOUR, sharing) for sharing in ("shared", "each"))  # type: ignore[arg-type]
+    shared, each = (combination.choose(2 * HOUR, sharing) for sharing in ("shared", "each"))  # type: ignore[arg-type]
     assert shared is not None
     assert each is not None
     assert (shared.score, each.score) == (0.5, 1.0)
@@ -76,12 +76,10 @@ def test_at_every_rate_the_counts_of_the_choice_are_those_of_its_alarms(
     noisy = [replace(levels[0], level=(levels[0].level + 0.5 * rng.random(levels[0].level.shape)).astype(np.float32))]
     combination = Combination.of(truths, noisy, TEMPLATE, choice(thresholds=30))
     before = -1.0
-    for rate in (0.5 * HOUR, HOUR, 3 * HOUR):
+    for rate in (HOUR, 2 * HOUR, 3 * HOUR):
         each = combination.choose(rate, "each")
-        shared = combination.choose(rate, "shared")
         assert each is not None
-        assert shared is not None
-        if not each.quiet:
+        if each.path is None:
             continue
         scores = event_scores([truths[0].outcome(alarms(noisy[0], each.alarms))], SETTINGS)
         assert scores.recall == pytest.approx(each.score)
@@ -103,13 +101,13 @@ def test_without_enough_events_all_intentions_share_a_threshold(truths: list[Tru
 
 
 def test_the_path_is_what_growing_budgets_choose(truths: list[Truth], levels: list[Levels]) -> None:
-    each = Combination.of(truths, levels, TEMPLATE, choice()).choose(HOUR, "each")
+    each = Combination.of(truths, levels, TEMPLATE, choice()).choose(2 * HOUR, "each")
     assert each is not None
     assert each.path is not None
-    # All events are predicted without a false alarm: the path has a single step.
-    assert each.path.shape == (1, len(KNOWN))
-    assert each.path[0, BRAKE] == pytest.approx(0.3)
-    assert np.isinf(each.path[0, RIGHT])
+    # Each of the two thresholds counts as one false alarm, although it has none.
+    assert each.path[:, BRAKE] == pytest.approx([0.3, 0.3])
+    assert each.path[:, LEFT] == pytest.approx([np.inf, 0.9])
+    assert np.isinf(each.path[:, RIGHT]).all()
 
 
 def test_alarms_that_no_threshold_keeps_quiet_have_the_highest_f1(truths: list[Truth], levels: list[Levels]) -> None:
