@@ -1,8 +1,8 @@
-"""How much faster than real time vehicles are watched: sensed, tracked and predicted, on one core.
+"""Measures how much faster than real time vehicles are sensed, tracked and predicted on one core.
 
 Ten vehicles drive behind ten others on a straight road with masts on both sides; each is sensed by two to four panels
-at 400 Hz and predicted ten times a second by boosted trees. The traffic and its conditioning, which the real world does
-by itself, are not counted. The time of the rule of the road is given beside that of the trees.
+at 400 Hz and predicted ten times a second by boosted trees. Traffic and its conditioning are not counted: the real
+world needs no simulation. The time of the rule of the road is reported beside that of the trees.
 
 Run: python -m benchmarks.live
 """
@@ -47,7 +47,7 @@ TIMING = Timing(decision_s=0.1, window_s=2.2, report_delay_s=0.02, run_in_s=0.5,
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time, s, and what it was spent on: seconds of driving predicted, and panels in use per snapshot."""
+    """Processor time by purpose, s; predicted driving, s; and the mean number of panels that sense a vehicle."""
 
     sensing_s: float
     trees_s: float
@@ -57,7 +57,7 @@ class Spent:
 
 
 def run() -> dict[str, Any]:
-    """Return `real_time_factor` and the processor time of a second of one vehicle, by what it was spent on."""
+    """Return `real_time_factor`, and the processor time for one second of one vehicle by purpose."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -91,7 +91,7 @@ def sites() -> tuple[Site, ...]:
 
 
 def measured(folder: Path) -> Spent:
-    """Watch the vehicles once. folder: an empty one, for the scenario's files."""
+    """Sense and predict the vehicles once. folder: an empty folder, for the scenario's files."""
     pairs = [
         ScriptedVehicle(f"{name}{k}", 25.0, start_m=100.0 * k + lead, duration_s=DURATION_S)
         for k in range(VEHICLES)
@@ -134,7 +134,7 @@ def _windows(sensing: Sensing, study: DatasetStudy, tracks: list[Track]) -> Iter
 
 
 def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
-    """Return trees of default size, trained on windows with noise; the time of an answer does not depend on it."""
+    """Return trees of default size, trained on noisy windows. What they learn does not change the time of an answer."""
     rng = np.random.default_rng(0)
     features = statistics(in_frame(*batch, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
     many = np.repeat(features, 12, axis=0)

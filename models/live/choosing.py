@@ -90,20 +90,20 @@ class Combination:
     def choose(self, rate: float, sharing: Sharing) -> Chosen | None:
         """Return the best thresholds at a rate of false alarms; None if the development seeds give no threshold.
 
-        If no threshold is that quiet, the threshold of the highest F1 is returned. With `each`, too, all intentions
+        If no threshold is that quiet, the threshold of the highest F1 is returned. With `separate`, too, all intentions
         share a threshold if the development seeds do not suffice: no intention has enough events, or thresholds of
         their own predict no event within the budget.
         """
         if not len(self.shared.thresholds):
             return None
-        if sharing == "each" and (chosen := self._each(rate)) is not None:
+        if sharing == "separate" and (chosen := self._separate(rate)) is not None:
             return chosen
         best = self.shared.best(rate)
         scores = self.shared.recalls() if best is not None else self.shared.f1()
         row = int(scores.argmax()) if best is None else best
         return Chosen(self._with(self.shared.thresholds[row]), best is not None, float(scores[row]))
 
-    def _each(self, rate: float) -> Chosen | None:
+    def _separate(self, rate: float) -> Chosen | None:
         budget = min(_budget(rate, self.hours), len(self.allocation.predicted) - 1)
         predicted = int(self.allocation.predicted[budget])
         if not predicted or len(self.groups) == 1:

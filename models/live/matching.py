@@ -1,4 +1,4 @@
-"""Which alarm belongs to which event: one to one, within each vehicle and intention."""
+"""Matches alarms to events one to one, within each vehicle and intention."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ ALSO = {
     Intention.LEFT_LANE_CHANGE: (Intention.OVERTAKE,),
     Intention.RIGHT_LANE_CHANGE: (Intention.OVERTAKE,),
 }
-"""What a neutral event of an intention may as well have been: a pulling-out whose outcome is open is either."""
+"""Other intentions that a neutral event may have had: a pulling-out with an open outcome may be any of them."""
 
 
 @dataclass(frozen=True)
 class Matching:
-    """The events that count, and the alarms, of one episode.
+    """The matched events and alarms of one episode.
 
-    event_alarm: number of the alarm that belongs to each event, -1 if it was missed, (number of events,). false:
-    numbers of the alarms that belong to no event, not even to a neutral one.
+    event_alarm: number of the alarm that belongs to each event that counts, -1 for a missed event, (e,). false: numbers
+    of the alarms that belong to no event, neither to one that counts nor to a neutral one.
     """
 
     event_alarm: IntArray
@@ -34,10 +34,10 @@ class Matching:
 
 
 def match(times: Array, earliest: Array, latest: Array) -> IntArray:
-    """Match alarms to events, one to one: as many as possible, and of equally many the earliest alarms.
+    """Match as many alarms to events as possible, one to one; where there is a choice, the earliest alarms.
 
-    times: of the alarms, s, (a,). earliest, latest: the time within which an alarm belongs to each event, s, (e,).
-    Returns the number of each event's alarm, -1 where it has none, (e,).
+    times: of the alarms, s, (a,). earliest, latest: when an alarm for each event may come, s, (e,).
+    Returns the number of each event's alarm, -1 if it has none, (e,).
     """
     event_alarm = np.full(len(earliest), -1, dtype=np.int64)
     if not len(times) or not len(earliest):
@@ -59,10 +59,10 @@ def match(times: Array, earliest: Array, latest: Array) -> IntArray:
 
 @dataclass(frozen=True)
 class EventTable:
-    """The events of one episode, ready for matching: those that count in the order given, and the neutral ones.
+    """The events of one episode as arrays: those that count, in the order given, and the neutral ones.
 
-    vehicle, intention: numbers, (e,). earliest: when an alarm may come first, s, (e,). neutral_*: the same of neutral
-    events, once for each intention that an alarm about them may name.
+    vehicle, intention: numbers, (e,). earliest, latest: when an alarm may come, s, (e,). neutral_*: the same of neutral
+    events, with a row for each intention that an alarm for the event may name.
     """
 
     vehicle: IntArray
@@ -78,7 +78,8 @@ class EventTable:
     def of(cls, events: tuple[LiveEvent, ...], names: tuple[str, ...], before_onset_s: float) -> EventTable:
         """Return the table of an episode's events.
 
-        names: of the watched vehicles, by number. before_onset_s: how long before onset an alarm may come, s.
+        names: of the watched vehicles, in the order of their numbers. before_onset_s: how early before onset an alarm
+        may come, s.
         """
         number = {name: k for k, name in enumerate(names)}
         counted: list[tuple[float, ...]] = []

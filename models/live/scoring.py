@@ -29,16 +29,16 @@ from models.live.store import LiveEpisode
 BOUND = 0.95
 """Confidence of the upper bound of a rate of false alarms."""
 TIMES_TO_COMMIT_S = (0.0, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0)
-"""Where recall against time to commit is read, s."""
+"""Times to commit at which recall is reported, s."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of the alarms in one episode.
+    """The outcome of the alarms in one episode.
 
-    intention, group: of each event that counts, numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: from its alarm
-    to its commit and onset, s, NaN where it has none, (e,). false_intention, false_group: of each false alarm, (f,).
-    hours: for which vehicles were predicted, by group, (3,).
+    intention, group: of each event that counts, as numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: time from
+    its alarm to its commit and to its onset, s, NaN if it has no alarm, (e,). false_intention, false_group: of each
+    false alarm, (f,). hours: vehicle-hours with predictions, by group, (3,).
     """
 
     intention: IntArray
@@ -60,7 +60,7 @@ class Outcome:
         return np.isfinite(self.to_commit)
 
     def of(self, intention: int | None = None, group: Origin | None = None) -> Outcome:
-        """Return the part of one intention, or group, or both."""
+        """Return the part of an intention, of a group, or of an intention in a group."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
         hours = self.hours
@@ -80,7 +80,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Truth:
-    """The events of one episode, ready to be held against alarms. onset, commit, group: of those that count, (e,)."""
+    """An episode with its events, to score alarms against. onset, commit, group: of the events that count, (e,)."""
 
     episode: LiveEpisode
     table: EventTable
@@ -90,7 +90,7 @@ class Truth:
 
     @classmethod
     def of(cls, episode: LiveEpisode, before_onset_s: float) -> Truth:
-        """Return the truth of an episode. before_onset_s: how long before onset an alarm may come, s."""
+        """Return the truth of an episode. before_onset_s: how early before onset an alarm may come, s."""
         counted = [event for event in episode.facts.events if event.left_out is None]
         return cls(
             episode,
@@ -101,7 +101,7 @@ class Truth:
         )
 
     def outcome(self, alarms: Alarms) -> Outcome:
-        """Return what came of the alarms in the episode."""
+        """Return the outcome of alarms in the episode."""
         matching = self.table.match(alarms)
         hit = matching.event_alarm >= 0
         at = np.full(len(hit), np.nan)
@@ -149,7 +149,7 @@ def event_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, commit_
 
 
 def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: Origin | None = None) -> GroupScores:
-    """Return the scores over all intentions and of each, of one group of events or of all."""
+    """Return the scores of all intentions together and of each, for one group of events or for all of them."""
     by_intention = {
         intention.text: event_scores(
             [outcome.of(number, group) for outcome in outcomes], settings, COMMIT_IS[intention.text]
@@ -163,14 +163,14 @@ def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: 
 
 
 def lead_times(values: Array) -> LeadTimes:
-    """Return median and quartiles of lead times, s, (n,); NaN stands for an event without an alarm."""
+    """Return median and quartiles of lead times (s), (n,), without those that are NaN: events without an alarm."""
     kept = values[np.isfinite(values)]
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75]).tolist() if len(kept) else (None, None, None)
     return LeadTimes(n=len(kept), lower_quartile=low, median=middle, upper_quartile=high)
 
 
 def by_time_to_commit(outcomes: Sequence[Outcome]) -> list[TimeToCommit]:
-    """Return the share of events that had their alarm at least so long before the commit, for some times."""
+    """Return the recall at each of TIMES_TO_COMMIT_S: the share of events whose alarm came at least that early."""
     leads = np.concatenate([np.empty(0), *(outcome.to_commit for outcome in outcomes)])
     return [
         TimeToCommit(time_to_commit_s=time, recall=_ratio(int((leads >= time - 1e-9).sum()), len(leads)))

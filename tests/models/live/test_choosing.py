@@ -1,4 +1,4 @@
-"""Alarms chosen on development seeds: one threshold for all intentions, or one for each."""
+"""Alarms chosen on development seeds: one threshold for all intentions, or one for separate."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ def test_a_threshold_for_each_intention_predicts_what_a_shared_one_cannot(
     truths: list[Truth], levels: list[Levels]
 ) -> None:
     combination = Combination.of(truths, levels, TEMPLATE, choice())
-    shared, each = (combination.choose(2 * HOUR, sharing) for sharing in ("shared", "each"))  # type: ignore[arg-type]
+    shared, separate = (combination.choose(2 * HOUR, sharing) for sharing in ("shared", "separate"))  # type: ignore[arg-type]
     assert shared is not None
-    assert each is not None
-    assert (shared.score, each.score) == (0.5, 1.0)
-    assert (shared.alarms.threshold, each.alarms.threshold) == (
+    assert separate is not None
+    assert (shared.score, separate.score) == (0.5, 1.0)
+    assert (shared.alarms.threshold, separate.alarms.threshold) == (
         pytest.approx(0.9),
         pytest.approx({"hard_brake": 0.3, "left_lane_change": 0.9}),
     )
-    scores = event_scores([truths[0].outcome(alarms(levels[0], each.alarms))], SETTINGS)
+    scores = event_scores([truths[0].outcome(alarms(levels[0], separate.alarms))], SETTINGS)
     assert (scores.recall, scores.false_alarms) == (1.0, 0)
 
 
@@ -77,37 +77,37 @@ def test_at_every_rate_the_counts_of_the_choice_are_those_of_its_alarms(
     combination = Combination.of(truths, noisy, TEMPLATE, choice(thresholds=30))
     before = -1.0
     for rate in (HOUR, 2 * HOUR, 3 * HOUR):
-        each = combination.choose(rate, "each")
-        assert each is not None
-        if each.path is None:
+        separate = combination.choose(rate, "separate")
+        assert separate is not None
+        if separate.path is None:
             continue
-        scores = event_scores([truths[0].outcome(alarms(noisy[0], each.alarms))], SETTINGS)
-        assert scores.recall == pytest.approx(each.score)
+        scores = event_scores([truths[0].outcome(alarms(noisy[0], separate.alarms))], SETTINGS)
+        assert scores.recall == pytest.approx(separate.score)
         assert scores.false_alarms_per_vehicle_hour is not None
         assert scores.false_alarms_per_vehicle_hour <= rate + 1e-9
-        assert each.score >= before
-        before = each.score
+        assert separate.score >= before
+        before = separate.score
     assert before > 0
 
 
 def test_without_enough_events_all_intentions_share_a_threshold(truths: list[Truth], levels: list[Levels]) -> None:
     combination = Combination.of(truths, levels, TEMPLATE, choice(least_events=4))
     for rate in (0.5 * HOUR, HOUR, 3 * HOUR):
-        shared, each = (combination.choose(rate, sharing) for sharing in ("shared", "each"))  # type: ignore[arg-type]
+        shared, separate = (combination.choose(rate, sharing) for sharing in ("shared", "separate"))  # type: ignore[arg-type]
         assert shared is not None
-        assert each is not None
-        assert each.alarms == shared.alarms
+        assert separate is not None
+        assert separate.alarms == shared.alarms
     assert shared.score == 1.0
 
 
 def test_the_path_is_what_growing_budgets_choose(truths: list[Truth], levels: list[Levels]) -> None:
-    each = Combination.of(truths, levels, TEMPLATE, choice()).choose(2 * HOUR, "each")
-    assert each is not None
-    assert each.path is not None
+    separate = Combination.of(truths, levels, TEMPLATE, choice()).choose(2 * HOUR, "separate")
+    assert separate is not None
+    assert separate.path is not None
     # Each of the two thresholds counts as one false alarm, although it has none.
-    assert each.path[:, BRAKE] == pytest.approx([0.3, 0.3])
-    assert each.path[:, LEFT] == pytest.approx([np.inf, 0.9])
-    assert np.isinf(each.path[:, RIGHT]).all()
+    assert separate.path[:, BRAKE] == pytest.approx([0.3, 0.3])
+    assert separate.path[:, LEFT] == pytest.approx([np.inf, 0.9])
+    assert np.isinf(separate.path[:, RIGHT]).all()
 
 
 def test_alarms_that_no_threshold_keeps_quiet_have_the_highest_f1(truths: list[Truth], levels: list[Levels]) -> None:
@@ -115,7 +115,7 @@ def test_alarms_that_no_threshold_keeps_quiet_have_the_highest_f1(truths: list[T
     loud[COUNT + 500, LEFT] = 2.0
     loud[:COUNT, BRAKE] = 0.0
     combination = Combination.of(truths, [replace(levels[0], level=loud)], TEMPLATE, choice())
-    for sharing in ("shared", "each"):
+    for sharing in ("shared", "separate"):
         chosen = combination.choose(0.1 * HOUR, sharing)  # type: ignore[arg-type]
         assert chosen is not None
         assert not chosen.quiet
@@ -128,7 +128,7 @@ def test_the_better_combination_is_chosen(truths: list[Truth], levels: list[Leve
         Combination.of(truths, of, TEMPLATE.model_copy(update={"k": k}), choice())
         for k, of in ((1, silent), (2, levels))
     ]
-    chosen = Options(tuple(parts)).choose(0.5 * HOUR, "each")
+    chosen = Options(tuple(parts)).choose(0.5 * HOUR, "separate")
     assert chosen is not None
     assert chosen.alarms.k == 2
-    assert Options(()).choose(1.0, "each") is None
+    assert Options(()).choose(1.0, "separate") is None

@@ -41,7 +41,7 @@ def test_the_result_says_what_the_contract_asks_for(evaluation: TrafficEvaluatio
     assert [point["false_alarms_per_vehicle_hour"] for point in stored["recall_at"]] == [0.1, 0.3, 1, 3, 10]
     assert {"random", "rule"} == set(stored["baselines"])
     assert set(stored["methods"]) == {"reject", "background"}
-    assert set(stored["frozen_at"]) == {"shared", "each"}
+    assert set(stored["frozen_at"]) == {"shared", "separate"}
     assert evaluation.real_time_factor is not None
 
 
@@ -188,7 +188,7 @@ def test_a_reader_is_warned_where_scores_say_little(evaluation: TrafficEvaluatio
     result = evaluation.result.model_copy(update={"alarms_keep_to_rate": True})
     assert warnings(result) == []
     (line,) = warnings(result.model_copy(update={"alarms_keep_to_rate": False}))
-    assert "no alarms keep to 1 false alarms per vehicle-hour" in line
+    assert "no threshold keeps to 1 false alarms per vehicle-hour" in line
     (line,) = warnings(result.model_copy(update={"over_all": result.over_all.model_copy(update={"events": 0})}))
     assert "no event counts" in line
 
@@ -276,7 +276,7 @@ def test_a_run_of_other_rates_says_what_does_not_fit(
 ) -> None:
     streams = study.live.streams.model_copy(update={"decision_s": 0.015})
     odd = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
-    with pytest.raises(InputError, match="no whole number of samples at the run's 100 Hz"):
+    with pytest.raises(InputError, match="is not a whole number of samples at the run's 100 Hz"):
         evaluate_traffic(trees_run, odd, tmp_path, InlineEngine(), source=source)
 
 

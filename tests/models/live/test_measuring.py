@@ -34,13 +34,13 @@ def truth(seed: int, false_brakes: int) -> Truth:
     return Truth.of(replace(minute, answers={RUN: answers}), 2.0)
 
 
-def settings(sharing: Literal["shared", "each"]) -> LiveSettings:
+def settings(sharing: Literal["shared", "separate"]) -> LiveSettings:
     choice = {"threshold": sharing, "least_events": 1, "false_alarms_per_vehicle_hour": RATE, "confirmations": [(1, 1)]}
     scoring = {"false_alarms_per_vehicle_hour": [0.5 * RATE, RATE]}
     return LiveSettings.model_validate({"choice": {**choice, "least_probabilities": [0.3]}, "scoring": scoring})
 
 
-def measured(sharing: Literal["shared", "each"]) -> Measured:
+def measured(sharing: Literal["shared", "separate"]) -> Measured:
     live = settings(sharing)
     options = reject_options([truth(1, 0)], RUN, live.choice)
     result = measure(Streams([truth(2, 0), truth(3, 1)], RUN), options, live, "toy")
@@ -49,39 +49,40 @@ def measured(sharing: Literal["shared", "each"]) -> Measured:
 
 
 def test_thresholds_of_their_own_predict_more_at_the_same_rate() -> None:
-    shared, each = measured("shared").result, measured("each").result
-    assert (shared.over_all.recall, each.over_all.recall) == (0.5, 1.0)
-    assert each.over_all.false_alarms == 1
-    assert each.alarms is not None
-    assert each.alarms.threshold == {"hard_brake": 1.0, "left_lane_change": 3.0}
+    shared, separate = measured("shared").result, measured("separate").result
+    assert (shared.over_all.recall, separate.over_all.recall) == (0.5, 1.0)
+    assert separate.over_all.false_alarms == 1
+    assert separate.alarms is not None
+    assert separate.alarms.threshold == {"hard_brake": 1.0, "left_lane_change": 3.0}
 
 
-@pytest.mark.parametrize("sharing", ["shared", "each"])
-def test_both_ways_are_measured_at_every_rate(sharing: Literal["shared", "each"]) -> None:
+@pytest.mark.parametrize("sharing", ["shared", "separate"])
+def test_both_ways_are_measured_at_every_rate(sharing: Literal["shared", "separate"]) -> None:
     result = measured(sharing).result
-    assert [point.false_alarms_per_vehicle_hour for point in result.frozen_at["each"]] == [0.5 * RATE, RATE]
+    assert [point.false_alarms_per_vehicle_hour for point in result.frozen_at["separate"]] == [0.5 * RATE, RATE]
     frozen = result.frozen_at[sharing][1]
     assert frozen.alarms == result.alarms
     assert (frozen.recall, frozen.recall_interval) == (result.over_all.recall, result.over_all.recall_interval)
     assert frozen.measured == result.over_all.false_alarms_per_vehicle_hour
     assert frozen.by_intention["hard_brake"] == result.by_intention["hard_brake"].recall
-    assert result.frozen_at == measured("each").result.frozen_at
+    assert result.frozen_at == measured("separate").result.frozen_at
 
 
 def test_the_curve_follows_the_path_of_the_development_seeds() -> None:
-    each = measured("each")
-    assert each.chosen is not None
-    assert each.sweep is not None
-    np.testing.assert_array_equal(each.sweep.thresholds, each.chosen.path)
-    point = each.result.recall_at[1]
+    separate = measured("separate")
+    assert separate.chosen is not None
+    assert separate.sweep is not None
+    np.testing.assert_array_equal(separate.sweep.thresholds, separate.chosen.path)
+    point = separate.result.recall_at[1]
     assert (point.recall, point.threshold) == (1.0, {"hard_brake": 1.0, "left_lane_change": 3.0})
     assert point.measured == pytest.approx(0.25 * RATE)
 
 
 def test_random_alarms_come_as_often_as_those_of_each_threshold() -> None:
-    each = measured("each")
-    drawn = measure_random([truth(2, 0), truth(3, 1)], each, settings("each"))
+    separate = measured("separate")
+    drawn = measure_random([truth(2, 0), truth(3, 1)], separate, settings("separate"))
     counts = [
-        [np.bincount(alarms.intention, minlength=len(KNOWN)).tolist() for alarms in of.alarms] for of in (drawn, each)
+        [np.bincount(alarms.intention, minlength=len(KNOWN)).tolist() for alarms in of.alarms]
+        for of in (drawn, separate)
     ]
     assert counts[0] == counts[1]
