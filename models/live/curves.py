@@ -108,7 +108,7 @@ class Sweep:
         best = _best(total, rate)
         assert best is not None
         left_out = left_out_counts(self.counts)
-        recalls = np.array([_recall_at(counts, rate) for counts in left_out])
+        recalls = np.array([recall_at(counts, rate) for counts in left_out])
         return recall_interval(total[best, 1], total[best, 0], recalls, settings)
 
 
@@ -120,8 +120,8 @@ def recall_lost(truth: Sweep, sensed: Sweep, settings: ScoringSettings) -> list[
     left_out = list(zip(left_out_counts(truth.counts), left_out_counts(sensed.counts), strict=True))
     costs = []
     for rate in settings.false_alarms_per_vehicle_hour:
-        recalls = [_recall_at(sweep.counts.sum(axis=1), rate) for sweep in (truth, sensed)]
-        lost = np.array([_recall_at(of_truth, rate) - _recall_at(of_sensed, rate) for of_truth, of_sensed in left_out])
+        recalls = [recall_at(sweep.counts.sum(axis=1), rate) for sweep in (truth, sensed)]
+        lost = np.array([recall_at(of_truth, rate) - recall_at(of_sensed, rate) for of_truth, of_sensed in left_out])
         costs.append(
             RecallLost(
                 false_alarms_per_vehicle_hour=rate,
@@ -144,6 +144,12 @@ def left_out_counts(counts: Array) -> Array:
     return np.asarray(counts.sum(axis=1) - counts.transpose(1, 0, 2))
 
 
+def recall_at(counts: Array, rate: float) -> float:
+    """Return the highest recall at a rate; counts: events, predicted events, false alarms and hours, (t, 4)."""
+    best = _best(counts, rate)
+    return 0.0 if best is None else float(_recalls(counts)[best])
+
+
 def candidate_thresholds(levels: Sequence[Levels], count: int, intentions: Sequence[int] | None = None) -> Array:
     """Return thresholds between which the number of alarms changes about evenly in its logarithm, falling, (t,).
 
@@ -155,12 +161,6 @@ def candidate_thresholds(levels: Sequence[Levels], count: int, intentions: Seque
         return np.empty(0)
     ranks = np.unique(np.rint(np.geomspace(1, len(values), count)).astype(np.int64)) - 1
     return np.unique(values[ranks].astype(np.float64))[::-1]
-
-
-def _recall_at(counts: Array, rate: float) -> float:
-    """Return the highest recall at a rate; counts: events, predicted events, false alarms and hours, (t, 4)."""
-    best = _best(counts, rate)
-    return 0.0 if best is None else float(_recalls(counts)[best])
 
 
 def _best(counts: Array, rate: float) -> int | None:

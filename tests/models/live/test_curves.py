@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from models.live.alarms import Levels
-from models.live.curves import Sweep, candidate_thresholds, recall_lost
-from models.live.scoring import Truth
+from models.live.curves import Sweep, candidate_thresholds, left_out_counts, recall_at, recall_lost
+from models.live.scoring import Truth, recall_interval
 from tests.support.minute_of_traffic import FIRST, SECOND, SETTINGS, levels
 
 
@@ -56,3 +56,34 @@ def test_no_threshold_is_quiet_enough_for_a_rate_below_the_first_false_alarm() -
     sweep = shared(truths, [levels(FIRST, {(0, 4, 50.0): 0.9, (0, 0, 10.5): 0.5})])
     point = sweep.point(1.0, SETTINGS)
     assert (point.recall, point.threshold, point.measured) == (0.0, None, None)
+
+
+def simulated_counts(rng: np.random.Generator, seeds: int) -> np.ndarray:
+    """Counts at 80 thresholds of seeds that differ in how hard they are, (80, seeds, 4)."""
+    thresholds = np.linspace(4.5, -1, 80)[:, None]
+    counts = np.zeros((80, seeds, 4))
+    counts[..., 3] = 1.75
+    for seed in range(seeds):
+        events = rng.normal(1.0 + rng.normal(0, 0.3), 1, rng.poisson(120))
+        false = rng.normal(rng.normal(0, 0.15), 1, rng.poisson(525))
+        counts[:, seed, 0] = len(events)
+        counts[:, seed, 1] = (events >= thresholds).sum(axis=1)
+        counts[:, seed, 2] = (false >= thresholds).sum(axis=1)
+    return counts
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1.0, 10.0])
+def test_the_interval_of_a_curve_covers_the_recall_of_endless_traffic(rate: float) -> None:
+    """The threshold is found anew without each seed; with it fixed, or by a percentile bootstrap, fewer cover."""
+    rng = np.random.default_rng(1)
+    expected = recall_at(simulated_counts(rng, 2000).sum(axis=1), rate)
+    covered = 0
+    for _ in range(400):
+        counts = simulated_counts(rng, 10)
+        total = counts.sum(axis=1)
+        left_out = np.array([recall_at(part, rate) for part in left_out_counts(counts)])
+        interval = recall_interval(recall_at(total, rate) * total[0, 0], total[0, 0], left_out, SETTINGS)
+        assert interval is not None
+        covered += interval.low <= expected <= interval.high
+    assert 0.91 <= covered / 400 <= 0.99

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
 from models.live import scoring
 from models.live.background import IGNORED, NONE, Background, training_rows, window_labels
 from models.live.measuring import measure_random, no_alarms
-from models.live.scoring import Truth, event_scores, lead_times
+from models.live.scoring import Truth, event_scores, lead_times, recall_interval
 from models.live.settings import BackgroundSettings, LiveSettings
 from models.live.store import RUN
 from tests.support.minute_of_traffic import COUNT, FIRST, SECOND, SETTINGS, alarms, episode
@@ -38,6 +39,41 @@ def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.Outcome]) 
         {"n": 3, "lower_quartile": -0.25, "median": 0.5, "upper_quartile": 1.25}
     )
     assert scores.lead_to_onset_s.median == pytest.approx(-0.5)
+
+
+def test_the_interval_of_a_recall_is_that_of_the_jackknife_over_seeds() -> None:
+    """Three seeds with 1 of 4, 3 of 6 and 6 of 10 events predicted; by hand."""
+    left_out = np.array([9 / 16, 7 / 14, 4 / 10])
+    half_width = student_t.ppf(0.975, 2) * np.sqrt(2 / 3 * ((left_out - left_out.mean()) ** 2).sum())
+    interval = recall_interval(10, 20, left_out, SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((0.5 - half_width, 0.5 + half_width))
+    assert interval.seeds == 3
+    narrower = recall_interval(10, 20, left_out, SETTINGS.model_copy(update={"confidence": 0.5}))
+    assert narrower is not None
+    assert narrower.high - 0.5 == pytest.approx(half_width * student_t.ppf(0.75, 2) / student_t.ppf(0.975, 2))
+
+
+@pytest.mark.parametrize(("predicted", "low", "high"), [(0, 0.0, 0.168), (20, 0.832, 1.0)])
+def test_without_any_hit_or_miss_the_interval_is_that_of_a_binomial_share(
+    predicted: int, low: float, high: float
+) -> None:
+    """0 of 20: at a recall of 0.168, 0 events are predicted in 2.5 % of all cases."""
+    interval = recall_interval(predicted, 20, np.full(4, predicted / 20), SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=1e-3)
+    assert pytest.approx(0.025, abs=1e-3) == (1 - 0.168) ** 20
+
+
+def test_an_interval_stays_within_0_and_1_and_needs_two_seeds_with_events() -> None:
+    interval = recall_interval(1, 20, np.array([0.0, 0.1]), SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == (0.0, pytest.approx(0.05 + 12.706 * 0.05, abs=1e-3))
+    assert recall_interval(1, 20, np.array([np.nan, 0.1]), SETTINGS) is None
+    one = Truth.of(FIRST, 2.0).outcome(alarms((0, 0, 10.5)))
+    nothing = Truth.of(episode(3), 2.0).outcome(alarms())
+    for outcomes in ([one], [one, nothing]):
+        assert event_scores(outcomes, SETTINGS).recall_interval is None
 
 
 def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.Outcome]) -> None:
