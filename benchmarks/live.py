@@ -1,8 +1,8 @@
-"""How much faster than real time vehicles are watched: sensed, tracked and predicted, on one core.
+"""Measures how much faster than real time vehicles are sensed, tracked and predicted on one core.
 
 Ten vehicles drive behind ten others on a straight road with masts on both sides; each is sensed by two to four panels
-at 400 Hz and predicted ten times a second by boosted trees. The traffic and its conditioning, which the real world does
-by itself, are not counted. The time of the rule of the road is given beside that of the trees.
+at 400 Hz and predicted ten times a second by boosted trees. Traffic and its conditioning are not counted: the real
+world needs no simulation. The time of the rule of the road is reported beside that of the trees.
 
 Run: python -m benchmarks.live
 """
@@ -47,9 +47,10 @@ TIMING = Timing(decision_s=0.1, window_s=2.2, report_delay_s=0.02, run_in_s=0.5,
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time, s, and what it was spent on: seconds of driving predicted, and panels in use per snapshot."""
+    """Processor time by purpose, s; predicted driving, s; and the mean number of panels that sense a vehicle."""
 
     sensing_s: float
+    cutting_s: float
     trees_s: float
     rule_s: float
     predicted_s: float
@@ -57,7 +58,7 @@ class Spent:
 
 
 def run() -> dict[str, Any]:
-    """Return `real_time_factor` and the processor time of a second of one vehicle, by what it was spent on."""
+    """Return `real_time_factor`, and the processor time for one second of one vehicle by purpose."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -65,9 +66,10 @@ def run() -> dict[str, Any]:
             spent = [measured(Path(folder)) for _ in range(ROUNDS)]
     finally:
         torch.set_num_threads(threads)
-    factors = [times.predicted_s / (times.sensing_s + times.trees_s) / VEHICLES for times in spent]
+    factors = [times.predicted_s / (times.sensing_s + times.cutting_s + times.trees_s) / VEHICLES for times in spent]
     per_second = {
         "sensing_and_tracking": [times.sensing_s / times.predicted_s for times in spent],
+        "cutting_windows": [times.cutting_s / times.predicted_s for times in spent],
         "boosted_trees": [times.trees_s / times.predicted_s for times in spent],
         "rule": [times.rule_s / times.predicted_s for times in spent],
     }
@@ -91,7 +93,7 @@ def sites() -> tuple[Site, ...]:
 
 
 def measured(folder: Path) -> Spent:
-    """Watch the vehicles once. folder: an empty one, for the scenario's files."""
+    """Sense and predict the vehicles once. folder: an empty folder, for the scenario's files."""
     pairs = [
         ScriptedVehicle(f"{name}{k}", 25.0, start_m=100.0 * k + lead, duration_s=DURATION_S)
         for k in range(VEHICLES)
@@ -112,7 +114,13 @@ def measured(folder: Path) -> Spent:
     begin = time.process_time()
     tracks = list(sensing.tracks(stretches))
     sensing_s = time.process_time() - begin - conditioning_s
-    batches = list(_windows(sensing, study, tracks))
+    cutter = WindowCutter(Reports(sensing), study, SHAPE, TIMING.report_delay_s, TIMING.decision_s)
+    batches = list(_windows(cutter, tracks))
+    # The reports, which the first pass simulates, are there by now: the second one only cuts.
+    begin = time.process_time()
+    for _ in _windows(cutter, tracks):
+        pass
+    cutting_s = time.process_time() - begin
     trees, lanes = _trees(batches[0]), lanes_of(recording)
     rule = rule_answering(WindowSettings(), SHAPE)
     begin = time.process_time()
@@ -124,17 +132,16 @@ def measured(folder: Path) -> Spent:
     ruled = time.process_time()
     count = sum(len(track.stretch.decision_s) for track in tracks)
     panels = float(np.mean([track.fixes.n_sites for track in tracks]))
-    return Spent(sensing_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
+    return Spent(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
 
 
-def _windows(sensing: Sensing, study: DatasetStudy, tracks: list[Track]) -> Iterator[tuple[Array, Array]]:
-    cutter = WindowCutter(Reports(sensing), study, SHAPE, TIMING.report_delay_s, TIMING.decision_s)
+def _windows(cutter: WindowCutter, tracks: list[Track]) -> Iterator[tuple[Array, Array]]:
     for track in tracks:
         yield from cutter.batches(track)
 
 
 def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
-    """Return trees of default size, trained on windows with noise; the time of an answer does not depend on it."""
+    """Return trees of default size, trained on noisy windows. What they learn does not change the time of an answer."""
     rng = np.random.default_rng(0)
     features = statistics(in_frame(*batch, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
     many = np.repeat(features, 12, axis=0)

@@ -75,7 +75,7 @@ class AlarmStream:
         confirmed = never
         if len(history.recent) >= settings.k:
             confirmed = np.sort(np.stack(history.recent), axis=0)[-settings.k]
-        rising = (confirmed >= settings.threshold) & ~(history.on >= settings.threshold)
+        rising = (confirmed >= settings.thresholds) & ~(history.on >= settings.thresholds)
         history.on = confirmed
         alarms = []
         for k in np.flatnonzero(rising).tolist():

@@ -117,9 +117,9 @@ def differences(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str,
         widths = jackknife_half_width(np.array([part[name] for part in left_out]))
         result[name] = Difference(
             value=_number(value),
-            interval=_interval(value, float(widths[0])),
+            interval=_interval(value, float(widths[0]), len(arm)),
             relative=_number(relative),
-            relative_interval=_interval(relative, float(widths[1])),
+            relative_interval=_interval(relative, float(widths[1]), len(arm)),
         )
     return result
 
@@ -133,10 +133,10 @@ def _difference(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str,
     }
 
 
-def _interval(value: float, half_width: float) -> Interval | None:
+def _interval(value: float, half_width: float, seeds: int) -> Interval | None:
     if not np.isfinite(value) or not np.isfinite(half_width):
         return None
-    return Interval(low=value - half_width, high=value + half_width)
+    return Interval(low=value - half_width, high=value + half_width, seeds=seeds)
 
 
 def _number(value: float) -> float | None:

@@ -19,10 +19,10 @@ LEVEL = 0.95
 """Coverage that the intervals are made for."""
 
 
-def jackknife_half_width(left_out: Array) -> Array:
-    """Return half the width of the LEVEL interval of a statistic over g independent groups.
+def jackknife_half_width(left_out: Array, level: float = LEVEL) -> Array:
+    """Return half the width of the interval of a statistic over g independent groups.
 
-    left_out: (g, ...), the statistic of all groups but one, for each group in turn.
+    left_out: (g, ...), the statistic of all groups but one, for each group in turn. level: coverage of the interval.
     Returns the t quantile with g - 1 degrees of freedom times the jackknife standard error, (...); NaN where there are
     fewer than two groups or the statistic is undefined without one of them.
     Source: Efron & Tibshirani 1993, Eq. (11.5); Tukey 1958 for the t quantile.
@@ -32,7 +32,7 @@ def jackknife_half_width(left_out: Array) -> Array:
         return np.full(left_out.shape[1:], np.nan)
     deviation = left_out - left_out.mean(axis=0)
     standard_error = np.sqrt((count - 1) / count * (deviation**2).sum(axis=0))
-    return np.asarray(student_t.ppf((1 + LEVEL) / 2, count - 1) * standard_error)
+    return np.asarray(student_t.ppf((1 + level) / 2, count - 1) * standard_error)
 
 
 def jackknife_interval(

@@ -1,4 +1,4 @@
-"""A predictor in running traffic: continuous streams of every watched vehicle, the alarms raised on them, their scores.
+"""Evaluates predictors in running traffic: senses and predicts vehicles all the time, raises alarms, and scores them.
 
-It draws no figures, and knows nothing of studies, reports or the command line.
+It draws no figures, and knows nothing about advisories, reports or the command line.
 """

@@ -1,11 +1,12 @@
-"""From the answers to consecutive windows to alarms.
+"""Turns the answers to consecutive windows into alarms.
 
-Every answer gives each intention a level. The windows just before confirm it: the confirmed level is the k-th highest
-of the last n. An alarm is raised when the confirmed level rises to the threshold.
+An answer gives each intention a level: the higher, the more it speaks for that intention. The k-th highest of the last
+n levels is the confirmed level. An alarm is raised when the confirmed level rises to the intention's threshold.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,15 +17,15 @@ from models.live.settings import AlarmSettings
 from models.live.store import LiveEpisode
 
 NEVER = -np.inf
-"""The level of an intention that a window speaks against."""
+"""The level of an intention for which a window cannot raise an alarm."""
 
 
 @dataclass(frozen=True)
 class Levels:
-    """The levels of the predictions of one episode.
+    """The levels of the n predictions of one episode, vehicle by vehicle, in order of time.
 
-    level: (n, 6). vehicle, time_s: of each prediction, (n,), vehicle by vehicle in order of time. begins: whether a
-    prediction is the first after a pause, (n,).
+    level: of each prediction and intention, (n, 6). vehicle: number of the vehicle, (n,). time_s: end of the window,
+    (n,). begins: whether the prediction is the first of its vehicle, or the first after a pause, (n,).
     """
 
     level: Float32Array
@@ -40,10 +41,10 @@ class Levels:
 
 @dataclass(frozen=True)
 class Alarms:
-    """n alarms, by intention, then vehicle, then time.
+    """The n alarms of one episode, sorted by intention, then vehicle, then time.
 
-    intention: number of the known intention, (n,). row: number of the prediction that raised it, (n,). vehicle, time_s:
-    of that prediction, (n,).
+    intention: its number in KNOWN, (n,). row: number of the prediction that raised the alarm, (n,). vehicle, time_s:
+    vehicle and time of that prediction, (n,).
     """
 
     intention: IntArray
@@ -56,7 +57,7 @@ class Alarms:
 
 
 def pauses(episode: LiveEpisode) -> BoolArray:
-    """Return which predictions of an episode are the first of their vehicle, or the first after a pause, (n,)."""
+    """Return whether each prediction is the first of its vehicle, or the first after a pause, (n,)."""
     count = len(episode.time_s)
     begins = np.ones(count, dtype=bool)
     if count:
@@ -65,9 +66,10 @@ def pauses(episode: LiveEpisode) -> BoolArray:
 
 
 def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
-    """Return the levels of the paper's method, (n, 6): the unknown score, for the likeliest intention alone.
+    """Return the levels of the paper's method, (n, 6).
 
-    least_probability: windows whose likeliest intention is less likely speak against all.
+    The level of the likeliest intention is the unknown score; all others are NEVER.
+    least_probability: if the likeliest intention is less likely than this, its level is NEVER, too.
     """
     level = np.full(answers.probabilities.shape, NEVER, np.float32)
     if len(level):
@@ -78,9 +80,9 @@ def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
 
 
 def confirmed(levels: Levels, k: int, n: int) -> Levels:
-    """Return the k-th highest of the last n levels at every prediction.
+    """Return the confirmed levels: the k-th highest of the last n at every prediction.
 
-    Levels before a pause do not count; fewer than k levels since then confirm nothing.
+    Levels from before a pause do not count. With fewer than k levels since the pause, the confirmed level is NEVER.
     """
     if n == 1:
         return levels
@@ -94,40 +96,46 @@ def confirmed(levels: Levels, k: int, n: int) -> Levels:
     return Levels(level, levels.vehicle, levels.time_s, levels.begins)
 
 
-def raised(levels: Levels, threshold: float, refractory_s: float) -> Alarms:
-    """Return the alarms at a threshold. levels: confirmed. refractory_s: see `AlarmSettings`."""
-    on = levels.level >= threshold
+def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Alarms:
+    """Return the alarms that confirmed levels raise.
+
+    thresholds: of each intention, (6,), or a single one for all. refractory_s: see `AlarmSettings`.
+    """
+    on = levels.level >= thresholds
     rising = on.copy()
     rising[1:] &= ~on[:-1] | levels.begins[1:, None]
     rows, intentions = np.nonzero(rising)
     order = np.lexsort((rows, intentions))
     rows, intentions = rows[order], intentions[order]
-    kept = []
-    last = (-1, -1, -np.inf)
-    for place, (row, intention) in enumerate(zip(rows.tolist(), intentions.tolist(), strict=True)):
-        vehicle, time = int(levels.vehicle[row]), float(levels.time_s[row])
-        if last[:2] == (intention, vehicle) and time - last[2] < refractory_s - 1e-9:
-            continue
-        kept.append(place)
-        last = (intention, vehicle, time)
-    rows, intentions = rows[kept].astype(np.int64), intentions[kept].astype(np.int64)
-    return Alarms(intentions, rows, levels.vehicle[rows], levels.time_s[rows])
+    vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
+    soon = np.zeros(len(rows), dtype=bool)
+    soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & (np.diff(time_s) < refractory_s - 1e-9)
+    kept, last = ~soon, -1
+    for place in np.flatnonzero(soon).tolist():
+        # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
+        last = place - 1 if kept[place - 1] else last
+        kept[place] = time_s[place] - time_s[last] >= refractory_s - 1e-9
+    return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
 
 
 def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
-    """Return the alarms of some settings. levels: of the settings' method, not confirmed."""
-    return raised(confirmed(levels, settings.k, settings.n), settings.threshold, settings.refractory_s)
+    """Return the alarms that levels raise with some settings. levels: by the settings' method, not confirmed yet."""
+    return raised(confirmed(levels, settings.k, settings.n), settings.thresholds, settings.refractory_s)
 
 
 def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:
-    """Return the share of predictions at which some intention is at the threshold; None without any prediction."""
+    """Return the share of predictions at which some intention reaches its threshold; None without any prediction."""
     level = confirmed(levels, settings.k, settings.n).level
-    return float((level >= settings.threshold).any(axis=1).mean()) if len(level) else None
+    return float((level >= settings.thresholds).any(axis=1).mean()) if len(level) else None
 
 
-def peaks(levels: Levels) -> Float32Array:
-    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,)."""
+def peaks(levels: Levels, intentions: Sequence[int] | None = None) -> Float32Array:
+    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,).
+
+    intentions: numbers of those that matter; all by default.
+    """
     if not len(levels.level):
         return np.empty(0, np.float32)
-    highest = np.maximum.reduceat(levels.level, np.flatnonzero(levels.begins), axis=0)
+    level = levels.level if intentions is None else levels.level[:, list(intentions)]
+    highest = np.maximum.reduceat(level, np.flatnonzero(levels.begins), axis=0)
     return np.asarray(highest[np.isfinite(highest)], np.float32)

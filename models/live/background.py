@@ -1,8 +1,8 @@
-"""The answer "none": trees that know mere driving, trained on running traffic at its natural balance.
+"""Trees with a seventh answer, "none", trained on running traffic, where most windows hold no maneuver.
 
-A predictor that was trained on maneuvers alone has to name one of them at any time, and before onset it is confidently
-wrong. The trees learn from the streams of the development seeds. Their features are those of the predictor and its six
-log-probabilities; they answer with seven probabilities.
+A predictor that was trained on maneuvers alone always has to name one of them, and before onset it is confidently
+wrong. These trees learn from the streams of the development seeds. Their inputs are the features of the predictor and
+its six log-probabilities; their output is seven probabilities.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from models.live.store import RUN, LiveEpisode
 NONE = len(KNOWN)
 """The number of the answer "none"."""
 IGNORED = -1
-"""The label of windows that are not trained on."""
+"""The label of windows that are left out of the training."""
 LEAST_PROBABILITY = 1e-6
 
 
 @dataclass(frozen=True)
 class Background:
-    """Trained trees, whose classes are the numbers of the known intentions, and NONE.
+    """Trained trees. Their classes are the numbers of the known intentions, and NONE.
 
-    predictor: whose answers they take, by its name in the episodes.
+    predictor: name, in the episodes, of the predictor whose answers they take.
     """
 
     trees: HistGradientBoostingClassifier
@@ -46,9 +46,10 @@ class Background:
         before_onset_s: float,
         predictor: str = RUN,
     ) -> Background | None:
-        """Train on episodes that hold features; None if they hold no event, or nothing but events.
+        """Train trees on episodes with features; None if the episodes hold no event, or nothing but events.
 
-        before_onset_s: how long before onset an alarm may come, s; windows that end so shortly before are left out.
+        before_onset_s: how early before onset an alarm may come, s. Windows that end in this time are left out, except
+        those just before onset that already count as the maneuver (`BackgroundSettings.before_onset_s`).
         """
         episodes = [episode for episode in episodes if len(episode.time_s)]
         if not episodes:
@@ -68,7 +69,7 @@ class Background:
         return cls(trees.fit(features, label, sample_weight=weight), predictor)
 
     def levels(self, episode: LiveEpisode) -> Float32Array:
-        """Return the log-odds of every intention at each prediction of an episode that holds features, (n, 6)."""
+        """Return the log-odds of every intention at each prediction of an episode with features, (n, 6)."""
         return self.levels_of(episode.answers[self.predictor])
 
     def levels_of(self, answers: Answers) -> Float32Array:
@@ -84,30 +85,30 @@ class Background:
 
 
 def inputs(answers: Answers) -> Float32Array:
-    """Return the features of the trees, (n, F + 6)."""
+    """Return the inputs of the trees: F features of the predictor and six log-probabilities, (n, F + 6)."""
     return np.concatenate([answers.features, np.log(np.maximum(answers.probabilities, 1e-12))], axis=1)
 
 
 def training_rows(
     episode: LiveEpisode, settings: BackgroundSettings, before_onset_s: float
 ) -> tuple[IntArray, IntArray, Array]:
-    """Return which predictions of an episode are trained on, their labels and their weights, each (m,).
+    """Return the numbers of the predictions to train on, their labels and their weights, each (m,).
 
-    All windows of events, and some of the others, each with the weight of those it stands for.
+    All windows of events are taken. Of the others every s-th is taken, with the weight s of those it stands for.
     """
     label = window_labels(episode, settings, before_onset_s)
-    every = max(1, round(settings.background_every_s / episode.facts.decision_s))
+    stride = max(1, round(settings.background_every_s / episode.facts.decision_s))
     number = np.rint(episode.time_s / episode.facts.decision_s).astype(np.int64)
-    background = (label == NONE) & (number % every == 0)
+    background = (label == NONE) & (number % stride == 0)
     chosen = np.flatnonzero(background | ((label != NONE) & (label != IGNORED)))
-    return chosen, label[chosen], np.where(label[chosen] == NONE, float(every), 1.0)
+    return chosen, label[chosen], np.where(label[chosen] == NONE, float(stride), 1.0)
 
 
 def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_onset_s: float) -> IntArray:
-    """Return the answer that is right for each prediction of an episode, or IGNORED, (n,).
+    """Return the right answer to each prediction of an episode, or IGNORED, (n,).
 
-    Ignored are windows that end shortly before onset, where an alarm is allowed but nothing need be visible yet, and
-    those within neutral events.
+    Two kinds of window are ignored: those that end shortly before onset, where an alarm is allowed but nothing may be
+    visible yet, and those within neutral events.
     """
     label = np.full(len(episode.time_s), NONE, dtype=np.int64)
     number = {name: k for k, name in enumerate(episode.names)}
@@ -129,7 +130,7 @@ def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_ons
 def out_of_fold(
     episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float, predictor: str = RUN
 ) -> list[Float32Array] | None:
-    """Return the levels of each episode by trees that were trained on other episodes; None if that is not possible."""
+    """Return the levels of each episode, from trees trained on other episodes; None if trees cannot be trained."""
     folds = min(settings.folds, len(episodes))
     if folds < 2:
         return None

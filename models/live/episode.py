@@ -1,4 +1,4 @@
-"""One episode of an evaluation in traffic, in a worker process: recorded, labelled, watched and predicted."""
+"""Runs one episode of an evaluation in traffic: records, labels, senses and predicts it. Worker processes do this."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ from models.predictors.protocol import WindowShape
 class Predictors:
     """The predictors of an evaluation.
 
-    run: folder of the evaluated run. against: folders of the runs it is compared with, by their names in the result.
-    alone: folder of the run that answers where a TV has no UV, if any.
+    run: folder of the evaluated run. against: folders of the runs to compare with, by their names in the result.
+    alone: folder of the run for TVs without a UV, if any.
     """
 
     run: Path
@@ -52,7 +52,7 @@ class Predictors:
     alone: Path | None = None
 
     def answering(self, truth: bool) -> tuple[Infer, dict[str, Answering]]:
-        """Return the run, and how each predictor answers, by name. truth: whether the run answers true motion too."""
+        """Return the run, and the predictors' functions by name. truth: whether the run also answers true motion."""
         infer = _load(self.run)
         shape = infer.run.card.shape
         answering = {RUN: run_answering(infer), RULE: rule_answering(infer.run.card.settings.windows, shape)}
@@ -68,10 +68,10 @@ def _load(path: Path) -> Infer:
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time of an episode, s, by what it was spent on.
+    """Processor time of an episode, s, by purpose.
 
-    predicting_s: of the evaluated run. comparing_s: of the other predictors. simulated_s, predicted_s: recorded time,
-    and the time for which vehicles were predicted, all vehicles together.
+    predicting_s: of the evaluated run. comparing_s: of the other predictors. simulated_s: recorded time. predicted_s:
+    time with predictions, all vehicles together.
     """
 
     seed: int
@@ -86,9 +86,9 @@ class Spent:
 
 @dataclass(frozen=True)
 class EpisodeTask:
-    """Runs the episodes of an evaluation; it is sent to worker processes.
+    """Runs the episodes of an evaluation. Worker processes receive it.
 
-    source: where motion comes from. where: path or bundled name of the scenario. folder: where episodes are written.
+    source: of motion. where: path or bundled name of the scenario. folder: of the episodes' files.
     """
 
     study: LiveStudy
@@ -99,7 +99,7 @@ class EpisodeTask:
     folder: Path
 
     def __call__(self, seed: int) -> Spent | InputError | OutputError:
-        """Run one episode and write it. An error that a retry would not fix is returned, not raised."""
+        """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
         try:
             began = time.process_time()
             scenario = self.source.load(self.where)
@@ -115,7 +115,7 @@ class EpisodeTask:
 
 
 def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
-    """Return the times that a prediction needs.
+    """Return the times around a prediction.
 
     Raises InputError if the instants of prediction are not sampling instants of both streams.
     """
@@ -127,7 +127,7 @@ def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
     ):
         if abs(seconds * rate_hz - round(seconds * rate_hz)) > 1e-6:
             raise InputError(
-                f"{name} {seconds:g} s is no whole number of samples at the run's {rate_hz:g} Hz; choose another one"
+                f"{name} {seconds:g} s is not a whole number of samples at the run's {rate_hz:g} Hz; choose another"
             )
     return Timing(
         decision_s=streams.decision_s,
@@ -143,8 +143,8 @@ def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
 class _Collected:
     """The predictions of an episode, in the order in which they are made.
 
-    answers: batches, by predictor. covered_m: driven by the vehicles while predicted, m. answering_s, predicting_s:
-    processor time of all predictors, and of the evaluated run alone, s.
+    answers: batches of answers, by predictor. covered_m: distance driven while predicted, m. answering_s: processor
+    time of all predictors, s. predicting_s: that of the evaluated run alone, s.
     """
 
     tv: list[str] = field(default_factory=list)
@@ -172,7 +172,7 @@ class _Collected:
                     self.predicting_s += spent_s if name == RUN else 0.0
 
     def episode(self, facts: EpisodeFacts, recording: Recording, predictors: Sequence[str]) -> LiveEpisode:
-        """Return the predictions vehicle by vehicle, in order of time. predictors: the names of all."""
+        """Return the episode, vehicle by vehicle and in order of time. predictors: names of all predictors."""
         names = tuple(sorted(set(self.tv)))
         number = {name: k for k, name in enumerate(names)}
         vehicle, time_s = np.array([number[name] for name in self.tv], np.int64), np.array(self.time_s, np.float64)
@@ -197,9 +197,10 @@ class _Collected:
 
 @dataclass(frozen=True)
 class Streams:
-    """What predictors answered in one recording.
+    """The answers of predictors in one recording.
 
-    episode: where TVs have a UV. alone: where they have none; None if no predictor was asked. spent: processor time.
+    episode: for TVs with a UV. alone: for TVs without a UV; None if there is no predictor for them. spent: processor
+    time.
     """
 
     episode: LiveEpisode
@@ -210,7 +211,7 @@ class Streams:
 def predicted(
     study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
 ) -> Streams:
-    """Label a recording, watch its vehicles, and predict them."""
+    """Label a recording, and sense and predict its vehicles."""
     infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
     timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)

@@ -1,9 +1,9 @@
 """Evaluates a run in running traffic: runs the episodes, chooses alarms, measures them, and writes `metrics.json`.
 
-DIR/study.json        what is evaluated, so that the same command continues it
-DIR/episodes/         one file for each seed: every answer, and the events
+DIR/study.json        the settings of the evaluation, so that the same command continues it
+DIR/episodes/         a file for each seed: all answers, and the events
 DIR/metrics.json      the result; the same for any number of worker processes
-DIR/speed.json        how long it took
+DIR/speed.json        processor time of the episodes
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ SCORED_AFTERWARDS: dict[str, Any] = {
     "development": True,
     "live": {"choice", "background", "scoring"},
 }
-"""The settings that an episode does not depend on: with others, an evaluation goes on in the same folder."""
+"""The settings that episodes do not depend on: if they change, an evaluation continues in the same folder."""
 PROBES = 64
-"""Windows that tell whether a predictor looks at the UV."""
+"""Number of windows that test whether a predictor looks at the UV."""
 SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
-"""The seeds that are measured, and those on which alarms are chosen, where none are given; training uses lower ones."""
+"""The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
 
 
 class Begun(Settings):
@@ -68,12 +68,12 @@ def study_of(
     live: LiveSettings | None = None,
     natural: bool = False,
 ) -> LiveStudy:
-    """Return the evaluation of a run in a scenario, by the settings of the dataset that it was trained on.
+    """Return the study of an evaluation, with the settings of the dataset that the run was trained on.
 
-    Traffic, labels, pairs and reports are as there; sensing uses the link budget, at the rates of the run. A dataset
-    whose study is not known stands for the defaults. seeds, development: first and last. duration_s: of each episode.
-    natural: drivers are left alone: no causes, commands or disturbances.
-    Raises InputError where an argument is wrong.
+    Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known. Sensing uses
+    the link budget, at the rates of the run. seeds, development: first and last seed. duration_s: of an episode, s.
+    natural: if true, drivers are left alone: no causes, commands or disturbances.
+    Raises InputError if an argument is wrong.
     """
     try:
         base = DatasetStudy.model_validate(card.dataset.get("study", {}))
@@ -107,11 +107,11 @@ def evaluate_traffic(
     source: MotionSource | None = None,
     alone: Run | None = None,
 ) -> TrafficEvaluation:
-    """Evaluate a run in running traffic, or finish an evaluation that was begun, and write `metrics.json`.
+    """Evaluate a run in running traffic, or continue an evaluation, and write `metrics.json`.
 
-    An evaluation with more seeds, or another choice of alarms, keeps the episodes that are there.
+    Episodes that are there are kept, also with more seeds or another choice of alarms.
     engine: runs the episodes; the result does not depend on it. against: runs to compare with on the same streams.
-    source: where motion comes from; by default, SUMO. alone: a run that looks at the TV alone, for TVs without a UV.
+    source: of motion; SUMO by default. alone: a run that looks at the TV alone, for TVs without a UV.
     Raises InputError if a run has seen a seed, runs have different windows, `alone` looks at the UV, or `out` holds
     something else, RunError if an episode fails.
     """
@@ -147,7 +147,7 @@ def evaluate_traffic(
 
 
 def warnings(result: TrafficResult) -> list[str]:
-    """Return what a reader of the result should know, a line each."""
+    """Return the warnings that belong to a result, one line each."""
     lines = []
     if not result.vehicle_hours:
         lines.append(
@@ -155,18 +155,18 @@ def warnings(result: TrafficResult) -> list[str]:
             "all scores are undefined"
         )
     elif not result.over_all.events:
-        lines.append("warning: no event counts: recall is undefined; simulate longer, or more seeds")
+        lines.append("warning: no event counts, so recall is undefined; simulate longer, or more seeds")
     elif not result.alarms_keep_to_rate:
         rate = result.made_by.study.live.choice.false_alarms_per_vehicle_hour
         lines.append(
-            f"warning: no alarms keep to {rate:g} false alarms per vehicle-hour on the development seeds; those chosen "
-            "have the highest F1 there; simulate more of these seeds"
+            f"warning: no threshold keeps to {rate:g} false alarms per vehicle-hour on the development seeds; the one "
+            "with the highest F1 was chosen; simulate more of these seeds"
         )
     return lines
 
 
 def _check_runs(run: Run, against: Sequence[Run]) -> None:
-    """Raise InputError if a compared run takes other windows than the evaluated one."""
+    """Raise InputError if a compared run needs other windows than the evaluated one."""
     for other in against:
         if (other.card.shape, other.card.settings.windows.window_s) != (
             run.card.shape,
@@ -179,7 +179,7 @@ def _check_runs(run: Run, against: Sequence[Run]) -> None:
 
 
 def _check_alone(alone: Run) -> None:
-    """Raise InputError if a run's answers change with the UV's reports."""
+    """Raise InputError if the answers of a run depend on the UV's reports."""
     card, drawn = alone.card, stream("uv of any kind")
     window_s = card.settings.windows.window_s
     tv, uv = np.zeros((PROBES, 6, card.tv_length)), np.zeros((PROBES, 6, card.uv_length))
@@ -207,7 +207,7 @@ def _check_unseen(runs: Sequence[Run], scenario: Scenario, study: LiveStudy) -> 
 
 
 def _named(runs: Sequence[Run]) -> dict[str, Run]:
-    """Return compared runs by distinct names."""
+    """Return the compared runs under distinct names."""
     count = Counter(compared.name for compared in runs)
     return {
         compared.name
@@ -218,7 +218,7 @@ def _named(runs: Sequence[Run]) -> dict[str, Run]:
 
 
 def _begin(out: Path, begun: Begun) -> None:
-    """Mark a folder as that of this evaluation. Raises InputError if it holds another one."""
+    """Mark a folder as that of this evaluation. Raises InputError if it holds another evaluation."""
     before = read_json(Begun, out / STUDY_FILE)
     if before is not None and before.fingerprint != begun.fingerprint:
         raise InputError(f"{out}: holds an evaluation of another run or other settings; choose a new folder")
@@ -230,7 +230,7 @@ def _begin(out: Path, begun: Begun) -> None:
 def _run_missing(
     task: EpisodeTask, scenario: str, study: LiveStudy, out: Path, engine: Engine, feedback: Feedback
 ) -> None:
-    """Run the episodes that have no file yet, and note what each took."""
+    """Run the episodes that have no file yet, and write down their processor times."""
 
     def finished(seed: int) -> bool:
         kinds = (False, True) if task.predictors.alone is not None else (False,)

@@ -1,4 +1,4 @@
-"""The events that alarms are held against: which of them count, and which are neutral."""
+"""The events of running traffic: which of them count when alarms are scored, and which are neutral."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from labeling.samples.candidates import for_pair
 from labeling.samples.uv_choice import choose_uv, may_be_tv
 
 GROUPS: tuple[Origin, ...] = ("natural", "reaction", "commanded")
-"""The groups of events that are reported apart: by their origin."""
+"""The groups of events with scores of their own: the origins."""
 NOT_WATCHED = "not_watched"
-"""Why an event is left out whose vehicle was not predicted throughout, from onset to commit."""
+"""Reason to leave an event out: its vehicle was not predicted throughout, from onset to commit."""
 HAS_UV = "has_uv"
-"""Why an event is left out where only vehicles without a UV are predicted."""
+"""Reason to leave an event out, where only vehicles without a UV are predicted: its vehicle has one."""
 
 
 class LiveEvent(Settings):
     """One event of the traffic.
 
-    onset, commit: s of simulation time. end: end of the event's own motion, s. group: its origin. left_out: why the
-    event is neutral, or None if it counts: alarms for a neutral event are neither right nor false.
+    onset, commit: s of simulation time. end: when the motion of the event itself ends, s. group: its origin.
+    left_out: why the event is neutral, None if it counts. An alarm for a neutral event is neither right nor false.
     """
 
     vehicle: str
@@ -51,8 +51,9 @@ def events_of(
 ) -> list[LiveEvent]:
     """Return the events of a recording, without `following`, by onset.
 
-    decisions: the instants at which each vehicle was predicted, s, in order. decision_s: time between two of them.
-    alone: whether events of vehicles without a UV count, and those of the others are neutral, instead of the reverse.
+    decisions: the instants at which each vehicle was predicted, s, in order. decision_s: time between two of them, s.
+    alone: if true, events of vehicles without a UV count and those of vehicles with one are neutral; if false, the
+    reverse.
     """
     recording = surroundings.recording
     beyond: dict[str, Array] = {}
@@ -86,9 +87,9 @@ def events_of(
 def _judged(
     surroundings: Surroundings, labels: Labels, event: Event, study: DatasetStudy, alone: bool
 ) -> tuple[str | None, Event]:
-    """Return why an event is neutral, if it is, and the event as what it is for its UV. As in a dataset.
+    """Return why an event is neutral, or None, and the event as it is labelled for its UV in a dataset.
 
-    Without a UV, an event is what it is for any vehicle.
+    Whether a pulling-out is an overtake depends on the UV. Without a UV, an overtake of any vehicle is one.
     """
     if not may_be_tv(surroundings.recording.tracks[event.vehicle], study.pairs):
         return "vehicle_class", event
@@ -102,7 +103,10 @@ def _judged(
 
 
 def _watched(event: Event, decisions: Array, decision_s: float) -> bool:
-    """Return whether a vehicle was predicted at every instant due between onset and commit, or the last one before."""
+    """Return whether a vehicle was predicted at every due instant from onset to commit.
+
+    If no instant is due in that time, the last one before it counts.
+    """
     last = np.floor(event.commit / decision_s + 1e-6)
     first = min(np.ceil(event.onset / decision_s - 1e-6), last)
     due = np.arange(first, last + 1) * decision_s
@@ -113,10 +117,10 @@ def _watched(event: Event, decisions: Array, decision_s: float) -> bool:
 
 
 def groups_at(recording: Recording, vehicle: str, times: Array) -> IntArray:
-    """Return the group that a vehicle belongs to at some instants (s), numbers in GROUPS, (n,).
+    """Return the group of a vehicle at some instants (s), as numbers in GROUPS, (n,).
 
-    A vehicle is in the group of the latest reaction or command that it is under, or was or will be within a second;
-    otherwise it drives naturally.
+    During a reaction or a command, and for a second before and after it, the vehicle belongs to that group; of several,
+    the latest counts. At all other times it drives naturally.
     """
     group = np.zeros(len(times), np.int64)
     for command in sorted(recording.commands_to.get(vehicle, ()), key=lambda command: command.start):

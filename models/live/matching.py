@@ -1,8 +1,9 @@
-"""Which alarm belongs to which event: one to one, within each vehicle and intention."""
+"""Matches alarms to events one to one, within each vehicle and intention."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -17,15 +18,15 @@ ALSO = {
     Intention.LEFT_LANE_CHANGE: (Intention.OVERTAKE,),
     Intention.RIGHT_LANE_CHANGE: (Intention.OVERTAKE,),
 }
-"""What a neutral event of an intention may as well have been: a pulling-out whose outcome is open is either."""
+"""Other intentions that a neutral event may have had: a pulling-out with an open outcome may be any of them."""
 
 
 @dataclass(frozen=True)
 class Matching:
-    """The events that count, and the alarms, of one episode.
+    """The matched events and alarms of one episode.
 
-    event_alarm: number of the alarm that belongs to each event, -1 if it was missed, (number of events,). false:
-    numbers of the alarms that belong to no event, not even to a neutral one.
+    event_alarm: number of the alarm that belongs to each event that counts, -1 for a missed event, (e,). false: numbers
+    of the alarms that belong to no event, neither to one that counts nor to a neutral one.
     """
 
     event_alarm: IntArray
@@ -33,15 +34,20 @@ class Matching:
 
 
 def match(times: Array, earliest: Array, latest: Array) -> IntArray:
-    """Match alarms to events, one to one: as many as possible, and of equally many the earliest alarms.
+    """Match as many alarms to events as possible, one to one; where there is a choice, the earliest alarms.
 
-    times: of the alarms, s, (a,). earliest, latest: the time within which an alarm belongs to each event, s, (e,).
-    Returns the number of each event's alarm, -1 where it has none, (e,).
+    times: of the alarms, s, (a,). earliest, latest: when an alarm for each event may come, s, (e,).
+    Returns the number of each event's alarm, -1 if it has none, (e,).
     """
     event_alarm = np.full(len(earliest), -1, dtype=np.int64)
     if not len(times) or not len(earliest):
         return event_alarm
     fits = (times >= earliest[:, None] - 1e-9) & (times <= latest[:, None] + 1e-9)
+    if len(earliest) == 1:
+        fitting = np.flatnonzero(fits[0])
+        if len(fitting):
+            event_alarm[0] = fitting[times[fitting].argmin()]
+        return event_alarm
     # The bonus for an early alarm stays below one match, all events together.
     late = (times - times.min()) / max(float(np.ptp(times)), 1e-9)
     bonus = (1 - late) / (len(earliest) + 1)
@@ -53,10 +59,10 @@ def match(times: Array, earliest: Array, latest: Array) -> IntArray:
 
 @dataclass(frozen=True)
 class EventTable:
-    """The events of one episode, ready for matching: those that count in the order given, and the neutral ones.
+    """The events of one episode as arrays: those that count, in the order given, and the neutral ones.
 
-    vehicle, intention: numbers, (e,). earliest: when an alarm may come first, s, (e,). neutral_*: the same of neutral
-    events, once for each intention that an alarm about them may name.
+    vehicle, intention: numbers, (e,). earliest, latest: when an alarm may come, s, (e,). neutral_*: the same of neutral
+    events, with a row for each intention that an alarm for the event may name.
     """
 
     vehicle: IntArray
@@ -72,7 +78,8 @@ class EventTable:
     def of(cls, events: tuple[LiveEvent, ...], names: tuple[str, ...], before_onset_s: float) -> EventTable:
         """Return the table of an episode's events.
 
-        names: of the watched vehicles, by number. before_onset_s: how long before onset an alarm may come, s.
+        names: of the watched vehicles, in the order of their numbers. before_onset_s: how early before onset an alarm
+        may come, s.
         """
         number = {name: k for k, name in enumerate(names)}
         counted: list[tuple[float, ...]] = []
@@ -96,19 +103,55 @@ class EventTable:
         """Match the alarms of the episode to its events."""
         event_alarm = np.full(len(self.vehicle), -1, dtype=np.int64)
         used = np.zeros(len(alarms), dtype=bool)
-        keys = np.stack([self.vehicle, self.intention], axis=1)
-        for vehicle, intention in np.unique(keys, axis=0).tolist() if len(alarms) else []:
-            events = np.flatnonzero((keys == (vehicle, intention)).all(axis=1))
-            candidates = np.flatnonzero((alarms.vehicle == vehicle) & (alarms.intention == intention))
+        order, slices = _by_key(alarms, self._keys)
+        for key, (begin, end) in slices.items():
+            events, candidates = self._events[key], order[begin:end]
             matched = match(alarms.time_s[candidates], self.earliest[events], self.latest[events])
             hit = matched >= 0
             event_alarm[events[hit]] = candidates[matched[hit]]
             used[candidates[matched[hit]]] = True
-        for k in range(len(self.neutral_vehicle) if len(alarms) else 0):
-            used |= (
-                (alarms.vehicle == self.neutral_vehicle[k])
-                & (alarms.intention == self.neutral_intention[k])
-                & (alarms.time_s >= self.neutral_earliest[k] - 1e-9)
-                & (alarms.time_s <= self.neutral_latest[k] + 1e-9)
-            )
+        order, slices = _by_key(alarms, self._neutral_keys)
+        for key, (begin, end) in slices.items():
+            events, candidates = self._neutral_events[key], order[begin:end]
+            time_s = alarms.time_s[candidates][:, None]
+            within = (time_s >= self.neutral_earliest[events] - 1e-9) & (time_s <= self.neutral_latest[events] + 1e-9)
+            used[candidates[within.any(axis=1)]] = True
         return Matching(event_alarm, np.flatnonzero(~used))
+
+    @cached_property
+    def _events(self) -> dict[int, IntArray]:
+        """The events that count, by the key of their vehicle and intention."""
+        return _grouped(_keys(self.vehicle, self.intention))
+
+    @cached_property
+    def _neutral_events(self) -> dict[int, IntArray]:
+        """The neutral events, by the key of their vehicle and intention."""
+        return _grouped(_keys(self.neutral_vehicle, self.neutral_intention))
+
+    @cached_property
+    def _keys(self) -> IntArray:
+        return np.array(list(self._events), np.int64)
+
+    @cached_property
+    def _neutral_keys(self) -> IntArray:
+        return np.array(list(self._neutral_events), np.int64)
+
+
+def _keys(vehicle: IntArray, intention: IntArray) -> IntArray:
+    """Return a number for each pair of vehicle and intention, (n,)."""
+    return np.asarray(vehicle * len(KNOWN) + intention)
+
+
+def _grouped(keys: IntArray) -> dict[int, IntArray]:
+    """Return the places of each key, in order."""
+    return {key: np.flatnonzero(keys == key) for key in np.unique(keys).tolist()}
+
+
+def _by_key(alarms: Alarms, keys: IntArray) -> tuple[IntArray, dict[int, tuple[int, int]]]:
+    """Sort alarms by key; return their order, and where in it the alarms of each key begin and end, if it has any."""
+    of_alarms = _keys(alarms.vehicle, alarms.intention)
+    order = np.argsort(of_alarms, kind="stable")
+    begin, end = (np.searchsorted(of_alarms[order], keys, side) for side in ("left", "right"))
+    some = np.flatnonzero(end > begin)
+    spans = zip(begin[some].tolist(), end[some].tolist(), strict=True)
+    return order, dict(zip(keys[some].tolist(), spans, strict=True))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 
@@ -12,62 +13,79 @@ from isacsim.seeding import stream
 from labeling.intentions import KNOWN
 from models.live import scoring
 from models.live.alarms import Alarms, Levels, alarms, confirmed, duty_cycle, reject_levels
-from models.live.background import Background, out_of_fold
-from models.live.results import AlarmResult, EventScores
-from models.live.scoring import Outcome, Sweep, Truth
-from models.live.settings import AlarmSettings, ChoiceSettings, LiveSettings
+from models.live.background import Background
+from models.live.choosing import Chosen, Options, background_options, reject_options
+from models.live.curves import Sweep, candidate_thresholds
+from models.live.results import AlarmResult, EventScores, FrozenPoint
+from models.live.scoring import Outcome, Truth
+from models.live.settings import AlarmSettings, LiveSettings, Sharing
 from models.live.store import LiveEpisode
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """Alarm settings chosen on the development seeds.
-
-    quiet: whether they keep to the rate of false alarms there; otherwise they have the highest F1. score: their recall,
-    or F1.
-    """
-
-    alarms: AlarmSettings
-    quiet: bool
-    score: float
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """What the better settings have more of."""
-        return self.quiet, self.score
 
 
 @dataclass(frozen=True)
 class Measured:
     """What a predictor with one kind of alarm measured.
 
-    outcomes, alarms: of each measured episode. sweep: its curve, None if its alarms have no threshold.
+    outcomes, alarms: of each measured episode. sweep: its curve. chosen: its settings. Both are None if its alarms have
+    no threshold.
     """
 
     result: AlarmResult
     outcomes: tuple[Outcome, ...]
     alarms: tuple[Alarms, ...]
-    sweep: Sweep | None
+    sweep: Sweep | None = None
+    chosen: Chosen | None = None
 
 
-def choose_reject(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> Chosen | None:
-    """Choose the settings of alarms by the unknown score; None if no vehicle was watched."""
-    options = []
-    for least in choice.least_probabilities:
-        levels = [reject_levels(truth.episode.answers[predictor], least) for truth in truths]
-        template = AlarmSettings(method="reject", threshold=0.0, least_probability=least)
-        options += _options(truths, levels, template, choice)
-    return max(options, key=lambda option: option.rank, default=None)
+@dataclass
+class Streams:
+    """The answers of a predictor in several episodes, and their levels.
 
+    predictor: its name in the episodes. background: the trees that know "none", for alarms of that method.
+    """
 
-def choose_background(truths: Sequence[Truth], predictor: str, settings: LiveSettings) -> Chosen | None:
-    """Choose the settings of alarms by the trees that know "none"; None if the development seeds do not suffice."""
-    episodes = [truth.episode for truth in truths]
-    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor)
-    if levels is None:
-        return None
-    options = _options(truths, levels, AlarmSettings(method="background", threshold=0.0), settings.choice)
-    return max(options, key=lambda option: option.rank, default=None)
+    truths: Sequence[Truth]
+    predictor: str
+    background: Background | None = None
+    _levels: dict[tuple[str, float], list[Levels]] = field(default_factory=dict)
+
+    def levels(self, settings: AlarmSettings) -> list[Levels]:
+        """Return the levels of each episode for alarms of some settings, not confirmed."""
+        key = (settings.method, settings.least_probability)
+        if key not in self._levels:
+            self._levels[key] = [Levels.of(truth.episode, self._level(truth, settings)) for truth in self.truths]
+        return self._levels[key]
+
+    def alarms(self, settings: AlarmSettings) -> list[Alarms]:
+        """Return the alarms of each episode."""
+        return [alarms(level, settings) for level in self.levels(settings)]
+
+    def outcomes(self, raised: Sequence[Alarms]) -> list[Outcome]:
+        """Return what comes of the alarms of each episode."""
+        return [truth.outcome(of_episode) for truth, of_episode in zip(self.truths, raised, strict=True)]
+
+    def sweep(self, chosen: Chosen, live: LiveSettings) -> Sweep:
+        """Return the curve: with a threshold for each intention along the path that the development seeds chose."""
+        settings, thresholds = chosen.alarms, chosen.path
+        steady = [confirmed(level, settings.k, settings.n) for level in self.levels(settings)]
+        if thresholds is None:
+            shared = candidate_thresholds(steady, live.choice.thresholds)
+            thresholds = np.tile(shared[:, None], len(KNOWN))
+        return Sweep.of(self.truths, steady, thresholds, settings.refractory_s)
+
+    def duty_cycle(self, settings: AlarmSettings) -> float | None:
+        """Return the share of predictions at which some intention reaches its threshold; None without any."""
+        levels = self.levels(settings)
+        total = sum(len(level.time_s) for level in levels)
+        return (
+            sum((duty_cycle(level, settings) or 0.0) * len(level.time_s) for level in levels) / total if total else None
+        )
+
+    def _level(self, truth: Truth, settings: AlarmSettings) -> Float32Array:
+        if settings.method == "background":
+            assert self.background is not None, "the method `background` needs its trees"
+            return self.background.levels(truth.episode)
+        return reject_levels(truth.episode.answers[self.predictor], settings.least_probability)
 
 
 def measure_methods(
@@ -75,71 +93,74 @@ def measure_methods(
 ) -> dict[str, Measured]:
     """Measure both kinds of alarm of a predictor with features, the better one on the development seeds first.
 
-    predictor: in the episodes. name: in the result. A kind that cannot be chosen is left out.
+    predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out.
     """
     episodes = [truth.episode for truth in development]
     background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor)
-    options = {"reject": choose_reject(development, predictor, live.choice)}
+    streams = Streams(measured, predictor, background)
+    options = {"reject": reject_options(development, predictor, live.choice)}
     if background is not None:
-        options["background"] = choose_background(development, predictor, live)
-    chosen = {method: option for method, option in options.items() if option is not None}
-    return {
-        method: measure(
-            measured, levels_of(measured, predictor, chosen[method].alarms, background), chosen[method], live, name
-        )
-        for method in sorted(chosen, key=lambda method: chosen[method].rank, reverse=True)
+        options["background"] = background_options(development, predictor, live)
+    of_methods = {method: measure(streams, of_method, live, name) for method, of_method in options.items()}
+    results = [(method, result) for method, result in of_methods.items() if result is not None]
+    return dict(sorted(results, key=lambda item: _rank(item[1]), reverse=True))
+
+
+def measure_reject(
+    development: Sequence[Truth], measured: Sequence[Truth], predictor: str, live: LiveSettings, name: str
+) -> Measured | None:
+    """Measure the alarms of a predictor by the unknown score; None if no vehicle was predicted."""
+    options = reject_options(development, predictor, live.choice)
+    return measure(Streams(measured, predictor), options, live, name)
+
+
+def measure(streams: Streams, options: Options, live: LiveSettings, name: str) -> Measured | None:
+    """Choose alarms among options, and measure them; None if there is nothing to choose. name: of the predictor."""
+    choice = live.choice
+    chosen = options.choose(choice.false_alarms_per_vehicle_hour, choice.threshold)
+    if chosen is None:
+        return None
+    raised = streams.alarms(chosen.alarms)
+    outcomes = streams.outcomes(raised)
+    sweep = streams.sweep(chosen, live)
+    rates = live.scoring.false_alarms_per_vehicle_hour
+    curve = {
+        "alarms": chosen.alarms,
+        "alarms_keep_to_rate": chosen.quiet,
+        "recall_at": [sweep.point(rate, live.scoring) for rate in rates],
+        "frozen_at": frozen_at(streams, options, live),
+        "duty_cycle": streams.duty_cycle(chosen.alarms),
     }
+    result = result_of(streams.truths, outcomes, live, name).model_copy(update=curve)
+    return Measured(result, tuple(outcomes), tuple(raised), sweep, chosen)
 
 
-def _options(
-    truths: Sequence[Truth], levels: Sequence[Float32Array], template: AlarmSettings, choice: ChoiceSettings
-) -> list[Chosen]:
-    """Return the best threshold for each confirmation; that of the highest F1 where none is quiet enough."""
-    options = []
-    for k, n in choice.confirmations:
-        of_episodes = [
-            confirmed(Levels.of(truth.episode, level), k, n) for truth, level in zip(truths, levels, strict=True)
-        ]
-        sweep = Sweep.of(truths, of_episodes, choice.refractory_s, choice.thresholds)
-        if not len(sweep.thresholds):
-            continue
-        best = sweep.best(choice.false_alarms_per_vehicle_hour)
-        scores = sweep.recalls() if best is not None else sweep.f1()
-        row = int(scores.argmax()) if best is None else best
-        update = {"threshold": float(sweep.thresholds[row]), "k": k, "n": n, "refractory_s": choice.refractory_s}
-        options.append(Chosen(template.model_copy(update=update), best is not None, float(scores[row])))
-    return options
-
-
-def levels_of(
-    truths: Sequence[Truth], predictor: str, settings: AlarmSettings, background: Background | None
-) -> list[Levels]:
-    """Return the levels of each episode for alarms of some settings, not confirmed."""
-    levels = []
-    for truth in truths:
-        if settings.method == "background":
-            assert background is not None
-            level = background.levels(truth.episode)
-        else:
-            level = reject_levels(truth.episode.answers[predictor], settings.least_probability)
-        levels.append(Levels.of(truth.episode, level))
-    return levels
-
-
-def measure(
-    truths: Sequence[Truth], levels: Sequence[Levels], chosen: Chosen, live: LiveSettings, name: str
-) -> Measured:
-    """Measure alarms of frozen settings on episodes. levels: not confirmed. name: of the predictor."""
-    settings = chosen.alarms
-    raised = [alarms(level, settings) for level in levels]
-    outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
-    steady = [confirmed(level, settings.k, settings.n) for level in levels]
-    sweep = Sweep.of(truths, steady, settings.refractory_s, live.choice.thresholds)
-    shares = [(duty_cycle(level, settings) or 0.0, len(level.time_s)) for level in levels]
-    total = sum(count for _, count in shares)
-    duty = sum(share * count for share, count in shares) / total if total else None
-    result = result_of(truths, outcomes, chosen, live, name, sweep, duty)
-    return Measured(result, tuple(outcomes), tuple(raised), sweep)
+def frozen_at(streams: Streams, options: Options, live: LiveSettings) -> dict[Sharing, list[FrozenPoint]]:
+    """Measure the alarms chosen for each rate, with a threshold that all intentions share and with one for each."""
+    points: dict[Sharing, list[FrozenPoint]] = {}
+    for sharing in get_args(Sharing):
+        of_sharing = points[sharing] = []
+        for rate in live.scoring.false_alarms_per_vehicle_hour:
+            chosen = options.choose(rate, sharing)
+            if chosen is None:
+                continue
+            outcomes = streams.outcomes(streams.alarms(chosen.alarms))
+            scores = scoring.group_scores(outcomes, live.scoring)
+            over_all = scores.over_all
+            of_sharing.append(
+                FrozenPoint(
+                    false_alarms_per_vehicle_hour=rate,
+                    alarms=chosen.alarms,
+                    keeps_to_rate=chosen.quiet,
+                    measured=over_all.false_alarms_per_vehicle_hour,
+                    recall=over_all.recall,
+                    recall_interval=over_all.recall_interval,
+                    recall_with_detection=over_all.recall_with_detection,
+                    median_lead_s=over_all.lead_time_s.median,
+                    by_intention={intention: part.recall for intention, part in scores.by_intention.items()},
+                )
+            )
+    return points
 
 
 def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) -> Measured:
@@ -156,38 +177,7 @@ def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) 
         intention = np.repeat(np.arange(len(KNOWN)), [len(part) for part in drawn])
         raised.append(Alarms(intention, rows, episode.vehicle[rows], episode.time_s[rows]))
     outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
-    result = result_of(truths, outcomes, None, live, "random alarms", None, None)
-    return Measured(result, tuple(outcomes), tuple(raised), None)
-
-
-def result_of(
-    truths: Sequence[Truth],
-    outcomes: Sequence[Outcome],
-    chosen: Chosen | None,
-    live: LiveSettings,
-    name: str,
-    sweep: Sweep | None,
-    duty: float | None,
-) -> AlarmResult:
-    """Return the scores of the outcomes of episodes."""
-    every = scoring.group_scores(outcomes, live.scoring, name)
-    km = sum(truth.episode.facts.covered_km for truth in truths)
-    rates = live.scoring.false_alarms_per_vehicle_hour
-    return AlarmResult(
-        name=name,
-        alarms=None if chosen is None else chosen.alarms,
-        alarms_keep_to_rate=None if chosen is None else chosen.quiet,
-        over_all=every.over_all,
-        macro_recall=_macro_recall(list(every.by_intention.values())),
-        by_intention=every.by_intention,
-        natural=scoring.group_scores(outcomes, live.scoring, name, "natural"),
-        reaction=scoring.group_scores(outcomes, live.scoring, name, "reaction"),
-        commanded=scoring.group_scores(outcomes, live.scoring, name, "commanded"),
-        recall_at=[] if sweep is None else [sweep.point(rate, live.scoring, name) for rate in rates],
-        recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),
-        false_alarms_per_100_km=100 * every.over_all.false_alarms / km if km else None,
-        duty_cycle=duty,
-    )
+    return Measured(result_of(truths, outcomes, live, "random alarms"), tuple(outcomes), tuple(raised))
 
 
 def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measured:
@@ -195,8 +185,34 @@ def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measure
     no_rows = np.empty(0, np.int64)
     nothing = Alarms(no_rows, no_rows, no_rows, np.empty(0))
     outcomes = [truth.outcome(nothing) for truth in truths]
-    result = result_of(truths, outcomes, None, live, name, None, None)
-    return Measured(result, tuple(outcomes), (nothing,) * len(truths), None)
+    return Measured(result_of(truths, outcomes, live, name), tuple(outcomes), (nothing,) * len(truths))
+
+
+def result_of(truths: Sequence[Truth], outcomes: Sequence[Outcome], live: LiveSettings, name: str) -> AlarmResult:
+    """Return the scores of the outcomes of episodes, for alarms that have no threshold."""
+    scores = scoring.group_scores(outcomes, live.scoring)
+    km = sum(truth.episode.facts.covered_km for truth in truths)
+    return AlarmResult(
+        name=name,
+        alarms=None,
+        alarms_keep_to_rate=None,
+        over_all=scores.over_all,
+        macro_recall=_macro_recall(list(scores.by_intention.values())),
+        by_intention=scores.by_intention,
+        natural=scoring.group_scores(outcomes, live.scoring, "natural"),
+        reaction=scoring.group_scores(outcomes, live.scoring, "reaction"),
+        commanded=scoring.group_scores(outcomes, live.scoring, "commanded"),
+        recall_at=[],
+        recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),
+        false_alarms_per_100_km=100 * scores.over_all.false_alarms / km if km else None,
+        duty_cycle=None,
+    )
+
+
+def _rank(measured: Measured) -> tuple[bool, float]:
+    """Return the key by which the better kind of alarm comes first."""
+    assert measured.chosen is not None
+    return measured.chosen.rank
 
 
 def _macro_recall(scores: Sequence[EventScores]) -> float | None:

@@ -1,4 +1,4 @@
-"""What predictors answer on sensed tracks: the last window of both streams, again at every decision."""
+"""Predicts sensed tracks: at every decision, a predictor answers the latest window of both streams."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from models.predictors.protocol import WindowShape
 from models.predictors.rule import RulePredictor, RuleSettings
 
 BATCH = 128
-"""Windows that are answered at once."""
+"""Windows in one batch."""
 REPORTS_KEPT = 128
-"""Vehicles whose reports are kept in memory: one is often the UV of several TVs in turn."""
+"""Vehicles whose reports stay in memory: a vehicle is often the UV of several TVs in turn."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """What a predictor answers to n windows.
+    """A predictor's answers to n windows.
 
-    probabilities: of the known intentions, (n, 6). score: how well the window fits any of them, (n,); higher is better.
-    features: what the answer rests on, (n, F).
+    probabilities: of the known intentions, (n, 6). score: the unknown score, (n,): the higher, the better the window
+    fits one of the known intentions. features: what the predictor computed from the window, (n, F).
     """
 
     probabilities: Float32Array
@@ -46,16 +46,16 @@ class Answers:
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def take(self, rows: IntArray) -> Answers:
-        """Return the answers of some rows, in that order."""
+        """Return the answers in some rows, in the order of `rows`."""
         return Answers(self.probabilities[rows], self.score[rows], self.features[rows])
 
 
 Answering = Callable[[Array, Array, LaneMap], Answers]
-"""Answers windows in the scenario's plane, TV (n, 6, T) and UV (n, 6, U), given the lanes of the network."""
+"""Answers windows, given TV (n, 6, T) and UV (n, 6, U) in the scenario's plane, and the lanes of the network."""
 
 
 def run_answering(infer: Infer) -> Answering:
-    """Return how a trained run answers: as it does anywhere else."""
+    """Return the function by which a trained run answers, the same as on stored records."""
 
     def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
         inference = infer(tv, uv, lanes)
@@ -66,7 +66,7 @@ def run_answering(infer: Infer) -> Answering:
 
 
 def rule_answering(windows: WindowSettings, shape: WindowShape) -> Answering:
-    """Return how the rule of the road answers; its score is the strength of the strongest intention."""
+    """Return the function by which the rule of the road answers; its score is that of the strongest intention."""
     predictor = RulePredictor(RuleSettings())
 
     def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
@@ -81,9 +81,9 @@ def rule_answering(windows: WindowSettings, shape: WindowShape) -> Answering:
 
 
 class Reports:
-    """What the vehicles of a recording report of themselves, at the rate and with the noise of the study.
+    """The reports of the vehicles of a recording, at the rate and with the noise of the study.
 
-    Every vehicle has one stream of reports, whoever is the TV behind it.
+    A vehicle has a single stream of reports, whichever TV it is the UV of.
     """
 
     def __init__(self, sensing: Sensing) -> None:
@@ -91,7 +91,10 @@ class Reports:
         self._of = lru_cache(maxsize=REPORTS_KEPT)(self._stream)
 
     def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
-        """Return the `length` reports up to a time (s), (6, length)."""
+        """Return the last `length` reports of a vehicle up to a time (s), (6, length).
+
+        Raises ValueError if the vehicle has not reported throughout.
+        """
         first, states = self._of(vehicle)
         last = round(end_s * self._sensing.study.record.uv_rate_hz) - first
         if last + 1 < length or last >= states.shape[1]:
@@ -110,14 +113,14 @@ class Reports:
 
 
 class ReportWindows(Protocol):
-    """Where the UV's part of a window comes from."""
+    """A source of the UV's part of a window."""
 
     def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
-        """Return the `length` reports of a vehicle up to a time (s), (6, length)."""
+        """Return the last `length` reports of a vehicle up to a time (s), (6, length)."""
 
 
 class NoReports:
-    """No UV: one that stands still at the origin, so that the axes of a window follow the TV's own travel."""
+    """Stands for a missing UV: it rests at the origin, so that the axes of a window follow the TV's travel."""
 
     def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
         return np.zeros((6, length), np.float32)
@@ -125,10 +128,10 @@ class NoReports:
 
 @dataclass(frozen=True)
 class WindowCutter:
-    """Cuts the windows of tracks.
+    """Cuts windows out of tracks.
 
-    reports: of the UVs. shape: of the windows. report_delay_s: age of the newest report at the end of a window, s.
-    decision_s: time between two windows, s.
+    reports: those of the UVs. shape: lengths and rates of a window. report_delay_s: age of the newest report at the end
+    of a window, s. decision_s: time between the ends of two windows, s.
     """
 
     reports: ReportWindows

@@ -1,15 +1,15 @@
-"""What an evaluation in traffic measured, typed: the content of `metrics.json`.
+"""The result of an evaluation in traffic: the content of `metrics.json`.
 
-A score is None (`null` in the file) where it is undefined, such as the recall of an intention without an event. All
-times are in s. An event is predicted if its alarm came by its commit, detected if it came later, by its end.
+An undefined score, such as the recall of an intention without events, is None (`null` in the file). All times are in s.
+An event is predicted if its alarm came by its commit, and detected if it came later, by its end.
 """
 
 from __future__ import annotations
 
-from pydantic import JsonValue
+from pydantic import Field, JsonValue
 
 from isacsim.settings import Settings
-from models.live.settings import AlarmSettings, LiveStudy
+from models.live.settings import AlarmSettings, LiveStudy, Sharing
 from models.run import RunCard
 
 METRICS_FILE = "metrics.json"
@@ -21,11 +21,11 @@ COMMIT_IS = {
     "hard_accel": "threshold reached",
     "evasive_swerve": "lateral peak",
 }
-"""What the commit is of each intention."""
+"""The instant that is the commit, by intention."""
 
 
 class LeadTimes(Settings):
-    """Median and quartiles of lead times, s; positive is an alarm before the instant. n: number of alarms."""
+    """Median and quartiles of lead times, s; positive if the alarm comes before the instant. n: number of alarms."""
 
     n: int
     lower_quartile: float | None
@@ -34,23 +34,27 @@ class LeadTimes(Settings):
 
 
 class Interval(Settings):
-    """A bootstrap interval over seeds."""
+    """A t interval of the delete-one jackknife over seeds.
+
+    seeds: their number; None in results of earlier versions, whose intervals are percentiles of a bootstrap.
+    """
 
     low: float
     high: float
+    seeds: int | None = None
 
 
 class EventScores(Settings):
-    """How the alarms for some events did.
+    """The scores of alarms for some events.
 
-    events: that count. predicted, detected: how many had their alarm by the commit, or later by their end. missed: the
-    rest. false_alarms: alarms that belong to no event; a second alarm for an event is one of them. vehicle_hours: time
-    for which vehicles were predicted.
-    precision, recall, f1: of prediction; detections count as misses, and not as false alarms. recall_with_detection:
-    the share of events that had an alarm at all. precision_with_detection: the share of alarms that belong to an event.
-    recall_interval: None with a single seed. false_alarms_per_vehicle_hour_upper: 95 % confident bound (Poisson).
-    lead_time_s: from alarm to commit, detections included. lead_to_onset_s: from alarm to onset.
-    commit_is: what the commit is.
+    events: number that count. predicted, detected: number whose alarm came by the commit, or later by the end. missed:
+    number without an alarm. false_alarms: alarms that belong to no event, second alarms for an event included.
+    vehicle_hours: time with predictions, of all vehicles.
+    precision, recall, f1: of prediction; a detection counts as a miss, but not as a false alarm. recall_with_detection:
+    share of events that had an alarm by their end. precision_with_detection: share of alarms that belong to an event.
+    recall_interval: None with a single seed. false_alarms_per_vehicle_hour_upper: upper 95 % bound of the rate, if
+    false alarms are a Poisson process. lead_time_s: from alarm to commit, detections included. lead_to_onset_s: from
+    alarm to onset. commit_is: the instant that is the commit.
     """
 
     events: int
@@ -73,15 +77,34 @@ class EventScores(Settings):
 
 
 class CurvePoint(Settings):
-    """Recall at a rate of false alarms.
+    """The recall at a rate of false alarms, read from the curve of the measured seeds.
 
-    false_alarms_per_vehicle_hour: the rate that was asked for. measured: the highest rate not above it that some
-    threshold gives. threshold: that threshold. by_intention: recall of each intention.
+    false_alarms_per_vehicle_hour: the rate. measured: that of the thresholds with the highest recall at no more than
+    this rate. threshold: those thresholds, as in `AlarmSettings`. by_intention: recall of each intention.
     """
 
     false_alarms_per_vehicle_hour: float
     measured: float | None
-    threshold: float | None
+    threshold: float | dict[str, float] | None
+    recall: float | None
+    recall_interval: Interval | None
+    recall_with_detection: float | None
+    median_lead_s: float | None
+    by_intention: dict[str, float | None]
+
+
+class FrozenPoint(Settings):
+    """The recall of alarms that were chosen on the development seeds for a rate of false alarms, and frozen.
+
+    false_alarms_per_vehicle_hour: the rate. alarms: chosen for it. keeps_to_rate: whether they keep to it on the
+    development seeds. measured: false alarms per vehicle-hour on the measured seeds. by_intention: recall of each
+    intention. The interval does not cover what other development seeds would change.
+    """
+
+    false_alarms_per_vehicle_hour: float
+    alarms: AlarmSettings
+    keeps_to_rate: bool
+    measured: float | None
     recall: float | None
     recall_interval: Interval | None
     recall_with_detection: float | None
@@ -90,28 +113,29 @@ class CurvePoint(Settings):
 
 
 class TimeToCommit(Settings):
-    """The share of events that had their alarm at least this long before the commit, s."""
+    """Recall, if an alarm has to come at least this long before the commit, s."""
 
     time_to_commit_s: float
     recall: float | None
 
 
 class GroupScores(Settings):
-    """Scores over all six intentions and by intention."""
+    """Scores of all six intentions together, and of each."""
 
     over_all: EventScores
     by_intention: dict[str, EventScores]
 
 
 class AlarmResult(Settings):
-    """What one predictor with one kind of alarm measured.
+    """The result of one predictor with one kind of alarm.
 
-    name: of the predictor. alarms: chosen on the development seeds, and frozen. alarms_keep_to_rate: whether they keep
-    to the wanted rate of false alarms there; if no threshold does, they have the highest F1. over_all: over the six
-    intentions.
-    natural, reaction, commanded: events of that origin, and the time and false alarms of vehicles that drove naturally,
-    reacted to a cause, or were commanded then. recall_at: the curve read on the measured seeds themselves, at rates.
-    duty_cycle: share of the time in which a vehicle's answers are at the threshold.
+    name: of the predictor. alarms: settings chosen on the development seeds, and frozen. alarms_keep_to_rate: whether
+    they keep to the desired rate of false alarms there; if no threshold does, they have the highest F1. over_all:
+    scores of the six intentions together. macro_recall: mean recall of the intentions that have events.
+    natural, reaction, commanded: events of that origin, with the time and the false alarms of vehicles that drove
+    naturally, reacted to a cause, or were commanded at that time. recall_at: the curve of the measured seeds, at rates.
+    frozen_at: alarms chosen on the development seeds for each of these rates, with a threshold that all intentions
+    share, and with one for each. duty_cycle: share of the time in which a vehicle's answers reach a threshold.
     """
 
     name: str
@@ -124,6 +148,7 @@ class AlarmResult(Settings):
     reaction: GroupScores
     commanded: GroupScores
     recall_at: list[CurvePoint]
+    frozen_at: dict[Sharing, list[FrozenPoint]] = Field(default_factory=dict)
     recall_by_time_to_commit: list[TimeToCommit]
     false_alarms_per_100_km: float | None
     duty_cycle: float | None
@@ -132,8 +157,8 @@ class AlarmResult(Settings):
 class Coverage(Settings):
     """How much of the driving was predicted.
 
-    share: of the time that vehicles drove. uncovered: shares without prediction, by reason. vehicle_hours, km: with
-    prediction. driving_hours: in all. What a predictor of the TV alone adds is in `AloneResult`.
+    share: of the driving time. uncovered: shares without predictions, by reason. vehicle_hours, km: with predictions.
+    driving_hours: in total. `AloneResult` holds what a predictor of the TV alone adds.
     """
 
     share: float | None
@@ -146,9 +171,9 @@ class Coverage(Settings):
 class Latency(Settings):
     """How far results look ahead, s.
 
-    conditioning_reach_s: motion is conditioned by a symmetric kernel that reaches so far; open loop, world, labels and
-    echoes all come of that motion. closed_loop_s: how far a closed loop would trail the simulation if the kernel were
-    cut off there, at a weight of 6e-5. report_delay_s: age of the newest report of the UV.
+    conditioning_reach_s: how far the symmetric kernel reaches that conditions motion; open loop, the world, the labels
+    and the echoes all come from conditioned motion. closed_loop_s: by how much a closed loop trails the simulation,
+    with the kernel cut off there, which drops a weight of 6e-5. report_delay_s: age of the UV's newest report.
     """
 
     conditioning_reach_s: float
@@ -157,7 +182,7 @@ class Latency(Settings):
 
 
 class LiveMadeBy(Settings):
-    """What made a result: study, seeds, scenario, run and versions."""
+    """The origin of a result: study, seeds, scenario, run and versions."""
 
     study: LiveStudy
     scenario: JsonValue
@@ -171,8 +196,8 @@ class RecallLost(Settings):
     """What sensing costs at a rate of false alarms: the recall on true motion minus that on sensed motion.
 
     false_alarms_per_vehicle_hour: the rate. truth, sensed: the recalls, each by the threshold of its own curve that
-    has the highest recall at the rate. interval: of `lost`, by a bootstrap over the same seeds for both; None with a
-    single seed.
+    has the highest recall at the rate. interval: of `lost`, which leaves the same seeds out of both; None with a single
+    seed.
     """
 
     false_alarms_per_vehicle_hour: float
@@ -183,9 +208,9 @@ class RecallLost(Settings):
 
 
 class TruthResult(Settings):
-    """The run on the true motion of the same TVs at the same instants, with alarms chosen for it.
+    """The run on the true motion of the same TVs at the same instants, with alarms chosen for true motion.
 
-    methods: both kinds of alarm. method: the kind that `lost` compares, the better one of the run on sensed motion.
+    methods: both kinds of alarm. method: the kind that `lost` compares: the better one of the run on sensed motion.
     """
 
     methods: dict[str, AlarmResult]
@@ -194,9 +219,9 @@ class TruthResult(Settings):
 
 
 class AloneResult(AlarmResult):
-    """A run that looks at the TV alone, where a TV has no UV.
+    """The result of a run that looks at the TV alone, for TVs without a UV.
 
-    model: of that run. share: of all driving that it predicts, beside `Coverage.share`. vehicle_hours: with its
+    model: of that run. share: of all driving that it predicts, in addition to `Coverage.share`. vehicle_hours: with its
     predictions. events_left_out, methods, baselines: as in `TrafficResult`. run: its card.
     """
 
@@ -210,11 +235,11 @@ class AloneResult(AlarmResult):
 
 
 class TrafficResult(AlarmResult):
-    """The content of `metrics.json`: the better of the run's two kinds of alarm, by the development seeds.
+    """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
-    model, scenario: of the run, and of the traffic. vehicle_hours: with prediction. events_left_out: neutral events, by
-    reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth: the
-    run on true motion, if that was asked for. alone: another run where TVs have no UV, if one was given.
+    model: of the run. scenario: its name. vehicle_hours: with predictions. events_left_out: number of neutral events,
+    by reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
+    the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given.
     """
 
     model: str

@@ -1,4 +1,4 @@
-"""Runs what is missing of an evaluation, episode by episode, with progress and the errors of workers."""
+"""Runs the missing episodes of an evaluation, with a progress bar, and collects the errors of workers."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Item = TypeVar("Item")
 class Episodes(Generic[Item]):
     """The episodes of an evaluation.
 
-    items: what the task is called with, one an episode. finished: whether an episode needs no run. title, noun: for the
-    progress bar and the error; noun is the plural. name: of an episode, in the error.
+    items: the argument of the task for each episode. finished: whether an episode needs no run. title, noun: shown in
+    the progress bar and in the error; the noun is a plural. name: how the error names an episode.
     """
 
     items: Sequence[Item]
@@ -38,8 +38,9 @@ def run_missing(
 ) -> None:
     """Run the episodes that are not finished.
 
-    keep: called with each episode and what the task returned for it.
-    Raises RunError if episodes failed, after all others were run; InputError and OutputError as the task returns them.
+    keep: called with each episode and the task's result.
+    Raises RunError after all episodes were run, if some failed; InputError or OutputError at once, if the task returns
+    one.
     """
     missing = [item for item in episodes.items if not episodes.finished(item)]
     done = len(episodes.items) - len(missing)

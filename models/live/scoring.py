@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import binomtest, chi2
 
 from isacsim.arrays import Array, BoolArray, IntArray
-from isacsim.seeding import stream
 from labeling.events import Origin
 from labeling.intentions import KNOWN
-from models.live.alarms import Alarms, Levels, peaks, raised
+from models.evaluation.intervals import jackknife_half_width
+from models.live.alarms import Alarms
 from models.live.events import GROUPS
 from models.live.matching import EventTable
 from models.live.results import (
     COMMIT_IS,
-    CurvePoint,
     EventScores,
     GroupScores,
     Interval,
     LeadTimes,
-    RecallLost,
     TimeToCommit,
 )
 from models.live.settings import ScoringSettings
@@ -32,16 +29,16 @@ from models.live.store import LiveEpisode
 BOUND = 0.95
 """Confidence of the upper bound of a rate of false alarms."""
 TIMES_TO_COMMIT_S = (0.0, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0)
-"""Where recall against time to commit is read, s."""
+"""Times to commit at which recall is reported, s."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of the alarms in one episode.
+    """The outcome of the alarms in one episode.
 
-    intention, group: of each event that counts, numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: from its alarm
-    to its commit and onset, s, NaN where it has none, (e,). false_intention, false_group: of each false alarm, (f,).
-    hours: for which vehicles were predicted, by group, (3,).
+    intention, group: of each event that counts, as numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: time from
+    its alarm to its commit and to its onset, s, NaN if it has no alarm, (e,). false_intention, false_group: of each
+    false alarm, (f,). hours: vehicle-hours with predictions, by group, (3,).
     """
 
     intention: IntArray
@@ -63,7 +60,7 @@ class Outcome:
         return np.isfinite(self.to_commit)
 
     def of(self, intention: int | None = None, group: Origin | None = None) -> Outcome:
-        """Return the part of one intention, or group, or both."""
+        """Return the part of an intention, of a group, or of an intention in a group."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
         hours = self.hours
@@ -83,7 +80,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Truth:
-    """The events of one episode, ready to be held against alarms. onset, commit, group: of those that count, (e,)."""
+    """An episode with its events, to score alarms against. onset, commit, group: of the events that count, (e,)."""
 
     episode: LiveEpisode
     table: EventTable
@@ -93,7 +90,7 @@ class Truth:
 
     @classmethod
     def of(cls, episode: LiveEpisode, before_onset_s: float) -> Truth:
-        """Return the truth of an episode. before_onset_s: how long before onset an alarm may come, s."""
+        """Return the truth of an episode. before_onset_s: how early before onset an alarm may come, s."""
         counted = [event for event in episode.facts.events if event.left_out is None]
         return cls(
             episode,
@@ -104,7 +101,7 @@ class Truth:
         )
 
     def outcome(self, alarms: Alarms) -> Outcome:
-        """Return what came of the alarms in the episode."""
+        """Return the outcome of alarms in the episode."""
         matching = self.table.match(alarms)
         hit = matching.event_alarm >= 0
         at = np.full(len(hit), np.nan)
@@ -122,10 +119,8 @@ class Truth:
         )
 
 
-def event_scores(
-    outcomes: Sequence[Outcome], settings: ScoringSettings, key: str, commit_is: str | None = None
-) -> EventScores:
-    """Return the scores of alarms, pooled over the outcomes of several seeds. key: names the bootstrap's draw."""
+def event_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, commit_is: str | None = None) -> EventScores:
+    """Return the scores of alarms, pooled over the outcomes of several seeds."""
     events = sum(len(outcome.intention) for outcome in outcomes)
     predicted = sum(int(outcome.predicted.sum()) for outcome in outcomes)
     alarmed = sum(int(outcome.alarmed.sum()) for outcome in outcomes)
@@ -144,7 +139,7 @@ def event_scores(
         f1=_f1(precision, recall),
         recall_with_detection=_ratio(alarmed, events),
         precision_with_detection=_ratio(alarmed, alarmed + false),
-        recall_interval=_recall_interval(outcomes, settings, key),
+        recall_interval=_recall_interval(outcomes, settings),
         false_alarms_per_vehicle_hour=_ratio(false, hours),
         false_alarms_per_vehicle_hour_upper=_ratio(float(chi2.ppf(BOUND, 2 * (false + 1))) / 2, hours),
         lead_time_s=lead_times(np.concatenate([np.empty(0), *(outcome.to_commit for outcome in outcomes)])),
@@ -153,31 +148,29 @@ def event_scores(
     )
 
 
-def group_scores(
-    outcomes: Sequence[Outcome], settings: ScoringSettings, key: str, group: Origin | None = None
-) -> GroupScores:
-    """Return the scores over all intentions and of each, of one group of events or of all."""
+def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: Origin | None = None) -> GroupScores:
+    """Return the scores of all intentions together and of each, for one group of events or for all of them."""
     by_intention = {
         intention.text: event_scores(
-            [outcome.of(number, group) for outcome in outcomes], settings, key, COMMIT_IS[intention.text]
+            [outcome.of(number, group) for outcome in outcomes], settings, COMMIT_IS[intention.text]
         )
         for number, intention in enumerate(KNOWN)
     }
     return GroupScores(
-        over_all=event_scores([outcome.of(group=group) for outcome in outcomes], settings, key),
+        over_all=event_scores([outcome.of(group=group) for outcome in outcomes], settings),
         by_intention=by_intention,
     )
 
 
 def lead_times(values: Array) -> LeadTimes:
-    """Return median and quartiles of lead times, s, (n,); NaN stands for an event without an alarm."""
+    """Return median and quartiles of lead times (s), (n,), without those that are NaN: events without an alarm."""
     kept = values[np.isfinite(values)]
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75]).tolist() if len(kept) else (None, None, None)
     return LeadTimes(n=len(kept), lower_quartile=low, median=middle, upper_quartile=high)
 
 
 def by_time_to_commit(outcomes: Sequence[Outcome]) -> list[TimeToCommit]:
-    """Return the share of events that had their alarm at least so long before the commit, for some times."""
+    """Return the recall at each of TIMES_TO_COMMIT_S: the share of events whose alarm came at least that early."""
     leads = np.concatenate([np.empty(0), *(outcome.to_commit for outcome in outcomes)])
     return [
         TimeToCommit(time_to_commit_s=time, recall=_ratio(int((leads >= time - 1e-9).sum()), len(leads)))
@@ -185,170 +178,42 @@ def by_time_to_commit(outcomes: Sequence[Outcome]) -> list[TimeToCommit]:
     ]
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """What came of the alarms of several episodes at several thresholds.
+def recall_interval(predicted: float, events: float, left_out: Array, settings: ScoringSettings) -> Interval | None:
+    """Return the interval of a recall over seeds, within 0 and 1; None with a single seed, or where it is undefined.
 
-    thresholds: falling, (t,). outcomes: of every threshold, one of each episode.
+    predicted, events: counts of all seeds. left_out: the recall of all seeds but one, for each in turn, (seeds,).
+    If no event was predicted, or every one, seeds do not differ. The interval is then the exact one of a binomial
+    share (Clopper & Pearson 1934), as if events were independent.
     """
-
-    thresholds: Array
-    outcomes: tuple[tuple[Outcome, ...], ...]
-
-    @classmethod
-    def of(cls, truths: Sequence[Truth], levels: Sequence[Levels], refractory_s: float, count: int) -> Sweep:
-        """Try thresholds on episodes. levels: confirmed, of each episode. count: how many thresholds to try."""
-        thresholds = candidate_thresholds(levels, count)
-        outcomes = tuple(
-            tuple(
-                truth.outcome(raised(level, threshold, refractory_s))
-                for truth, level in zip(truths, levels, strict=True)
-            )
-            for threshold in thresholds.tolist()
-        )
-        return cls(thresholds, outcomes)
-
-    def rates(self) -> Array:
-        """Return the false alarms per vehicle-hour at each threshold, (t,); infinite without any hour."""
-        return _rates(self.counts.sum(axis=1))
-
-    def recalls(self) -> Array:
-        """Return the recall at each threshold, (t,); 0 without any event."""
-        return _recalls(self.counts.sum(axis=1))
-
-    def best(self, rate: float) -> int | None:
-        """Return the threshold, by number, of the highest recall at no more than a rate of false alarms."""
-        return _best(self.counts.sum(axis=1), rate)
-
-    def f1(self) -> Array:
-        """Return the F1 of prediction at each threshold, (t,); 0 without any event."""
-        events, predicted, false, _ = self.counts.sum(axis=1).T
-        return np.asarray(2 * predicted / np.maximum(predicted + false + events, 1))
-
-    def point(self, rate: float, settings: ScoringSettings, key: str) -> CurvePoint:
-        """Return the curve at a rate of false alarms per vehicle-hour. key: names the bootstrap's draw."""
-        best = self.best(rate)
-        outcomes = () if best is None else self.outcomes[best]
-        scores = event_scores(outcomes, settings, key)
-        events = len(self.outcomes) and sum(len(outcome.intention) for outcome in self.outcomes[0])
-        none = None if not events else 0.0  # No threshold is that quiet: silence is.
-        return CurvePoint(
-            false_alarms_per_vehicle_hour=rate,
-            measured=scores.false_alarms_per_vehicle_hour,
-            threshold=None if best is None else float(self.thresholds[best]),
-            recall=none if best is None else scores.recall,
-            recall_interval=None if best is None else self._interval(rate, settings, key),
-            recall_with_detection=none if best is None else scores.recall_with_detection,
-            median_lead_s=scores.lead_time_s.median,
-            by_intention={
-                intention.text: event_scores([outcome.of(k) for outcome in outcomes], settings, key).recall
-                for k, intention in enumerate(KNOWN)
-            },
-        )
-
-    @cached_property
-    def counts(self) -> Array:
-        """The numbers of events, predictions and false alarms, and the hours, (t, episodes, 4)."""
-        rows = [
-            [(len(o.intention), o.predicted.sum(), len(o.false_intention), o.hours.sum()) for o in outcomes]
-            for outcomes in self.outcomes
-        ]
-        return np.array(rows, dtype=np.float64).reshape(
-            len(self.outcomes), len(self.outcomes[0]) if self.outcomes else 0, 4
-        )
-
-    def _interval(self, rate: float, settings: ScoringSettings, key: str) -> Interval | None:
-        """Return the interval of the recall at a rate over seeds; the threshold is found anew for each resample."""
-        counts = self.counts
-        drawn = _resamples(counts.shape[1], settings, key)
-        if drawn is None:
-            return None
-        return _interval(np.array([_recall_at(counts[:, rows].sum(axis=1), rate) for rows in drawn]), settings)
+    interval = jackknife_interval(predicted / events if events else np.nan, left_out, settings)
+    if interval is None:
+        return None
+    if predicted in (0, events):
+        exact = binomtest(int(predicted), int(events)).proportion_ci(settings.confidence)
+        return Interval(low=float(exact.low), high=float(exact.high), seeds=interval.seeds)
+    return interval.model_copy(update={"low": max(interval.low, 0.0), "high": min(interval.high, 1.0)})
 
 
-def recall_lost(truth: Sweep, sensed: Sweep, settings: ScoringSettings) -> list[RecallLost]:
-    """Return what sensing costs in recall at each rate, from the curves of the same seeds on true and sensed motion.
+def jackknife_interval(value: float, left_out: Array, settings: ScoringSettings) -> Interval | None:
+    """Return the t interval of the delete-one jackknife; None with a single seed, or where it is undefined.
 
-    Both resample the same seeds, so that the traffic that is hard for both does not widen the interval.
+    value: the statistic of all seeds. left_out: that of all seeds but one, for each in turn, (seeds,).
     """
-    drawn = _resamples(truth.counts.shape[1], settings, "recall lost")
-    costs = []
-    for rate in settings.false_alarms_per_vehicle_hour:
-        recalls = [_recall_at(sweep.counts.sum(axis=1), rate) for sweep in (truth, sensed)]
-        lost = [] if drawn is None else [_lost(truth.counts[:, rows], sensed.counts[:, rows], rate) for rows in drawn]
-        costs.append(
-            RecallLost(
-                false_alarms_per_vehicle_hour=rate,
-                truth=recalls[0],
-                sensed=recalls[1],
-                lost=recalls[0] - recalls[1],
-                interval=_interval(np.array(lost), settings),
-            )
-        )
-    return costs
-
-
-def _lost(truth: Array, sensed: Array, rate: float) -> float:
-    """Return the difference of the recalls at a rate; counts of both: (t, seeds, 4)."""
-    return _recall_at(truth.sum(axis=1), rate) - _recall_at(sensed.sum(axis=1), rate)
-
-
-def _recall_at(counts: Array, rate: float) -> float:
-    """Return the highest recall at a rate; counts: of events, predictions, false alarms and hours, (t, 4)."""
-    best = _best(counts, rate)
-    return 0.0 if best is None else float(_recalls(counts)[best])
-
-
-def candidate_thresholds(levels: Sequence[Levels], count: int) -> Array:
-    """Return thresholds between which the number of alarms changes about evenly in its logarithm, falling, (t,)."""
-    values = np.sort(np.concatenate([np.empty(0, np.float32), *(peaks(level) for level in levels)]))[::-1]
-    if not len(values):
-        return np.empty(0)
-    ranks = np.unique(np.rint(np.geomspace(1, len(values), count)).astype(np.int64)) - 1
-    return np.unique(values[ranks].astype(np.float64))[::-1]
-
-
-def _best(counts: Array, rate: float) -> int | None:
-    """Return the number of the best threshold; counts: of events, predictions, false alarms and hours, (t, 4)."""
-    allowed = np.flatnonzero(_rates(counts) <= rate + 1e-9)
-    if not len(allowed):
+    half_width = float(jackknife_half_width(left_out, settings.confidence))
+    if not np.isfinite(value) or not np.isfinite(half_width):
         return None
-    recalls = _recalls(counts)[allowed]
-    return int(allowed[np.flatnonzero(recalls == recalls.max())[0]])
+    return Interval(low=value - half_width, high=value + half_width, seeds=len(left_out))
 
 
-def _rates(counts: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(counts[:, 3] > 0, counts[:, 2] / counts[:, 3], np.inf)
-
-
-def _recalls(counts: Array) -> Array:
-    return np.asarray(counts[:, 1] / np.maximum(counts[:, 0], 1))
-
-
-def _recall_interval(outcomes: Sequence[Outcome], settings: ScoringSettings, key: str) -> Interval | None:
-    drawn = _resamples(len(outcomes), settings, key)
-    if drawn is None:
-        return None
+def _recall_interval(outcomes: Sequence[Outcome], settings: ScoringSettings) -> Interval | None:
+    """Return the interval of the recall over the outcomes of several seeds."""
     predicted = np.array([outcome.predicted.sum() for outcome in outcomes], dtype=np.float64)
     events = np.array([len(outcome.intention) for outcome in outcomes], dtype=np.float64)
-    total = events[drawn].sum(axis=1)
-    return _interval(predicted[drawn].sum(axis=1)[total > 0] / total[total > 0], settings)
-
-
-def _resamples(count: int, settings: ScoringSettings, key: str) -> IntArray | None:
-    """Return bootstrap resamples of `count` seeds, (resamples, count); None with fewer than two seeds."""
-    if count < 2:
+    if not events.sum():
         return None
-    return stream("live bootstrap", key, count).integers(0, count, (settings.resamples, count))
-
-
-def _interval(values: Array, settings: ScoringSettings) -> Interval | None:
-    if not len(values):
-        return None
-    tail = (1 - settings.confidence) / 2
-    low, high = np.quantile(values, [tail, 1 - tail]).tolist()
-    return Interval(low=low, high=high)
+    others = events.sum() - events
+    left_out = np.divide(predicted.sum() - predicted, others, out=np.full(len(events), np.nan), where=others > 0)
+    return recall_interval(predicted.sum(), events.sum(), left_out, settings)
 
 
 def _ratio(part: float, whole: float) -> float | None:

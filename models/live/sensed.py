@@ -1,6 +1,6 @@
-"""Stretches sensed by the sites: the echoes of every snapshot, the hand-over between panels, and the Kalman filter.
+"""Senses stretches: the echoes of every snapshot, the hand-over between panels, and the Kalman filter.
 
-The filter is causal, so that many stretches filtered together give what a filter fed fix by fix gives
+The filter is causal. Filtering many stretches at once therefore gives what a filter gives that is fed fix by fix
 (`isacsim.tracking.streaming`).
 """
 
@@ -24,18 +24,18 @@ from labeling.generation.settings import DatasetStudy
 from models.live.stretches import Stretch
 
 MOST_SNAPSHOTS = 400_000
-"""Snapshots that are filtered at once: their covariances take 50 MB."""
+"""Most snapshots that are filtered at once: their covariances take 50 MB."""
 TOO_FEW_SITES = "too_few_sites"
 NOT_DETECTED = "not_detected"
-"""Why a stretch, or a part of it, is not sensed."""
+"""Reasons why a stretch, or a part of it, is not sensed."""
 
 
 @dataclass(frozen=True)
 class Track:
     """A stretch as the network knows it.
 
-    state: x, y, vx, vy, ax, ay after the filter at tv_rate_hz from `stretch.start_s` on, (6, S), m, m/s, m/s2.
-    truth: the same of the motion itself. fixes: what the filter was fed.
+    state: x, y, vx, vy, ax, ay in m, m/s and m/s2 after the filter, at tv_rate_hz from `stretch.start_s` on, (6, S).
+    truth: the true motion at the same instants, (6, S). fixes: the input of the filter.
     """
 
     stretch: Stretch
@@ -45,7 +45,7 @@ class Track:
 
     @property
     def true(self) -> Track:
-        """The same stretch as if the network knew the motion itself."""
+        """The same stretch, with the true motion in place of the sensed one."""
         return replace(self, state=np.ascontiguousarray(self.truth, dtype=np.float32))
 
 
@@ -53,7 +53,8 @@ class Track:
 class Sensing:
     """Senses the stretches of one recording.
 
-    uncovered: number of predictions that could not be made, by reason; counted as the tracks are taken.
+    before_decision_s: how long a TV has to be sensed before its first prediction, s. uncovered: number of predictions
+    that could not be made, by reason; it grows while `tracks` is iterated.
     """
 
     study: DatasetStudy
@@ -63,7 +64,7 @@ class Sensing:
     uncovered: Counter[str] = field(default_factory=Counter)
 
     def tracks(self, stretches: Sequence[Stretch]) -> Iterator[Track]:
-        """Yield the tracks of stretches in order, in bounded memory: a stretch gives a track for each part in view."""
+        """Yield the tracks of stretches in order, in bounded memory: one for each part of a stretch that is in view."""
         waiting: list[tuple[Stretch, Array, Observed]] = []
         snapshots = 0
         for stretch in stretches:
@@ -105,7 +106,7 @@ class Sensing:
         self.uncovered[TOO_FEW_SITES] += len(stretch.decision_s) - predicted
 
     def _observed(self, part: Stretch, truth: Array) -> Observed:
-        """Return the fixes of a part; its key seeds the draws, so that they do not depend on other vehicles."""
+        """Return the fixes of a part. The random draws depend on the part alone, not on other vehicles."""
         sensing = self.study.sensing
         key = ("live", self.recording.scenario, self.recording.seed, part.tv, f"{part.start_s:.6f}")
         blockers = None
@@ -115,7 +116,7 @@ class Sensing:
         return fix(truth, self.study.record.tv_rate_hz, self.scenario.sites, sensing, key, blockers)
 
     def _filtered(self, waiting: Sequence[tuple[Stretch, Array, Observed]]) -> Iterator[Track]:
-        """Filter the fixes of several parts; shorter ones are continued without fixes and cut off again."""
+        """Filter the fixes of several parts together: shorter parts go on without fixes, and are then cut to length."""
         count, length = len(waiting), max(truth.shape[1] for _, truth, _ in waiting)
         fixes = np.zeros((count, length, 4))
         covariances = np.tile(np.eye(4), (count, length, 1, 1))

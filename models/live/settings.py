@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal, Self
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 
+from isacsim.arrays import Array
 from isacsim.settings import Settings
 from labeling.generation.settings import DatasetStudy, SeedRange
+from labeling.intentions import KNOWN
 
 Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
+Sharing = Literal["shared", "separate"]
+"""Whether all intentions share a threshold, or each has its own."""
 
 
 class StreamSettings(Settings):
@@ -21,42 +27,74 @@ class StreamSettings(Settings):
         0.02,
         ge=0.0,
         le=2.0,
-        description="age of a UV's newest report when a window ends, s; windows use what has arrived",
+        description="age of a UV's newest report at the end of a window, s",
     )
     longest_stretch_s: float = Field(
         120.0,
         ge=10.0,
-        description="a vehicle that is watched for longer is acquired anew, s; bounds the memory that a stretch takes",
+        description="longest stretch that is sensed without acquiring the vehicle anew, s; limits the use of memory",
     )
     truth: bool = Field(
-        False, description="whether the run also answers the true motion of the TVs, which says what sensing costs"
+        False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
 
 
 class AlarmSettings(Settings):
     """When the answers to consecutive windows of a vehicle become an alarm for an intention.
 
-    method: what is compared with the threshold.
-    `reject`: the run's own unknown score, of windows whose likeliest intention this is, with at least
-    `least_probability`. `background`: the log-odds of the intention from trees that also know a seventh answer, "none"
-    (`models.live.background`).
-    An alarm is raised when `k` of the last `n` windows reach the threshold. No other alarm follows for the same
-    intention of that vehicle until they have fallen below it again, and `refractory_s` have passed.
+    method: what is compared with the threshold. `reject`: the unknown score of the run, in windows whose likeliest
+    intention it is, with a probability of at least `least_probability`. `background`: the log-odds of the intention,
+    from trees that also know a seventh answer, "none" (`models.live.background`).
+    threshold: a single one for all intentions, or one for each by its name. An intention without one never raises an
+    alarm.
+    k, n: an alarm is raised when k of the last n windows reach the threshold. refractory_s: the next alarm for the same
+    vehicle and intention needs the level to fall below the threshold, and this time to pass, s.
     """
 
     method: Method
-    threshold: float
+    threshold: float | dict[str, float]
     k: int = Field(1, ge=1)
     n: int = Field(1, ge=1)
     least_probability: float = Field(0.0, ge=0.0, le=1.0)
     refractory_s: float = Field(2.0, ge=0.0)
 
+    @field_validator("threshold")
+    @classmethod
+    def _known(cls, threshold: float | dict[str, float]) -> float | dict[str, float]:
+        names = [known.text for known in KNOWN]
+        wrong = [name for name in threshold if name not in names] if isinstance(threshold, dict) else []
+        if wrong:
+            raise ValueError(f"{wrong[0]}: no such intention; there are {', '.join(names)}")
+        return threshold
+
+    @property
+    def thresholds(self) -> Array:
+        """The threshold of each intention, infinite if it never raises an alarm, (6,)."""
+        if not isinstance(self.threshold, Mapping):
+            return np.full(len(KNOWN), self.threshold)
+        return np.array([self.threshold.get(known.text, np.inf) for known in KNOWN])
+
+
+def shown_threshold(thresholds: Array) -> float | dict[str, float]:
+    """Return thresholds (6,) as `AlarmSettings` hold them: a single one if all are equal, otherwise one by intention.
+
+    Infinite thresholds are left out.
+    """
+    finite = np.isfinite(thresholds)
+    if finite.all() and (thresholds == thresholds[0]).all():
+        return float(thresholds[0])
+    return {KNOWN[k].text: float(thresholds[k]) for k in np.flatnonzero(finite).tolist()}
+
 
 class ChoiceSettings(Settings):
-    """The alarm settings among which the development seeds choose; a threshold is chosen for each combination."""
+    """The alarm settings among which the development seeds choose."""
 
     false_alarms_per_vehicle_hour: float = Field(
-        1.0, gt=0.0, description="the choice has the highest recall at this many false alarms per vehicle-hour"
+        1.0, gt=0.0, description="choose the highest recall at this many false alarms per vehicle-hour"
+    )
+    threshold: Sharing = Field("separate", description="whether all intentions share a threshold, or each has its own")
+    least_events: int = Field(
+        20, ge=1, description="fewest development events for a separate threshold; rarer intentions share one"
     )
     confirmations: tuple[tuple[int, int], ...] = Field(
         ((1, 1), (2, 3), (4, 5)), min_length=1, description="pairs (k, n): k of the last n windows reach the threshold"
@@ -65,7 +103,7 @@ class ChoiceSettings(Settings):
         (0.0, 0.5, 0.8), min_length=1, description="least probabilities of the likeliest intention, for `reject`"
     )
     refractory_s: float = Field(2.0, ge=0.0, description="time between two alarms of one intention and vehicle, s")
-    thresholds: int = Field(80, ge=2, description="thresholds tried for each combination")
+    thresholds: int = Field(80, ge=2, description="thresholds tried for each combination of the other settings")
 
     @model_validator(mode="after")
     def _confirmable(self) -> Self:
@@ -76,19 +114,19 @@ class ChoiceSettings(Settings):
 
 
 class BackgroundSettings(Settings):
-    """The trees with the answer "none", trained on the streams of the development seeds."""
+    """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
     background_every_s: float = Field(
-        0.5, gt=0.0, description="interval between training windows outside events, s; each stands for all between"
+        0.5, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
     )
     before_onset_s: float = Field(
-        0.5, ge=0.0, description="windows that end this long before onset already count as the maneuver, s"
+        0.5, ge=0.0, description="how early before onset a window already counts as the maneuver, s"
     )
     rounds: int = Field(100, ge=1, description="boosting rounds")
     learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
     leaves: int = Field(15, ge=2, description="leaves per tree")
     l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
-    folds: int = Field(4, ge=2, description="parts of the development seeds; each is answered by trees of the others")
+    folds: int = Field(4, ge=2, description="parts of the development seeds; trees of the others answer a part")
 
 
 class ScoringSettings(Settings):
@@ -100,8 +138,15 @@ class ScoringSettings(Settings):
     false_alarms_per_vehicle_hour: tuple[float, ...] = Field(
         (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
     )
-    resamples: int = Field(1000, ge=1, description="bootstrap resamples of the seeds")
     confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_resamples(cls, content: object) -> object:
+        """Leave out `resamples`, which results of earlier versions hold: intervals are no longer bootstraps."""
+        if not isinstance(content, Mapping):
+            return content
+        return {key: value for key, value in content.items() if key != "resamples"}
 
 
 class LiveSettings(Settings):
@@ -116,8 +161,8 @@ class LiveSettings(Settings):
 class LiveStudy(Settings):
     """An evaluation in running traffic.
 
-    dataset: the traffic, what counts as an event, who is paired with whom, and the sensing; its one scenario and its
-    seeds are those that are measured. development: seeds of the same scenario on which alarms are chosen.
+    dataset: settings of traffic, labels, pairs and sensing, with the one scenario and the seeds to measure.
+    development: seeds of the same scenario on which alarms are chosen.
     """
 
     dataset: DatasetStudy

@@ -21,7 +21,7 @@ from models.live.events import LiveEvent
 from models.live.predictions import Answers
 
 EPISODES, SPEED_FILE = "episodes", "speed.json"
-"""In the folder of an evaluation: the folder of the episodes, and what each took."""
+"""In the folder of an evaluation: the folder of the episodes, and the file with the processor time of each."""
 FACTS_KEY = b"isac_cosim.live_episode"
 ROW_GROUP = 8192
 RUN = "run"
@@ -31,15 +31,15 @@ RULE = "rule"
 TRUTH = "truth"
 """The name of the evaluated run where it answers the true motion of the TV."""
 WITH_FEATURES = (RUN, TRUTH)
-"""The predictors whose features are kept: alarms by background rest on them."""
+"""The predictors whose features are stored, because alarms by background need them."""
 
 
 class EpisodeFacts(Settings):
-    """What an episode's file says beside its answers.
+    """The facts of an episode, stored beside the answers.
 
-    fingerprint: of the evaluation. decision_s: time between predictions, s. simulated_s: recorded time. vehicles:
-    number on the road, without those that collided or teleported. instants: at which some vehicle was due a prediction.
-    uncovered: how many of them have none, by reason. covered_km: driven by the watched vehicles while predicted.
+    fingerprint: of the evaluation. decision_s: time between predictions, s. simulated_s: recorded time, s. vehicles:
+    number on the road, without those that collided or teleported. instants: number of due predictions of all vehicles.
+    uncovered: number of those that were not made, by reason. covered_km: distance driven while predicted.
     """
 
     schema_version: int = 1
@@ -57,10 +57,11 @@ class EpisodeFacts(Settings):
 
 @dataclass(frozen=True)
 class LiveEpisode:
-    """One episode, the n predictions vehicle by vehicle, in order of time.
+    """One episode with its n predictions, vehicle by vehicle, in order of time.
 
-    vehicle: number of each prediction's TV in `names`, (n,). time_s: end of the window, (n,). group: the TV's group
-    then (`models.live.events.groups_at`), (n,). answers: of each predictor, by name; features of WITH_FEATURES alone.
+    names: of the TVs. vehicle: number of the TV in `names`, (n,). time_s: end of the window, (n,). group: group of the
+    TV at that time (`models.live.events.groups_at`), (n,). answers: of each predictor by its name; only those of
+    WITH_FEATURES hold features.
     """
 
     facts: EpisodeFacts
@@ -77,7 +78,7 @@ class LiveEpisode:
 
 
 def file_name(scenario: str, seed: int, alone: bool = False) -> str:
-    """Return the name of an episode's file. alone: of its driving without a UV."""
+    """Return the name of an episode's file. alone: the file of driving without a UV."""
     return f"{scenario}-{seed}{'-alone' if alone else ''}.parquet"
 
 
@@ -100,7 +101,7 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
 
 
 def read_facts(path: Path) -> EpisodeFacts | None:
-    """Return what a file says of its episode, or None if it is not the whole file of one."""
+    """Return the facts of an episode, or None if the file is not that of a complete episode."""
     try:
         return EpisodeFacts.model_validate_json(pq.read_metadata(path).metadata[FACTS_KEY])
     except (KeyError, TypeError, OSError, ValueError):
@@ -108,17 +109,17 @@ def read_facts(path: Path) -> EpisodeFacts | None:
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:
-    """Read an episode. features: whether those of the run are read too. Raises InputError if the file is damaged."""
+    """Read an episode. features: whether to read features, too. Raises InputError if the file is damaged."""
     facts = read_facts(path)
     try:
         if facts is None:
-            raise ValueError("it says nothing of its episode")
+            raise ValueError("it has no facts of an episode")
         file = pq.ParquetFile(path)
         stored = file.schema_arrow.names
         table = file.read([name for name in stored if features or not name.endswith(".features")])
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{path}: not a whole episode ({' '.join(str(error).split())}); delete it and run the same command again"
+            f"{path}: not a complete episode ({' '.join(str(error).split())}); delete it and run the same command again"
         ) from None
     tv = table["tv"].combine_chunks()
     tv = tv.chunk(0) if isinstance(tv, pa.ChunkedArray) else tv

@@ -1,8 +1,8 @@
-"""Which vehicles the network watches, with which UV, and when.
+"""Finds which vehicles the network watches, with which UV, and when.
 
-The rule by which a dataset chooses the UV of a sample is applied all the time. The UV of a window is chosen when the
-window begins: the leader in the TV's lane then, if it is connected and within range. It keeps its part until the window
-ends, also if the TV changes lane meanwhile, as in the records that predictors are trained on.
+A dataset chooses the UV of a sample by a rule; here the same rule applies all the time. The UV of a window is the
+leader in the TV's lane when the window begins, if it is connected and within range. It stays the UV until the window
+ends, even if the TV changes lane, as in the records that predictors are trained on.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ TRACK_ENDS = "near_the_ends_of_the_track"
 NO_UV = "no_connected_leader"
 UV_ENDS = "leader_enters_or_leaves"
 TV_KIND = "vehicle_class"
-"""Why a vehicle is not predicted at an instant, before any sensing."""
+"""Reasons why a vehicle is not predicted at an instant, apart from sensing."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The times that one prediction needs, s.
+    """Times around a prediction, s.
 
-    decision_s: between predictions; they are made at its multiples. window_s: length of a window. report_delay_s: age
-    of the newest report. run_in_s: sensed before the first window, for the filter to settle. margin_s: both vehicles
-    are on the road this long before and after, for the conditioning kernel. longest_stretch_s: see `StreamSettings`.
+    decision_s: time between predictions, which are made at its multiples. window_s: length of a window.
+    report_delay_s: age of the newest report. run_in_s: how long a TV is sensed before its first window, for the filter
+    to settle. margin_s: how long both vehicles have to be on the road before and after what is sensed, for the
+    conditioning kernel. longest_stretch_s: see `StreamSettings`.
     """
 
     decision_s: float
@@ -57,8 +58,8 @@ class Timing:
 class Stretch:
     """A TV that is sensed without interruption.
 
-    start_s, end_s: first and last sensed instant, s of simulation time; the first includes the filter's run-in.
-    decision_s: ends of the windows that are predicted, s, (n,). uv: the UV of each, n; "" where there is none.
+    start_s, end_s: first and last sensed instant, s of simulation time; sensing starts with the run-in of the filter.
+    decision_s: ends of the predicted windows, s, (n,). uv: the UV of each window, "" if it has none, n of them.
     """
 
     tv: str
@@ -68,9 +69,9 @@ class Stretch:
     uv: tuple[str, ...]
 
     def part(self, start_s: float, end_s: float, before_decision_s: float) -> Stretch | None:
-        """Return the stretch limited to a span of time, or None if the span holds no prediction.
+        """Return the part of the stretch within a span of time (s), or None if it holds no prediction.
 
-        before_decision_s: how long before a decision the TV has to be sensed.
+        before_decision_s: how long a TV has to be sensed before a prediction, s.
         """
         kept = (self.decision_s >= start_s + before_decision_s - 1e-6) & (self.decision_s <= end_s + 1e-6)
         if not kept.any():
@@ -84,9 +85,8 @@ class Stretch:
 class Driving:
     """The stretches of a recording, and how much driving they leave out.
 
-    stretches: in which the TV has a UV. alone: in which it has none, and could be predicted by itself. instants: number
-    of instants at which some vehicle was due a prediction. uncovered: how many of them have none in `stretches`, by
-    reason.
+    stretches: those in which the TV has a UV. alone: those in which it has none, and could be predicted by itself.
+    instants: number of due predictions of all vehicles. uncovered: how many of them are not in `stretches`, by reason.
     """
 
     stretches: tuple[Stretch, ...]
@@ -125,7 +125,7 @@ def watched(recording: Recording, surroundings: Surroundings, pairs: PairSetting
 def _uv_at(
     surroundings: Surroundings, tv: str, time: float, pairs: PairSettings, timing: Timing
 ) -> tuple[str | None, str]:
-    """Return the UV of the window that ends at a time (s), or None and the reason why there is none."""
+    """Return the UV of the window that ends at a time (s) and "", or None and the reason why there is none."""
     begin = time - timing.window_s
     if not surroundings.has(tv, time - timing.before_decision_s - timing.margin_s, time + timing.margin_s):
         return None, TRACK_ENDS
@@ -137,7 +137,7 @@ def _uv_at(
 
 
 def _joined(tv: str, paired: list[tuple[float, str]], timing: Timing) -> list[Stretch]:
-    """Join the predictions of one TV to stretches: a pause that is shorter than what one needs is sensed through."""
+    """Join the predictions of one TV to stretches. Sensing goes on through pauses shorter than a prediction needs."""
     stretches: list[Stretch] = []
     members: list[tuple[float, str]] = []
     for time, uv in paired:

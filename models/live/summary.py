@@ -13,9 +13,10 @@ from isacsim.traffic.motion import REACH
 from isacsim.versions import OF_RUNS, versions
 from labeling.generation.settings import SeedRange
 from models.live import measuring
+from models.live.curves import recall_lost
 from models.live.measuring import Measured
 from models.live.results import AloneResult, Coverage, Latency, LiveMadeBy, TrafficResult, TruthResult
-from models.live.scoring import Truth, recall_lost
+from models.live.scoring import Truth
 from models.live.settings import LiveSettings, LiveStudy
 from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, LiveEpisode, file_name, read_episode
 from models.run import Run
@@ -27,7 +28,7 @@ RANDOM = "random"
 
 @dataclass(frozen=True)
 class TrafficEvaluation:
-    """An evaluation in traffic: its result, and what the figures are drawn from.
+    """An evaluation in traffic: its result, and what its figures show.
 
     truths: of the measured episodes. methods: the run's kinds of alarm, the better one first. baselines: by name.
     true_motion: the better kind of alarm where the run answers true motion; None if it does not.
@@ -44,10 +45,10 @@ class TrafficEvaluation:
 
 @dataclass(frozen=True)
 class Evaluated:
-    """What was evaluated.
+    """A run with the episodes in which it was evaluated.
 
-    out: the folder with the episodes. scenario: its name. against: the names of the compared runs in the episodes.
-    alone: the run that answered where TVs have no UV, if any.
+    out: folder of the evaluation. scenario: its name. against: names of the compared runs in the episodes. alone: the
+    run for TVs without a UV, if any.
     """
 
     run: Run
@@ -58,7 +59,7 @@ class Evaluated:
     alone: Run | None = None
 
     def truths(self, seeds: SeedRange, alone: bool = False) -> list[Truth]:
-        """Return the episodes of some seeds, ready for scoring. alone: those of driving without a UV."""
+        """Read the episodes of some seeds, ready for scoring. alone: whether to read those of driving without a UV."""
         paths = [self.out / EPISODES / file_name(self.scenario, seed, alone) for seed in seeds]
         episodes = [read_episode(path, features=True) for path in paths]
         return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
@@ -67,7 +68,7 @@ class Evaluated:
 def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 
-    described: the scenario, as it stands in the result.
+    described: description of the scenario for the result.
     """
     run, study, live = evaluated.run, evaluated.study, evaluated.study.live
     development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
@@ -75,11 +76,10 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
     first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
     baselines = {RANDOM: measuring.measure_random(measured, first, live)}
     for name in (RULE, *evaluated.against):
-        option = measuring.choose_reject(development, name, live.choice)
-        if option is not None:
-            levels = measuring.levels_of(measured, name, option.alarms, None)
-            shown = "rule of the road" if name == RULE else name
-            baselines[name] = measuring.measure(measured, levels, option, live, shown)
+        shown = "rule of the road" if name == RULE else name
+        baseline = measuring.measure_reject(development, measured, name, live, shown)
+        if baseline is not None:
+            baselines[name] = baseline
     true_motion = dict[str, Measured]()
     if live.streams.truth:
         name = f"{run.name} on true motion"
@@ -117,7 +117,7 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
 
 
 def _truth(true_motion: Mapping[str, Measured], sensed: Mapping[str, Measured], live: LiveSettings) -> TruthResult:
-    """Return what the run measures on true motion, and what sensing costs with the kind of alarm that it uses."""
+    """Return the result on true motion, and what sensing costs with the kind of alarm that the run uses."""
     method = next(iter(sensed), None)
     pair = [] if method is None else [of[method].sweep for of in (true_motion, sensed) if method in of]
     sweeps = [sweep for sweep in pair if sweep is not None]
@@ -129,7 +129,7 @@ def _truth(true_motion: Mapping[str, Measured], sensed: Mapping[str, Measured], 
 
 
 def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
-    """Return what the run that needs no UV measures where there is none."""
+    """Return the result of the run that needs no UV, for TVs without one."""
     study, live = evaluated.study, evaluated.study.live
     development = evaluated.truths(study.development, alone=True)
     measured = evaluated.truths(study.dataset.seeds, alone=True)
@@ -150,7 +150,7 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
 
 
 def read_speed(out: Path) -> dict[str, Any]:
-    """Return what earlier episodes of an interrupted evaluation took, by seed."""
+    """Return the processor times of the episodes by seed, empty if the file is missing or damaged."""
     try:
         content: dict[str, Any] = json.loads((out / SPEED_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -159,9 +159,9 @@ def read_speed(out: Path) -> dict[str, Any]:
 
 
 def real_time_factor(spent: dict[str, Any], vehicles: int = 10) -> float | None:
-    """Return simulated over processor time of sensing and predicting so many vehicles at once on one core.
+    """Return simulated over processor time for sensing and predicting some vehicles at once on one core.
 
-    spent: of each seed, as SPEED_FILE holds it. None if no vehicle was predicted.
+    spent: the content of SPEED_FILE. Returns None if no vehicle was predicted.
     """
     cpu_s = sum(row["sensing_s"] + row["predicting_s"] for row in spent.values())
     predicted_s = sum(row["predicted_s"] for row in spent.values())

@@ -17,5 +17,5 @@ def test_it_says_how_much_faster_than_real_time(monkeypatch: pytest.MonkeyPatch)
     result = benchmarks.run("live")
     assert result["real_time_factor"] > 0
     assert 2 <= result["panels"] <= 4
-    assert set(result["ms_per_vehicle_second"]) == {"sensing_and_tracking", "boosted_trees", "rule"}
+    assert set(result["ms_per_vehicle_second"]) == {"sensing_and_tracking", "cutting_windows", "boosted_trees", "rule"}
     assert all(milliseconds > 0 for milliseconds in result["ms_per_vehicle_second"].values())

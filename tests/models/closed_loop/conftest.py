@@ -47,7 +47,6 @@ def study(infer: Infer, road: Path) -> LiveStudy:
     content["dataset"]["traffic"] |= {"run_in_s": 1.0}
     content["live"]["background"] |= {"rounds": 5, "folds": 2}
     content["live"]["choice"] |= {"thresholds": 10, "confirmations": [[1, 1]], "least_probabilities": [0.0]}
-    content["live"]["scoring"] |= {"resamples": 20}
     return LiveStudy.model_validate(content)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from isacsim.errors import InputError, RunError
+from labeling.generation.engine import LocalEngine
 from models.closed_loop import episode
 from models.closed_loop.evaluation import ClosedLoopEvaluation, evaluate_advisories
 from models.closed_loop.results import ClosedLoopResult
@@ -79,6 +80,18 @@ def test_a_resumed_evaluation_repeats_nothing_and_gives_the_same_bytes(
     assert run_arms == [(2, "truth"), (2, "truth")]
     assert lost.read_bytes() == bytes_of_lost
     assert (folder / "metrics.json").read_bytes() == before
+
+
+@pytest.mark.slow
+def test_worker_processes_give_the_same_bytes(
+    evaluation: ClosedLoopEvaluation, trees_run: Run, study: LiveStudy, folder: Path, tmp_path: Path
+) -> None:
+    evaluate_advisories(trees_run, study, SETTINGS, tmp_path, LocalEngine(2))
+    names = ["metrics.json", "study.json", "arms.json"]
+    names += [str(path.relative_to(folder)) for path in sorted(folder.glob("*/*.parquet"))]
+    assert len(names) == 3 + len(study.seeds) + len(SETTINGS.arms) * len(study.dataset.seeds)
+    for name in names:
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
 
 
 def test_other_settings_of_the_loop_need_another_folder(

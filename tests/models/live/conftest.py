@@ -37,7 +37,6 @@ def study(trees_run: Run) -> LiveStudy:
     content["live"]["background"] |= {"rounds": 10, "folds": 2}
     content["live"]["choice"] |= {"thresholds": 20, "confirmations": [[1, 1], [2, 3]], "least_probabilities": [0.0]}
     content["live"]["streams"] |= {"report_delay_s": 0.0}
-    content["live"]["scoring"] |= {"resamples": 50}
     return LiveStudy.model_validate(content)
 
 

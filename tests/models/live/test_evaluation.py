@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from isacsim.errors import InputError, RunError
+from isacsim.scenarios.scenario import Scenario
+from isacsim.traffic.recording import Recording
 from labeling.generation.engine import LocalEngine
 from models.data.windows import Records
-from models.live.evaluation import evaluate_traffic, study_of
+from models.live.episode import Predictors, predicted
+from models.live.evaluation import evaluate_traffic, study_of, warnings
 from models.live.results import TrafficResult
 from models.live.settings import LiveStudy
 from models.live.store import read_episode
@@ -37,6 +41,7 @@ def test_the_result_says_what_the_contract_asks_for(evaluation: TrafficEvaluatio
     assert [point["false_alarms_per_vehicle_hour"] for point in stored["recall_at"]] == [0.1, 0.3, 1, 3, 10]
     assert {"random", "rule"} == set(stored["baselines"])
     assert set(stored["methods"]) == {"reject", "background"}
+    assert set(stored["frozen_at"]) == {"shared", "separate"}
     assert evaluation.real_time_factor is not None
 
 
@@ -165,6 +170,67 @@ def test_no_connected_vehicle_is_a_warning_too(
     assert sum(result.events_left_out.values()) > 0
 
 
+def test_vehicles_that_fewer_than_two_sites_see_are_counted_and_not_predicted(
+    trees_run: Run, study: LiveStudy, scenario: Scenario, recording: Recording
+) -> None:
+    view = study.dataset.sensing.view.model_copy(update={"range_m": 20.0})
+    sensing = study.dataset.sensing.model_copy(update={"view": view})
+    blind = study.model_copy(update={"dataset": study.dataset.model_copy(update={"sensing": sensing})})
+    episode = predicted(blind, scenario, recording, Predictors(trees_run.path, {})).episode
+    facts = episode.facts
+    assert (len(episode.time_s), episode.vehicle_hours) == (0, 0.0)
+    assert facts.uncovered["too_few_sites"] > 300
+    assert sum(facts.uncovered.values()) == facts.instants
+    assert {event.left_out for event in facts.events} == {"not_watched"}
+
+
+def test_a_reader_is_warned_where_scores_say_little(evaluation: TrafficEvaluation) -> None:
+    result = evaluation.result.model_copy(update={"alarms_keep_to_rate": True})
+    assert warnings(result) == []
+    (line,) = warnings(result.model_copy(update={"alarms_keep_to_rate": False}))
+    assert "no threshold keeps to 1 false alarms per vehicle-hour" in line
+    (line,) = warnings(result.model_copy(update={"over_all": result.over_all.model_copy(update={"events": 0})}))
+    assert "no event counts" in line
+
+
+def test_the_scenario_may_be_one_that_the_run_was_not_trained_on(evaluation: TrafficEvaluation) -> None:
+    """The run knows records alone, of other seeds: there is nothing of this road in it."""
+    result = evaluation.result
+    trained = {group.rpartition("-")[0] for groups in result.made_by.run.split.values() for group in groups}
+    assert result.scenario not in trained
+    assert result.vehicle_hours > 0
+
+
+def test_a_run_of_other_windows_cannot_be_compared(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    slow = replace(trees_run, card=trees_run.card.model_copy(update={"tv_rate_hz": 200.0}))
+    with pytest.raises(InputError, match="takes windows of other rates or another length"):
+        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), against=[slow], source=source)
+
+
+def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
+    """They hold no alarms for each rate, intervals without the number of seeds, and bootstrap settings."""
+
+    def former(content: Any) -> Any:
+        if isinstance(content, list):
+            return [former(item) for item in content]
+        if not isinstance(content, dict):
+            return content
+        left_out = {"frozen_at"} | ({"seeds"} if "low" in content else set())
+        kept = {key: former(value) for key, value in content.items() if key not in left_out}
+        if "choice" in kept:
+            kept["choice"] = {k: v for k, v in kept["choice"].items() if k not in ("threshold", "least_events")}
+            kept["scoring"]["resamples"] = 1000
+        return kept
+
+    stored = json.loads((folder / "metrics.json").read_text())
+    opened = TrafficResult.model_validate(former(stored))
+    assert opened.over_all.recall == evaluation.result.over_all.recall
+    assert opened.frozen_at == {}
+    assert opened.made_by.study.live.scoring == evaluation.result.made_by.study.live.scoring
+
+
 def test_a_folder_of_another_evaluation_is_refused(
     evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, folder: Path
 ) -> None:
@@ -210,7 +276,7 @@ def test_a_run_of_other_rates_says_what_does_not_fit(
 ) -> None:
     streams = study.live.streams.model_copy(update={"decision_s": 0.015})
     odd = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
-    with pytest.raises(InputError, match="no whole number of samples at the run's 100 Hz"):
+    with pytest.raises(InputError, match="is not a whole number of samples at the run's 100 Hz"):
         evaluate_traffic(trees_run, odd, tmp_path, InlineEngine(), source=source)
 
 

@@ -2,58 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
-from labeling.intentions import KNOWN
 from models.live import scoring
-from models.live.alarms import Alarms, Levels
 from models.live.background import IGNORED, NONE, Background, training_rows, window_labels
-from models.live.events import GROUPS, LiveEvent
 from models.live.measuring import measure_random, no_alarms
-from models.live.predictions import Answers
-from models.live.scoring import Sweep, Truth, event_scores, lead_times, recall_lost
-from models.live.settings import BackgroundSettings, LiveSettings, ScoringSettings
-from models.live.store import RUN, EpisodeFacts, LiveEpisode
-
-SETTINGS = ScoringSettings(resamples=200)
-COUNT = 600
-"""Predictions of each vehicle: one minute."""
-
-
-def episode(seed: int, *events: LiveEvent) -> LiveEpisode:
-    """One minute of two vehicles, a and b; b is under command in the second half."""
-    facts = EpisodeFacts(
-        fingerprint="", scenario="toy", seed=seed, decision_s=0.1, simulated_s=60.0, vehicles=2, instants=2 * COUNT,
-        uncovered={}, covered_km=3.0, events=events,
-    )  # fmt: skip
-    time_s = np.tile(np.round(np.arange(COUNT) * 0.1, 9), 2)
-    vehicle = np.repeat(np.arange(2), COUNT)
-    rng = np.random.default_rng(seed)
-    group = np.where((vehicle == 1) & (time_s >= 30), GROUPS.index("commanded"), 0)
-    probabilities = rng.dirichlet(np.ones(len(KNOWN)), 2 * COUNT).astype(np.float32)
-    answers = Answers(probabilities, probabilities.max(axis=1), rng.random((2 * COUNT, 3)).astype(np.float32))
-    return LiveEpisode(facts, ("a", "b"), vehicle, time_s, group, {RUN: answers})
-
-
-def event(vehicle: str, intention: str, onset: float, group: str = "natural", left_out: str | None = None) -> LiveEvent:
-    return LiveEvent.model_validate(
-        {"vehicle": vehicle, "intention": intention, "onset": onset, "commit": onset + 1, "end": onset + 3,
-         "group": group, "left_out": left_out}
-    )  # fmt: skip
-
-
-def alarms(*rows: tuple[int, int, float]) -> Alarms:
-    """Alarms as (vehicle, intention, time)."""
-    vehicle, intention = (np.array([row[k] for row in rows], np.int64) for k in (0, 1))
-    time_s = np.array([row[2] for row in rows], np.float64)
-    return Alarms(intention, vehicle * COUNT + np.rint(time_s * 10).astype(np.int64), vehicle, time_s)
-
-
-FIRST = episode(1, event("a", "hard_brake", 10), event("b", "left_lane_change", 40, "commanded"))
-SECOND = episode(
-    2, event("a", "hard_brake", 20), event("a", "hard_brake", 40), event("b", "hard_brake", 5, left_out="jump")
-)
+from models.live.scoring import Truth, event_scores, lead_times, recall_interval
+from models.live.settings import BackgroundSettings, LiveSettings
+from models.live.store import RUN
+from tests.support.minute_of_traffic import COUNT, FIRST, SECOND, SETTINGS, alarms, episode
 
 
 @pytest.fixture
@@ -65,7 +26,7 @@ def outcomes() -> list[scoring.Outcome]:
 
 
 def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.Outcome]) -> None:
-    scores = event_scores(outcomes, SETTINGS, "toy")
+    scores = event_scores(outcomes, SETTINGS)
     assert (scores.events, scores.predicted, scores.detected, scores.missed) == (4, 2, 1, 1)
     assert scores.false_alarms == 3
     assert scores.vehicle_hours == pytest.approx(4 / 60)
@@ -80,16 +41,51 @@ def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.Outcome]) 
     assert scores.lead_to_onset_s.median == pytest.approx(-0.5)
 
 
+def test_the_interval_of_a_recall_is_that_of_the_jackknife_over_seeds() -> None:
+    """Three seeds with 1 of 4, 3 of 6 and 6 of 10 events predicted; by hand."""
+    left_out = np.array([9 / 16, 7 / 14, 4 / 10])
+    half_width = student_t.ppf(0.975, 2) * np.sqrt(2 / 3 * ((left_out - left_out.mean()) ** 2).sum())
+    interval = recall_interval(10, 20, left_out, SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((0.5 - half_width, 0.5 + half_width))
+    assert interval.seeds == 3
+    narrower = recall_interval(10, 20, left_out, SETTINGS.model_copy(update={"confidence": 0.5}))
+    assert narrower is not None
+    assert narrower.high - 0.5 == pytest.approx(half_width * student_t.ppf(0.75, 2) / student_t.ppf(0.975, 2))
+
+
+@pytest.mark.parametrize(("predicted", "low", "high"), [(0, 0.0, 0.168), (20, 0.832, 1.0)])
+def test_without_any_hit_or_miss_the_interval_is_that_of_a_binomial_share(
+    predicted: int, low: float, high: float
+) -> None:
+    """0 of 20: at a recall of 0.168, 0 events are predicted in 2.5 % of all cases."""
+    interval = recall_interval(predicted, 20, np.full(4, predicted / 20), SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=1e-3)
+    assert pytest.approx(0.025, abs=1e-3) == (1 - 0.168) ** 20
+
+
+def test_an_interval_stays_within_0_and_1_and_needs_two_seeds_with_events() -> None:
+    interval = recall_interval(1, 20, np.array([0.0, 0.1]), SETTINGS)
+    assert interval is not None
+    assert (interval.low, interval.high) == (0.0, pytest.approx(0.05 + 12.706 * 0.05, abs=1e-3))
+    assert recall_interval(1, 20, np.array([np.nan, 0.1]), SETTINGS) is None
+    one = Truth.of(FIRST, 2.0).outcome(alarms((0, 0, 10.5)))
+    nothing = Truth.of(episode(3), 2.0).outcome(alarms())
+    for outcomes in ([one], [one, nothing]):
+        assert event_scores(outcomes, SETTINGS).recall_interval is None
+
+
 def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.Outcome]) -> None:
-    every = scoring.group_scores(outcomes, SETTINGS, "toy")
+    every = scoring.group_scores(outcomes, SETTINGS)
     brake, left = every.by_intention["hard_brake"], every.by_intention["left_lane_change"]
     assert (brake.events, brake.predicted, brake.false_alarms) == (3, 2, 1)
     assert (left.events, left.detected, left.false_alarms) == (1, 1, 1)
     assert sum(scores.events for scores in every.by_intention.values()) == every.over_all.events
     assert sum(scores.false_alarms for scores in every.by_intention.values()) == every.over_all.false_alarms
-    natural = scoring.group_scores(outcomes, SETTINGS, "toy", "natural").over_all
-    commanded = scoring.group_scores(outcomes, SETTINGS, "toy", "commanded").over_all
-    reaction = scoring.group_scores(outcomes, SETTINGS, "toy", "reaction").over_all
+    natural = scoring.group_scores(outcomes, SETTINGS, "natural").over_all
+    commanded = scoring.group_scores(outcomes, SETTINGS, "commanded").over_all
+    reaction = scoring.group_scores(outcomes, SETTINGS, "reaction").over_all
     assert (natural.events, reaction.events, commanded.events) == (3, 0, 1)
     assert reaction.vehicle_hours == 0
     assert (natural.false_alarms, commanded.false_alarms) == (2, 1)
@@ -106,70 +102,22 @@ def test_the_upper_bound_of_no_false_alarm_is_three_over_the_hours() -> None:
     """FACTS of Poisson statistics: none in 2 hours still allows 1.5 an hour."""
     quiet = Truth.of(FIRST, 2.0).outcome(alarms())
     two_hours = scoring.Outcome(**{**quiet.__dict__, "hours": np.array([2.0, 0.0])})
-    bound = event_scores([two_hours], SETTINGS, "toy").false_alarms_per_vehicle_hour_upper
+    bound = event_scores([two_hours], SETTINGS).false_alarms_per_vehicle_hour_upper
     assert bound == pytest.approx(1.5, abs=0.01)
 
 
 def test_without_events_nothing_is_divided_by_zero() -> None:
     nothing = episode(3)
-    scores = event_scores([Truth.of(nothing, 2.0).outcome(alarms((0, 0, 1.0)))], SETTINGS, "toy")
+    scores = event_scores([Truth.of(nothing, 2.0).outcome(alarms((0, 0, 1.0)))], SETTINGS)
     assert (scores.recall, scores.f1, scores.precision, scores.recall_interval) == (None, None, 0.0, None)
     assert lead_times(np.array([np.nan])).median is None
-
-
-def levels(of: LiveEpisode, spikes: dict[tuple[int, int, float], float]) -> Levels:
-    """Levels that are 0 but for spikes at (vehicle, intention, time)."""
-    level = np.zeros((len(of.time_s), len(KNOWN)), np.float32)
-    for (vehicle, intention, time), value in spikes.items():
-        level[vehicle * COUNT + round(time * 10), intention] = value
-    return Levels.of(of, level)
-
-
-def test_the_curve_trades_recall_for_false_alarms() -> None:
-    """At 0.9 one event and no false alarm; at 0.7 also a false alarm; at 0.5 every event and two false alarms."""
-    truths = [Truth.of(FIRST, 2.0), Truth.of(SECOND, 2.0)]
-    of = [
-        levels(FIRST, {(0, 0, 10.5): 0.9, (1, 3, 20.0): 0.7, (1, 1, 40.5): 0.5}),
-        levels(SECOND, {(0, 0, 20.5): 0.6, (0, 0, 40.5): 0.5, (0, 4, 55.0): 0.55}),
-    ]
-    sweep = Sweep.of(truths, of, 2.0, 50)
-    for rate, recall, threshold in ((10.0, 0.25, 0.9), (15.0, 0.5, 0.6), (30.0, 1.0, 0.5)):
-        point = sweep.point(rate, SETTINGS, "toy")
-        assert point.recall == pytest.approx(recall)
-        assert point.threshold == pytest.approx(threshold)
-        assert point.measured is not None
-        assert point.measured <= rate + 1e-9
-        assert point.recall_interval is not None
-        assert point.recall_interval.low <= recall <= point.recall_interval.high
-
-
-def test_what_sensing_costs_is_the_difference_of_the_curves() -> None:
-    truths = [Truth.of(FIRST, 2.0), Truth.of(SECOND, 2.0)]
-    of_truth = [levels(FIRST, {(0, 0, 10.5): 0.9}), levels(SECOND, {(0, 0, 20.5): 0.9})]
-    of_sensed = [levels(FIRST, {(0, 0, 10.5): 0.9}), levels(SECOND, {(0, 4, 55.0): 0.9})]
-    truth, sensed = (Sweep.of(truths, part, 2.0, 50) for part in (of_truth, of_sensed))
-    costs = {cost.false_alarms_per_vehicle_hour: cost for cost in recall_lost(truth, sensed, SETTINGS)}
-    # At 1 an hour the false alarm of the second seed forbids the only threshold.
-    assert (costs[1.0].truth, costs[1.0].sensed, costs[1.0].lost) == (0.5, 0.0, 0.5)
-    interval = costs[1.0].interval
-    assert interval is not None
-    # By hand: a resample of the first seed alone loses nothing; any other loses the half that truth finds.
-    assert (interval.low, interval.high) == pytest.approx((0.0, 0.5))
-    assert [cost.lost for cost in recall_lost(truth, truth, SETTINGS)] == [0.0] * 5
-
-
-def test_no_threshold_is_quiet_enough_for_a_rate_below_the_first_false_alarm() -> None:
-    truths = [Truth.of(FIRST, 2.0)]
-    sweep = Sweep.of(truths, [levels(FIRST, {(0, 4, 50.0): 0.9, (0, 0, 10.5): 0.5})], 2.0, 50)
-    point = sweep.point(1.0, SETTINGS, "toy")
-    assert (point.recall, point.threshold, point.measured) == (0.0, None, None)
 
 
 def test_random_alarms_come_as_often_for_every_intention() -> None:
     truths = [Truth.of(FIRST, 2.0), Truth.of(SECOND, 2.0)]
     like = no_alarms(truths, LiveSettings(scoring=SETTINGS), "toy")
     raised = (alarms((0, 0, 10.5), (1, 1, 42.0), (1, 1, 50.0)), alarms((0, 2, 30.0)))
-    drawn = measure_random(truths, type(like)(like.result, like.outcomes, raised, None), LiveSettings(scoring=SETTINGS))
+    drawn = measure_random(truths, replace(like, alarms=raised), LiveSettings(scoring=SETTINGS))
     counts = [np.bincount(of_episode.intention, minlength=6).tolist() for of_episode in drawn.alarms]
     assert counts == [[1, 2, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0]]
     assert drawn.result.over_all.predicted + drawn.result.over_all.detected <= 1
