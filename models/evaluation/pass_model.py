@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit
 from sklearn.ensemble import HistGradientBoostingClassifier
-from sklearn.linear_model import LogisticRegression
 
 from isacsim.arrays import Array, BoolArray, Float32Array
 from models.data.windows import Records, WindowSettings, batches
@@ -21,6 +22,8 @@ TREES = TreesSettings(rounds=100)
 """Settings of the trees. There are fewer windows than a predictor of intentions has, and two answers."""
 LEAST_OF_EACH = 5
 """With fewer windows of either answer, on the training or on the validation side, nothing is trained."""
+LEAST_SCALE = 1e-3
+"""Least scale of the calibration: it never turns the ranking round, even if the validation seeds would."""
 BATCH = 256
 """Windows whose statistics are taken at once."""
 
@@ -59,13 +62,14 @@ class PassFeatures:
 
 @dataclass(frozen=True)
 class PassModel:
-    """Trees with their calibration: the log-odds of the trees, scaled and shifted.
+    """Trees with their calibration: their log-odds, times `scale`, plus `shift`.
 
     training_windows, calibration_windows: number of windows that they were fitted to.
     """
 
     trees: HistGradientBoostingClassifier
-    calibration: LogisticRegression
+    scale: float
+    shift: float
     training_windows: int
     calibration_windows: int
 
@@ -73,14 +77,14 @@ class PassModel:
         """Return the probability that the TV passes in time, (n,), for statistics of windows (n, 120)."""
         if not len(features):
             return np.empty(0)
-        return np.asarray(self.calibration.predict_proba(_log_odds(self.trees, features))[:, 1])
+        return np.asarray(expit(self.scale * self.trees.decision_function(features) + self.shift))
 
 
 def fit_pass_model(training: PassFeatures, validation: PassFeatures, within_s: float) -> PassModel | None:
     """Return a model trained on windows of training seeds and calibrated on those of validation seeds.
 
     within_s: time after the end of the window in which the TV may pass, s. Returns None where either side has too few
-    windows with one of the answers. The calibration is that of Platt 1999: a logistic regression on the log-odds.
+    windows with one of the answers.
     """
     sides = [_known(side, within_s) for side in (training, validation)]
     if any(min(answer.sum(), (~answer).sum()) < LEAST_OF_EACH for _, answer in sides):
@@ -90,15 +94,25 @@ def fit_pass_model(training: PassFeatures, validation: PassFeatures, within_s: f
         max_iter=TREES.rounds, learning_rate=TREES.learning_rate, max_leaf_nodes=TREES.leaves,
         l2_regularization=TREES.l2, early_stopping=False, random_state=0,
     ).fit(features, answer)  # fmt: skip
-    calibration = LogisticRegression(C=1e6).fit(_log_odds(trees, held_features), held_answer)
-    return PassModel(trees, calibration, len(answer), len(held_answer))
+    scale, shift = fit_calibration(np.asarray(trees.decision_function(held_features)), held_answer)
+    return PassModel(trees, scale, shift, len(answer), len(held_answer))
+
+
+def fit_calibration(log_odds: Array, answer: BoolArray) -> tuple[float, float]:
+    """Return the scale, at least LEAST_SCALE, and the shift of log-odds (n,) that make answers (n,) most likely.
+
+    Source: Platt 1999, without smoothed targets.
+    """
+
+    def loss(parameters: Array) -> float:
+        logit = parameters[0] * log_odds + parameters[1]
+        return float((np.logaddexp(0.0, logit) - answer * logit).mean())
+
+    fitted = minimize(loss, np.array([1.0, 0.0]), method="L-BFGS-B", bounds=[(LEAST_SCALE, None), (None, None)])
+    return float(fitted.x[0]), float(fitted.x[1])
 
 
 def _known(side: PassFeatures, within_s: float) -> tuple[Float32Array, BoolArray]:
     """Return the statistics and the answers of the windows whose answer is known."""
     asked = side.windows.asked(within_s)
     return side.features[asked], side.windows.passes(within_s)[asked]
-
-
-def _log_odds(trees: HistGradientBoostingClassifier, features: Float32Array) -> Array:
-    return np.asarray(trees.decision_function(features))[:, None]

@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
+from scipy.special import expit
 from sklearn.calibration import calibration_curve
+from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import brier_score_loss, roc_auc_score
 
 from models.data.windows import Records
 from models.evaluation.evaluation import Evaluation, evaluate_records
-from models.evaluation.pass_model import LEAST_OF_EACH
+from models.evaluation.pass_model import LEAST_OF_EACH, LEAST_SCALE, fit_calibration
 from models.evaluation.passing import ask, own_answer, pass_scores
 from models.evaluation.pull_outs import PassWindows, PullOuts
 from models.evaluation.results import read_metrics
@@ -181,6 +183,19 @@ def test_answers_of_test_seeds_teach_nothing(
     turned.loc[seen, "t_pass"] = np.nan
     assert seen.sum() > LEAST_OF_EACH
     assert not ask(replace(pull_outs, table=turned), records, evaluation.measured[0], windows, SETTINGS).models
+
+
+def test_the_calibration_is_a_logistic_regression_that_never_turns_the_ranking_round() -> None:
+    rng = np.random.default_rng(1)
+    log_odds = rng.normal(0.5, 3.0, 400)
+    answer = rng.random(400) < expit(0.4 * log_odds - 1.0)
+    scale, shift = fit_calibration(log_odds, answer)
+    expected = LogisticRegression(C=1e9).fit(log_odds[:, None], answer)
+    assert scale == pytest.approx(expected.coef_[0, 0], abs=1e-3)
+    assert shift == pytest.approx(expected.intercept_[0], abs=1e-3)
+    scale, shift = fit_calibration(-log_odds, answer)
+    assert scale == pytest.approx(LEAST_SCALE)
+    assert expit(shift) == pytest.approx(answer.mean(), abs=0.01)
 
 
 def test_where_traffic_keeps_left_an_overtake_is_weighed_against_a_right_change(
