@@ -16,7 +16,7 @@ from isacsim.arrays import Array
 from labeling.intentions import KNOWN
 from models.live.alarms import Levels, peaks, raised
 from models.live.results import CurvePoint, Interval, RecallLost
-from models.live.scoring import Outcome, Truth, event_scores, jackknife_interval, recall_interval
+from models.live.scoring import Outcome, Truth, event_scores, jackknife_interval, recall_by_intention, recall_interval
 from models.live.settings import ScoringSettings, shown_threshold
 
 
@@ -96,10 +96,7 @@ class Sweep:
             recall_interval=None if best is None else self._interval(rate, settings),
             recall_with_detection=silent if best is None else scores.recall_with_detection,
             median_lead_s=scores.lead_time_s.median,
-            by_intention={
-                intention.text: event_scores([outcome.of(k) for outcome in outcomes], settings).recall
-                for k, intention in enumerate(KNOWN)
-            },
+            by_intention=recall_by_intention(outcomes),
         )
 
     def _interval(self, rate: float, settings: ScoringSettings) -> Interval | None:

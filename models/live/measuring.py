@@ -145,8 +145,7 @@ def frozen_at(streams: Streams, options: Options, live: LiveSettings) -> dict[Sh
             if chosen is None:
                 continue
             outcomes = streams.outcomes(streams.alarms(chosen.alarms))
-            scores = scoring.group_scores(outcomes, live.scoring)
-            over_all = scores.over_all
+            over_all = scoring.event_scores(outcomes, live.scoring)
             of_sharing.append(
                 FrozenPoint(
                     false_alarms_per_vehicle_hour=rate,
@@ -157,7 +156,7 @@ def frozen_at(streams: Streams, options: Options, live: LiveSettings) -> dict[Sh
                     recall_interval=over_all.recall_interval,
                     recall_with_detection=over_all.recall_with_detection,
                     median_lead_s=over_all.lead_time_s.median,
-                    by_intention={intention: part.recall for intention, part in scores.by_intention.items()},
+                    by_intention=scoring.recall_by_intention(outcomes),
                 )
             )
     return points

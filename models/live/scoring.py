@@ -162,6 +162,15 @@ def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: 
     )
 
 
+def recall_by_intention(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
+    """Return the recall of each intention, pooled over the outcomes of several seeds; None without an event."""
+    intention = np.concatenate([np.empty(0, np.int64), *(outcome.intention for outcome in outcomes)])
+    predicted = np.concatenate([np.empty(0, bool), *(outcome.predicted for outcome in outcomes)])
+    hits = np.bincount(intention[predicted], minlength=len(KNOWN))
+    events = np.bincount(intention, minlength=len(KNOWN))
+    return {known.text: _ratio(int(hits[k]), int(events[k])) for k, known in enumerate(KNOWN)}
+
+
 def lead_times(values: Array) -> LeadTimes:
     """Return median and quartiles of lead times (s), (n,), without those that are NaN: events without an alarm."""
     kept = values[np.isfinite(values)]

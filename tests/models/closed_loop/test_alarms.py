@@ -11,11 +11,15 @@ from models.live.alarms import Levels, alarms
 from models.live.predictions import Answers
 from models.live.settings import AlarmSettings
 
+OF_INTENTIONS = {"hard_brake": 0.4, "right_lane_change": -1.0, "evasive_swerve": 2.0}
 
-@pytest.mark.parametrize(("k", "n"), [(1, 1), (2, 3), (4, 5)])
-def test_one_answer_at_a_time_raises_the_alarms_of_the_episode(k: int, n: int) -> None:
+
+@pytest.mark.parametrize(("k", "n", "threshold"), [(1, 1, 0.4), (2, 3, OF_INTENTIONS), (4, 5, 0.4)])
+def test_one_answer_at_a_time_raises_the_alarms_of_the_episode(
+    k: int, n: int, threshold: float | dict[str, float]
+) -> None:
     rng = np.random.default_rng(k)
-    settings = AlarmSettings(method="reject", threshold=0.4, k=k, n=n, refractory_s=0.8)
+    settings = AlarmSettings(method="reject", threshold=threshold, k=k, n=n, refractory_s=0.8)
     # Three vehicles over 400 decisions; each is answered most of the time, with levels that wander.
     level = np.cumsum(rng.normal(0.0, 0.3, (3, 400, len(KNOWN))), axis=1).astype(np.float32)
     answered = rng.random((3, 400)) > 0.08

@@ -56,7 +56,7 @@ def test_a_threshold_for_each_intention_predicts_what_a_shared_one_cannot(
     truths: list[Truth], levels: list[Levels]
 ) -> None:
     combination = Combination.of(truths, levels, TEMPLATE, choice())
-    shared, separate = (combination.choose(2 * HOUR, sharing) for sharing in ("shared", "separate"))  # type: ignore[arg-type]
+    shared, separate = (combination.choose(2 * HOUR, sharing) for sharing in ("shared", "separate"))
     assert shared is not None
     assert separate is not None
     assert (shared.score, separate.score) == (0.5, 1.0)
@@ -93,7 +93,7 @@ def test_at_every_rate_the_counts_of_the_choice_are_those_of_its_alarms(
 def test_without_enough_events_all_intentions_share_a_threshold(truths: list[Truth], levels: list[Levels]) -> None:
     combination = Combination.of(truths, levels, TEMPLATE, choice(least_events=4))
     for rate in (0.5 * HOUR, HOUR, 3 * HOUR):
-        shared, separate = (combination.choose(rate, sharing) for sharing in ("shared", "separate"))  # type: ignore[arg-type]
+        shared, separate = (combination.choose(rate, sharing) for sharing in ("shared", "separate"))
         assert shared is not None
         assert separate is not None
         assert separate.alarms == shared.alarms
@@ -116,7 +116,7 @@ def test_alarms_that_no_threshold_keeps_quiet_have_the_highest_f1(truths: list[T
     loud[:COUNT, BRAKE] = 0.0
     combination = Combination.of(truths, [replace(levels[0], level=loud)], TEMPLATE, choice())
     for sharing in ("shared", "separate"):
-        chosen = combination.choose(0.1 * HOUR, sharing)  # type: ignore[arg-type]
+        chosen = combination.choose(0.1 * HOUR, sharing)
         assert chosen is not None
         assert not chosen.quiet
         assert chosen.alarms.threshold == pytest.approx(0.9)
