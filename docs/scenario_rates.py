@@ -16,7 +16,8 @@ from isacsim.scenarios.scenario import bundled, load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings, label
+from labeling.detectors.settings import LabelSettings
+from labeling.events import label
 from labeling.intentions import KNOWN
 
 SEEDS = (11, 12, 13)

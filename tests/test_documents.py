@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -40,6 +41,11 @@ def test_files_that_are_named_exist(page: Path) -> None:
         r"`((?:isacsim|labeling|models|benchmarks|command_line|tests|docs)/[\w/.]+)`", page.read_text()
     ):
         assert (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize("script", sorted(ROOT.glob("docs/*.py")), ids=lambda script: script.name)
+def test_the_scripts_of_the_documents_load(script: Path) -> None:
+    assert "main" in runpy.run_path(str(script), run_name="loaded")
 
 
 def test_the_citation_is_valid_and_of_this_version() -> None:
