@@ -11,8 +11,7 @@ import pytest
 
 from models.data.windows import Records, cut, draw_ends
 from models.predictors.asi_bip import AsiBipSettings
-from models.predictors.inception_time import InceptionTimeSettings
-from models.predictors.multirocket_hydra import MultirocketHydraSettings
+from models.predictors.registry import sections
 from models.run import RunCard, load_run, read_card
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -75,17 +74,22 @@ def test_a_stored_run_opens_and_answers(stored: Path, records: Records, network_
 
 
 def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Path) -> None:
-    """Beside them the sections of predictors that came later, with their defaults."""
+    """Beside them the sections of predictors that came later, with their defaults, in the order of the registry."""
     card = read_card(stored)
     assert card is not None
-    expected, sections = json.loads(STORED_CARD), {}
-    for key, value in expected["settings"].items():
-        sections[key] = value
-        if key == "trees":
-            sections["inception_time"] = InceptionTimeSettings().model_dump(mode="json")
-        if key == "minirocket":
-            sections["multirocket_hydra"] = MultirocketHydraSettings().model_dump(mode="json")
-    expected["settings"] = sections
+    expected = json.loads(STORED_CARD)
+    stored_settings = expected["settings"]
+    of_predictors = {
+        name: stored_settings.get(name, kind().model_dump(mode="json")) for name, kind in sections().items()
+    }
+    keys = list(stored_settings)
+    first, last = keys.index("asi_bip"), keys.index("preludes")
+    assert set(keys[first:last]) <= of_predictors.keys()
+    expected["settings"] = {
+        **{key: stored_settings[key] for key in keys[:first]},
+        **of_predictors,
+        **{key: stored_settings[key] for key in keys[last:]},
+    }
     expected["settings"]["optimiser"] |= LATER_OPTIMISER_KEYS
     assert json.dumps(card.model_dump(mode="json")) == json.dumps(expected)
 

@@ -11,6 +11,7 @@ from isacsim.settings import checked
 from models.fit_settings import OptimiserSettings
 from models.predictors.asi_bip import AsiBipSettings
 from models.predictors.castformer import CastformerSettings
+from models.predictors.registry import sections
 from models.predictors.trees import TreesSettings
 from models.roles import DEFAULT, FLOOR
 from models.settings import TrainSettings
@@ -29,8 +30,7 @@ def test_sections_are_read_and_written_under_their_names() -> None:
     assert settings.of(CastformerSettings) == CastformerSettings()
     stored = json.loads(settings.model_dump_json())
     assert list(stored) == [
-        "model", "seed", "held_out", "windows", "split", "ends_per_record", "validation_ends", "asi_bip", "aligned",
-        "castformer", "trees", "inception_time", "rule", "minirocket", "multirocket_hydra", "preludes",
+        "model", "seed", "held_out", "windows", "split", "ends_per_record", "validation_ends", *sections(), "preludes",
         "augment", "loss", "optimiser",
     ]  # fmt: skip
     assert stored["trees"]["rounds"] == 7
