@@ -1,8 +1,8 @@
-"""How often each event happens in the bundled scenarios: per vehicle-hour, without and with commanded maneuvers.
+"""How often each event happens in the bundled scenarios: per vehicle-hour, with drivers left alone and with the director.
 
     python docs/scenario_rates.py [SCENARIO ...]
 
-Three seeds each; commanded maneuvers at their default rates. Overtakes count where the vehicle ahead is overtaken.
+Three seeds each; the director at its default rates. Overtakes count where the vehicle ahead is overtaken.
 Prints a table in Markdown.
 """
 
@@ -21,7 +21,14 @@ from labeling.events import label
 from labeling.intentions import KNOWN
 
 SEEDS = (11, 12, 13)
-HEAD = ("scenario", "maneuvers", *(intention.text for intention in KNOWN), "vehicle-hours", "collided", "beyond a car")
+HEAD = (
+    "scenario",
+    "director",
+    *(intention.text.replace("_", " ") for intention in KNOWN),
+    "vehicle-hours",
+    "collided",
+    "beyond a car",
+)
 
 
 def vehicle_hours(recording: Recording) -> float:
