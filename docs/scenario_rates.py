@@ -1,4 +1,4 @@
-"""How often each event happens in the bundled scenarios: per vehicle-hour, with drivers left alone and with the director.
+"""How often each event happens in the bundled scenarios, per vehicle-hour: drivers left alone, and with the director.
 
     python docs/scenario_rates.py [SCENARIO ...]
 
