@@ -23,6 +23,8 @@ def straight_road(
 ) -> Path:
     """Make a scenario: a straight road of 3 km in two edges. Returns its folder.
 
+    folder: gives the scenario its name, on which all random draws depend. pytest numbers the folders that it makes, in
+    the order in which tests ask for them: give a folder inside such a one.
     vehicles, sites, additional: XML. shift: of the road's start from SUMO's origin, m, in x and y.
     ending: the right lane of the first edge ends there, and the second edge has one lane fewer.
     lefthand: traffic keeps left; the road is then the mirror image.

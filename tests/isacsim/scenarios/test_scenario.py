@@ -18,7 +18,7 @@ COVERED = ("west", "merge", "approach", "curve", "leave", "diverge", "east")
 
 @pytest.fixture(scope="module")
 def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return straight_road(tmp_path_factory.mktemp("road"), vehicle("a"))
+    return straight_road(tmp_path_factory.mktemp("road") / "road0", vehicle("a"))
 
 
 def test_the_motorway_is_what_its_readme_says() -> None:

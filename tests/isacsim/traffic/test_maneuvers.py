@@ -37,7 +37,7 @@ OVERTAKE, SLOW, STOP = OvertakeCommandSettings(), SlowVehicleCommandSettings(), 
 
 @pytest.fixture(scope="module")
 def lone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    return load(straight_road(tmp_path_factory.mktemp("lone"), vehicle("a")))
+    return load(straight_road(tmp_path_factory.mktemp("lone") / "lone0", vehicle("a")))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def ending(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
     cars = [vehicle("a", 0.0, 0, 800.0, 20.0)]
     for k in range(1, 6):
         cars += [vehicle(f"f{k}", 2.5 * k, 0, 800.0, 20.0), vehicle(f"b{k}", 2.5 * k + 1.2, 1, 800.0, 20.0)]
-    return load(straight_road(tmp_path_factory.mktemp("ending"), "".join(cars), ending=True))
+    return load(straight_road(tmp_path_factory.mktemp("ending") / "ending0", "".join(cars), ending=True))
 
 
 def lateral_jerk(y: np.ndarray) -> float:

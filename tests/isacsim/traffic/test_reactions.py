@@ -38,7 +38,7 @@ def person(seed: int) -> tuple[Driver, np.random.Generator]:
 
 @pytest.fixture(scope="module")
 def lone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    return load(straight_road(tmp_path_factory.mktemp("lone"), vehicle("a")))
+    return load(straight_road(tmp_path_factory.mktemp("lone") / "lone0", vehicle("a")))
 
 
 @contextmanager

@@ -26,7 +26,7 @@ def road(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three vehicles behind each other in the middle lane, one in each of the others."""
     vehicles = [vehicle(f"v{k}", lane=1, position=250.0 - 45.0 * k) for k in range(3)]
     vehicles += [vehicle("left", lane=2, position=195.0), vehicle("right", lane=0, position=180.0)]
-    return straight_road(tmp_path_factory.mktemp("road"), "".join(vehicles), sites=SITES)
+    return straight_road(tmp_path_factory.mktemp("road") / "road0", "".join(vehicles), sites=SITES)
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ PROMPT = AdvisorySettings(network_delay_s=0.1, reaction_s=(0.5, 0.5))
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
-    return load(straight_road(tmp_path_factory.mktemp("alone"), vehicle("uv", speed=28.8)))
+    return load(straight_road(tmp_path_factory.mktemp("alone") / "alone0", vehicle("uv", speed=28.8)))
 
 
 def driven(
