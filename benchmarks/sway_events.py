@@ -3,8 +3,8 @@
     python -m benchmarks.sway_events [SCENARIO] [--seeds N] [--duration S]
 
 Sway is added to recorded states, so the traffic itself is the same. Two events are the same where vehicle and intention
-are, and the onsets are at most a second apart. Prints a table in Markdown: events by intention, those that only one of
-the two has, events per vehicle-hour that are there through sway alone, and how far sway moves the onsets of the others.
+are, and they commit at most a second apart. Prints a table in Markdown: events by intention, those that only one of the
+two has, events per vehicle-hour that are there through sway alone, and how far sway moves the onsets of the others.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from labeling.intentions import Event, Intention
 from models.live.matching import match
 
 SAME_WITHIN_S = 1.0
-"""Onsets of one event with sway and without differ by at most this, s."""
+"""One event commits with sway and without at times that differ by at most this, s."""
 STILL = SwaySettings(sd_m=(0.0, 0.0))
 
 
@@ -43,16 +43,17 @@ class Comparison:
 def compare(still: Sequence[Event], swaying: Sequence[Event], comparisons: dict[Intention, Comparison]) -> None:
     """Add the events of one recording to the comparisons. still, swaying: the events without sway and with it."""
     for vehicle, intention in sorted({(event.vehicle, event.intention) for event in (*still, *swaying)}):
-        onsets, shifted = (
-            np.array(sorted(e.onset for e in events if (e.vehicle, e.intention) == (vehicle, intention)))
+        before, after = (
+            sorted((e.commit, e.onset) for e in events if (e.vehicle, e.intention) == (vehicle, intention))
             for events in (still, swaying)
         )
         comparison = comparisons.setdefault(intention, Comparison())
-        comparison.still += len(onsets)
-        comparison.swaying += len(shifted)
-        partners = match(shifted, onsets - SAME_WITHIN_S, onsets + SAME_WITHIN_S)
+        comparison.still += len(before)
+        comparison.swaying += len(after)
+        commits, others = (np.array([commit for commit, _ in times]) for times in (before, after))
+        partners = match(others, commits - SAME_WITHIN_S, commits + SAME_WITHIN_S)
         comparison.shifts_s += [
-            float(shifted[alarm] - onset) for onset, alarm in zip(onsets, partners, strict=True) if alarm >= 0
+            after[partner][1] - onset for (_, onset), partner in zip(before, partners, strict=True) if partner >= 0
         ]
 
 
@@ -79,9 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         hours += sum(len(track) for track in still.tracks.values()) * still.step_s / 3600.0
         compare(label(still, LabelSettings()).events, label(swaying, LabelSettings()).events, comparisons)
     print(f"{chosen.scenario}, {hours:.1f} vehicle-hours\n")
-    print(
-        "| intention | without sway | with sway | only without | only with | only with, per hour | shift of onset, s |"
-    )
+    print("| intention | without sway | with sway | only without | only with | per hour | onset moves, s (5 to 95 %) |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     for intention, comparison in sorted(comparisons.items()):
         print(f"| {intention.text.replace('_', ' ')} | {' | '.join(cells(comparison, hours))} |")
@@ -91,7 +90,7 @@ def cells(comparison: Comparison, hours: float) -> list[str]:
     """Return the cells of an intention's row. hours: of driving, all vehicles together."""
     both = len(comparison.shifts_s)
     added = comparison.swaying - both
-    shifts = np.quantile(comparison.shifts_s, [0.25, 0.5, 0.75]) if both else np.full(3, np.nan)
+    shifts = np.quantile(comparison.shifts_s, [0.05, 0.5, 0.95]) if both else np.full(3, np.nan)
     return [
         str(comparison.still),
         str(comparison.swaying),

@@ -10,14 +10,14 @@ from isacsim.traffic.simulation import TrafficSettings
 from labeling.intentions import Event, Intention
 
 
-def event(vehicle: str, intention: Intention, onset: float) -> Event:
-    return Event(vehicle, intention, onset, onset + 1.0, onset + 2.0, 0.0)
+def event(vehicle: str, intention: Intention, commit: float, onset: float | None = None) -> Event:
+    return Event(vehicle, intention, commit - 1.0 if onset is None else onset, commit, commit + 1.0, 0.0)
 
 
 def test_events_are_the_same_within_a_second_and_once() -> None:
     still = [event("a", Intention.HARD_BRAKE, 10.0), event("a", Intention.HARD_BRAKE, 30.0)]
     swaying = [
-        event("a", Intention.HARD_BRAKE, 10.4),
+        event("a", Intention.HARD_BRAKE, 10.4, 7.0),
         event("a", Intention.HARD_BRAKE, 31.5),
         event("b", Intention.HARD_BRAKE, 30.0),
         event("a", Intention.LEFT_LANE_CHANGE, 30.0),
@@ -26,8 +26,8 @@ def test_events_are_the_same_within_a_second_and_once() -> None:
     bench.compare(still, swaying, comparisons)
     brakes = comparisons[Intention.HARD_BRAKE]
     assert (brakes.still, brakes.swaying) == (2, 3)
-    np.testing.assert_allclose(brakes.shifts_s, [0.4])
-    assert bench.cells(brakes, 4.0) == ["2", "3", "1", "2", "0.50", "0.40 (0.40 to 0.40)"]
+    np.testing.assert_allclose(brakes.shifts_s, [-2.0])
+    assert bench.cells(brakes, 4.0) == ["2", "3", "1", "2", "0.50", "-2.00 (-2.00 to -2.00)"]
     changes = comparisons[Intention.LEFT_LANE_CHANGE]
     assert (changes.still, changes.swaying, changes.shifts_s) == (0, 1, [])
 
