@@ -99,10 +99,11 @@ class LabelSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _read_former(cls, content: Any) -> Any:
-        if not isinstance(content, Mapping) or content.get("preset") not in FORMER:
+        preset = content.get("preset") if isinstance(content, Mapping) else None
+        if not isinstance(preset, str) or preset not in FORMER:
             return content
         former = dict(content)
-        for name, values in FORMER[content["preset"]].items():
+        for name, values in FORMER[preset].items():
             section = content.get(name, {})
             if isinstance(section, Mapping):
                 former[name] = {**values, **section}
