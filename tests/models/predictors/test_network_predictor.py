@@ -8,7 +8,7 @@ from models.predictors.protocol import WindowShape
 from models.predictors.registry import OWN
 from models.settings import TrainSettings
 
-SHAPE = WindowShape(6, 880, 220, 400.0, 100.0)
+SHAPE = WindowShape(6, 80, 20, 400.0, 100.0)
 NETWORKS = [name for name, kind in OWN.items() if issubclass(kind, NetworkPredictor)]
 
 
@@ -18,7 +18,7 @@ def test_nothing_of_a_network_stays_behind_on_the_cpu(name: str) -> None:
     kind = OWN[name]
     assert issubclass(kind, NetworkPredictor)
     network = kind.build(TrainSettings(model=name), SHAPE).to("meta")
-    tv, uv = torch.empty(3, 6, 880, device="meta"), torch.empty(3, 6, 220, device="meta")
+    tv, uv = (torch.empty(3, 6, length, device="meta") for length in (SHAPE.tv_length, SHAPE.uv_length))
     for training in (False, True):
         features = network.train(training).features(tv, uv)
         logits = network.classify(features)
