@@ -1,16 +1,19 @@
 """The predictors side by side: early and late windows, sensed and true states, number of samples, another road.
 
-- windows: every predictor on windows that end 0-1.0 s and 1.0-2.2 s after onset, with paired differences; overtake
-  against left lane change; the unknown class, by score.
-- window ends: one run of every predictor with all windows ending at the same time, from 0.5 s before onset on.
+A stage each, run in this order:
+
+- windows: every predictor on windows that end 0-1.0 s and 1.0-2.2 s after onset, with paired differences; before the
+  commit, by lead time; overtake against left lane change; whether the TV passes the UV; the unknown class, by score.
+- window_ends: one run of every predictor with all windows ending at the same time, from 0.5 s before onset on.
 - truth: ASI-BIP and the trees trained and tested on the true states of the TV instead of the sensed ones.
+- other: both on all records of another dataset, beside their own test seeds.
 - samples: both on early windows, trained on shares of the training seeds.
 - longer: ASI-BIP trained three times as long, beside the trees.
-- other: both on all records of another dataset, beside their own test seeds.
 
-OUT keeps the runs: the same command resumes where it stopped.
+OUT keeps the runs and their evaluations: the same command resumes where it stopped.
 
-Run: python -m benchmarks.predictors DATASET OUT [--other DATASET] [--seeds 3] [--also minirocket]
+Run: python -m benchmarks.predictors DATASET OUT [--other DATASET] [--seeds 3] [--also minirocket] [--jobs 2]
+     [--stages windows,truth]
 """
 
 from __future__ import annotations
@@ -18,30 +21,40 @@ from __future__ import annotations
 import argparse
 import importlib.resources
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rich.console import Console
-from rich.progress import track
 
+from command_line.progress import ConsoleFeedback
+from isacsim.errors import InputError, RunError
+from isacsim.feedback import SILENT, Feedback
 from isacsim.files import write_json
+from isacsim.versions import OF_RUNS, versions
 from labeling.dataset.dataset import Dataset
+from labeling.generation.engine import Engine, LocalEngine
+from labeling.generation.kept_workers import kept_running
 from models.data.windows import Records
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.metrics import spread
 from models.evaluation.pull_outs import PullOuts
 from models.evaluation.repeats import summary
-from models.evaluation.results import EvaluationResult
+from models.evaluation.results import EvaluationResult, read_metrics
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
 from models.predictors.registry import OWN, catalogue
 from models.report.evaluation_figures import draw_figures
+from models.report.report import PAGE, write_page
 from models.roles import DEFAULT, FLOOR
-from models.run import Run
+from models.run import Run, load_run, read_card
+from models.settings import TrainSettings
+from models.studies.cell_tasks import made_of, run_tasks
 from models.studies.study import read_study
 from models.training.training import train_records
 
+RESULT_FILE = "predictors.json"
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""
 PREDICTORS: tuple[str, ...] = (
@@ -52,26 +65,60 @@ COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
 SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED = read_study(Path(str(importlib.resources.files("studies") / "full.toml"))).training
 """How every predictor is trained, CaSTFormer with the same optimiser as the others; chosen on validation seeds."""
+STAGES = ("windows", "window_ends", "truth", "other", "samples", "longer")
+"""The parts of the bench, in the order in which they run."""
 LONGER = 3
 """Factor of the epochs in the longer training of ASI-BIP."""
 
 
 @dataclass(frozen=True)
+class BenchTraining:
+    """A training that a worker process runs.
+
+    dataset: folder of its dataset. states: the column of the TV's states. run: folder of the predictor.
+    """
+
+    dataset: Path
+    states: Literal["tv", "tv_truth"]
+    training: TrainSettings
+    run: Path
+
+    def is_finished(self, digest: str) -> bool:
+        """Return whether the folder holds this very training. digest: of the dataset."""
+        card = read_card(self.run)
+        return (
+            card is not None
+            and card.complete
+            and (card.settings, card.dataset.get("digest")) == (self.training, digest)
+        )
+
+    def work(self) -> None:
+        """Train, or go on from the last epoch."""
+        dataset = Dataset.open(self.dataset)
+        self.run.parent.mkdir(parents=True, exist_ok=True)
+        train_records(Records.of(dataset, self.states), made_of(dataset), self.run, self.training)
+
+
+@dataclass(frozen=True)
 class Bench:
-    """A dataset's records, and the folder for the runs on them."""
+    """A dataset, and the folder for the runs on it.
+
+    states: the column of the TV's states. engine: runs the trainings.
+    """
 
     dataset: Dataset
-    records: Records
     out: Path
     seeds: range
-    console: Console
+    engine: Engine
+    feedback: Feedback
+    states: Literal["tv", "tv_truth"] = "tv"
     alone: dict[tuple[str, str], EvaluationResult] = field(default_factory=dict)
     """Metrics of runs that were measured by themselves, by name and key of ENDS."""
 
-    @property
-    def made_of(self) -> dict[str, Any]:
-        """What the cards of the runs say of the dataset."""
-        return {"digest": self.dataset.digest, "study": self.dataset.meta.study}
+    @cached_property
+    def records(self) -> Records:
+        """The records of the dataset."""
+        return Records.of(self.dataset, self.states)
 
     def train(
         self, models: Iterable[str], name: str = "sensed", share: float = 1.0, times: int = 1
@@ -79,18 +126,29 @@ class Bench:
         """Return the runs of each predictor with each training seed; finished ones are not repeated.
 
         share: of the training seeds. times: factor of the epochs. The rule of the road is not random: it has one run.
+        Raises RunError where a training fails.
         """
-        runs: dict[str, list[Run]] = {model: [] for model in models}
-        jobs = [(seed, model) for seed in self.seeds for model in runs if seed == self.seeds[0] or model != "rule"]
         split = TUNED.split.model_copy(update={"training_share": share})
         epochs, patience = times * TUNED.optimiser.epochs, times * TUNED.optimiser.patience
         optimiser = TUNED.optimiser.model_copy(update={"epochs": epochs, "patience": patience})
-        for seed, model in track(jobs, f"{name}, share {share:g}", console=self.console):
-            changes = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
-            settings = TUNED.model_copy(update=changes)
-            folder = self.out / name / f"{model}-{share:g}-{seed}"
-            runs[model].append(train_records(self.records, self.made_of, folder, settings))
-        return runs
+        tasks: dict[str, list[BenchTraining]] = {model: [] for model in models}
+        for seed in self.seeds:
+            for model in tasks:
+                if seed == self.seeds[0] or model != "rule":
+                    changes = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
+                    folder = self.out / name / f"{model}-{share:g}-{seed}"
+                    settings = TUNED.model_copy(update=changes)
+                    tasks[model].append(BenchTraining(self.dataset.path, self.states, settings, folder))
+        # By seed, so that an interrupted command leaves one run of every predictor before the second of any.
+        missing = [
+            task
+            for task in sorted((task for repeats in tasks.values() for task in repeats), key=lambda t: t.training.seed)
+            if not task.is_finished(self.dataset.digest)
+        ]
+        title = f"{name}, share {share:g}"
+        for task, reason in run_tasks(missing, self.engine, self.feedback, title, "trainings", TUNED.optimiser.threads):
+            raise RunError(f"{task.run}: {reason}")
+        return {model: [load_run(task.run) for task in repeats] for model, repeats in tasks.items()}
 
     def evaluate(
         self, runs: Sequence[Run], name: str, ends: str, pull_outs: PullOuts | None = None
@@ -119,10 +177,20 @@ class Bench:
     def _measured(
         self, runs: Sequence[Run], name: str, settings: EvaluateSettings, pull_outs: PullOuts | None = None
     ) -> EvaluationResult:
-        evaluation = evaluate_records(
-            runs[0], self.records, self.made_of, self.out / name, settings, runs[1:], pull_outs
-        )
-        draw_figures(evaluation, self.out / name)
+        """Return what a folder holds of these runs, evaluated now unless an earlier command finished it."""
+        folder = self.out / name
+        before = read_metrics(folder) if (folder / PAGE).is_file() else None
+        if before is not None and (before.made_by.runs, before.made_by.dataset.digest, before.made_by.versions) == (
+            [run.card for run in runs],
+            self.dataset.digest,
+            versions(OF_RUNS),
+        ):
+            return before
+        (folder / PAGE).unlink(missing_ok=True)
+        origin = made_of(self.dataset)
+        evaluation = evaluate_records(runs[0], self.records, origin, folder, settings, runs[1:], pull_outs)
+        draw_figures(evaluation, folder)
+        write_page(evaluation.result, folder)  # last: it marks a finished evaluation
         return evaluation.result
 
 
@@ -131,68 +199,107 @@ def run(
     out: Path,
     seeds: int = 3,
     other: Dataset | None = None,
-    console: Console | None = None,
     also: Sequence[str] = (),
+    stages: Sequence[str] | None = None,
+    engine: Engine | None = None,
+    feedback: Feedback = SILENT,
 ) -> dict[str, Any]:
-    """Return `truth`, `other`, `samples`, `longer`, `early`, `late` and `by_window_end`, also in predictors.json."""
-    console = console or Console(stderr=True)
-    bench = Bench(dataset, Records.of(dataset), out, range(seeds), console)
-    truth = Bench(dataset, Records.of(dataset, "tv_truth"), out / "true", range(seeds), console)
-    result: dict[str, Any] = {
+    """Return what predictors.json holds: a key for each stage, but `early` and `late` for the windows.
+
+    seeds: number of training seeds. also: predictors besides PREDICTORS. stages: those to run now, by default all; of
+    the others, the file keeps what it has. engine: runs the trainings, by default in one worker process.
+    Raises InputError where the file is of other settings or another dataset, RunError where a training fails.
+    """
+    identity = {
         "training": TUNED.model_dump(mode="json"),
+        "training_seeds": seeds,
         "longer_times_epochs": LONGER,
         "dataset": dataset.digest,
-        "scenario_seeds": len(set(bench.records.groups)),
+        "scenario_seeds": len(dataset.frame(["scenario", "seed"]).drop_duplicates()),
+        "versions": versions(OF_RUNS),
     }
-
-    def keep(**parts: Any) -> None:
-        result.update(parts)
-        out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "predictors.json", result)
-
-    main = bench.train(COMPARED)
-    keep(truth=_beside(bench, truth, main, truth.train(COMPARED)))
-    if other is not None:
-        elsewhere = Bench(other, Records.of(other), out / "other", range(seeds), console)
-        keep(other=_beside(bench, elsewhere, main, main))
-    samples = []
-    for share in SHARES:
-        runs = bench.train(COMPARED, "sensed", share)
-        for model, repeats in runs.items():
-            taught = spread([sum(run.card.counts.values()) for run in repeats]).mean
-            samples.append({"model": model, "share": share, "samples": taught, **bench.scores(repeats, "early")})
-    keep(samples=samples)
-    longer = [*bench.train((DEFAULT,), "longer", times=LONGER)[DEFAULT], *main[FLOOR]]
-    keep(longer={ends: _predictors(bench.evaluate(longer, "evaluated/longer", ends)) for ends in ENDS})
-    trained = bench.train((*PREDICTORS, *also))
-    everything = [run for repeats in trained.values() for run in repeats]
-    pull_outs = PullOuts.of(dataset)
-    for ends in ENDS:
-        keep(**{ends: _predictors(bench.evaluate(everything, "evaluated/all", ends, pull_outs))})
-    keep(by_window_end=bench.window_end_curves([repeats[0] for repeats in trained.values()], "evaluated/window_ends"))
+    file = out / RESULT_FILE
+    result: dict[str, Any] = json.loads(file.read_text()) if file.is_file() else dict(identity)
+    if {key: result.get(key) for key in identity} != identity:
+        raise InputError(f"{file}: was made with other settings, versions or another dataset; choose a new folder")
+    with kept_running(engine or LocalEngine(1)) as kept:
+        bench = Bench(dataset, out, range(seeds), kept, feedback)
+        parts: dict[str, Callable[[], dict[str, Any]]] = {
+            "windows": lambda: _windows(bench, also),
+            "window_ends": lambda: _window_ends(bench, also),
+            "truth": lambda: _truth(bench),
+            "other": lambda: {} if other is None else _other(bench, other),
+            "samples": lambda: _samples(bench),
+            "longer": lambda: _longer(bench),
+        }
+        for stage in STAGES if stages is None else stages:
+            result |= parts[stage]()
+            out.mkdir(parents=True, exist_ok=True)
+            write_json(file, result)
     return result
 
 
-def _beside(
-    first: Bench, second: Bench, first_runs: dict[str, list[Run]], second_runs: dict[str, list[Run]]
-) -> list[dict[str, Any]]:
-    """Return the scores of each predictor on the test windows of both benches."""
+def _windows(bench: Bench, also: Sequence[str]) -> dict[str, Any]:
+    """Return the scores of every predictor on early and on late windows."""
+    runs = [run for repeats in bench.train((*PREDICTORS, *also)).values() for run in repeats]
+    pull_outs = PullOuts.of(bench.dataset)
+    return {ends: _predictors(bench.evaluate(runs, "evaluated/all", ends, pull_outs)) for ends in ENDS}
+
+
+def _window_ends(bench: Bench, also: Sequence[str]) -> dict[str, Any]:
+    """Return the window-end curve of one run of every predictor."""
+    trained = bench.train((*PREDICTORS, *also))
+    return {"by_window_end": bench.window_end_curves([runs[0] for runs in trained.values()], "evaluated/window_ends")}
+
+
+def _truth(bench: Bench) -> dict[str, Any]:
+    """Return the scores of predictors trained on sensed and on true states."""
+    truth = replace(bench, out=bench.out / "true", states="tv_truth", alone={})
+    runs = {"sensed": bench.train(COMPARED), "true": truth.train(COMPARED)}
+    return {"truth": _beside({"sensed": bench, "true": truth}, runs)}
+
+
+def _other(bench: Bench, dataset: Dataset) -> dict[str, Any]:
+    """Return the scores on the dataset's own road and on that of another dataset."""
+    other = replace(bench, dataset=dataset, out=bench.out / "other", alone={})
+    runs = bench.train(COMPARED)
+    return {"other": _beside({"own": bench, "other": other}, {"own": runs, "other": runs})}
+
+
+def _samples(bench: Bench) -> dict[str, Any]:
+    """Return the scores on early windows by the number of training samples."""
     rows = []
-    for model in first_runs:
-        for ends in ENDS:
-            for bench, runs in ((first, first_runs[model]), (second, second_runs[model])):
-                rows.append({"model": model, "ends": ends, "on": bench.out.name, **bench.scores(runs, ends)})
-    return rows
+    for share in SHARES:
+        for model, repeats in bench.train(COMPARED, share=share).items():
+            taught = spread([sum(run.card.counts.values()) for run in repeats]).mean
+            rows.append({"model": model, "share": share, "samples": taught, **bench.scores(repeats, "early")})
+    return {"samples": rows}
+
+
+def _longer(bench: Bench) -> dict[str, Any]:
+    """Return the scores of the default predictor trained longer, beside the floor."""
+    runs = [*bench.train((DEFAULT,), "longer", times=LONGER)[DEFAULT], *bench.train((FLOOR,))[FLOOR]]
+    return {"longer": {ends: _predictors(bench.evaluate(runs, "evaluated/longer", ends)) for ends in ENDS}}
+
+
+def _beside(benches: dict[str, Bench], runs: dict[str, dict[str, list[Run]]]) -> list[dict[str, Any]]:
+    """Return the scores of each predictor on the test windows of some benches, by the benches' names."""
+    return [
+        {"model": model, "ends": ends, "on": name, **bench.scores(runs[name][model], ends)}
+        for model in COMPARED
+        for ends in ENDS
+        for name, bench in benches.items()
+    ]
 
 
 def _predictors(measured: EvaluationResult) -> dict[str, Any]:
     """Scores over training seeds with differences to the first predictor; each run's before the commit, and unknown.
 
-    Also `passing`, whether the TV passes the UV, where that was asked.
+    Also `passing`, whether the TV passes the UV, where that was asked. With one training seed, `predictors` is empty.
     """
     keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
     return {
-        "predictors": measured.model_dump(mode="json")["over_training_seeds"],
+        "predictors": measured.model_dump(mode="json").get("over_training_seeds", []),
         "before_commit": [
             result.model_dump(mode="json", include={"name", "before_commit"}) for result in measured.runs
         ],
@@ -211,9 +318,22 @@ def main() -> None:
     parser.add_argument("--other", type=Path)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--also", action="append", default=[], choices=[name for name in OWN if name not in PREDICTORS])
+    parser.add_argument("--jobs", type=int, default=1, help="number of worker processes")
+    parser.add_argument("--stages", type=lambda text: text.split(","), help=f"some of {','.join(STAGES)}")
     arguments = parser.parse_args()
-    other = None if arguments.other is None else Dataset.open(arguments.other)
-    result = run(Dataset.open(arguments.dataset), arguments.out, arguments.seeds, other, also=arguments.also)
+    unknown = [stage for stage in arguments.stages or () if stage not in STAGES]
+    if unknown:
+        parser.error(f"no such stage: {', '.join(unknown)}; choose from {', '.join(STAGES)}")
+    result = run(
+        Dataset.open(arguments.dataset),
+        arguments.out,
+        arguments.seeds,
+        None if arguments.other is None else Dataset.open(arguments.other),
+        arguments.also,
+        arguments.stages,
+        LocalEngine(arguments.jobs),
+        ConsoleFeedback(Console(stderr=True)),
+    )
     print(json.dumps(result, indent=1))
 
 

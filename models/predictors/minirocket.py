@@ -98,9 +98,7 @@ class Rocket:
 def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, seed: int) -> Rocket:
     """Fit to windows with labels (n,), classes weighted by inverse frequency."""
     transform_class = rocket_class()
-    streams = (windows.tv, windows.uv)
-    mean = np.stack([x.mean(axis=(0, 2), dtype=np.float64) for x in streams])
-    sd = np.stack([x.std(axis=(0, 2), dtype=np.float64) + 1e-6 for x in streams])
+    mean, sd = stream_scale(windows)
     scaled = standardised(windows, mean, sd)
     count = settings.features // 2
     rockets = tuple(transform_class(n_kernels=count, random_state=seed % 2**31).fit(x) for x in scaled)
@@ -108,6 +106,14 @@ def fit_rocket(windows: Windows, label: IntArray, settings: MinirocketSettings, 
     centre, scale = features.mean(axis=0, dtype=np.float64), features.std(axis=0, dtype=np.float64) + 1e-6
     ridge = fit_ridge((features - centre) / scale, label)
     return Rocket((rockets[0], rockets[1]), mean, sd, centre, scale, ridge)
+
+
+def stream_scale(windows: Windows) -> tuple[Array, Array]:
+    """Return means and standard deviations of the components of both streams, (2, 6) each."""
+    streams = (windows.tv, windows.uv)
+    mean = np.stack([x.mean(axis=(0, 2), dtype=np.float64) for x in streams])
+    sd = np.stack([x.std(axis=(0, 2), dtype=np.float64) + 1e-6 for x in streams])
+    return mean, sd
 
 
 def standardised(windows: Windows, mean: Array, sd: Array) -> tuple[Float32Array, Float32Array]:

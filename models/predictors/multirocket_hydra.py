@@ -26,7 +26,7 @@ from isacsim.settings import Settings
 from models.data.windows import Windows, cut
 from models.fit_settings import FitSettings
 from models.networks.network import N_STATES
-from models.predictors.minirocket import KERNELS, PARTS, check, standardised
+from models.predictors.minirocket import KERNELS, PARTS, check, standardised, stream_scale
 from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload, among_known
 from models.predictors.ridge import Ridge, fit_ridge
 
@@ -151,9 +151,7 @@ class RocketWithHydra:
 
 def fit_rocket(windows: Windows, label: IntArray, settings: MultirocketHydraSettings, seed: int) -> RocketWithHydra:
     """Fit to windows with labels (n,), classes weighted by inverse frequency."""
-    streams = (windows.tv, windows.uv)
-    mean = np.stack([x.mean(axis=(0, 2), dtype=np.float64) for x in streams])
-    sd = np.stack([x.std(axis=(0, 2), dtype=np.float64) + 1e-6 for x in streams])
+    mean, sd = stream_scale(windows)
     scaled = standardised(windows, mean, sd)
     tv, uv = (fitted_to(x, settings.features // (2 * 2 * POOLINGS), settings.groups, seed % 2**31) for x in scaled)
     features = transformed((tv, uv), scaled)

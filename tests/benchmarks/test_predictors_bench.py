@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 import benchmarks.predictors as bench
+from isacsim.errors import InputError
 from models.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
+from tests.support.scripted import InlineEngine
 
 SMALL = TrainSettings.model_validate(
     {
@@ -36,8 +36,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("small")
 def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_path: Path) -> None:
     first, second = write_dataset(tmp_path / "own", "north", 8), write_dataset(tmp_path / "other", "south", 3)
-    console = Console(file=io.StringIO())
-    result = bench.run(first, tmp_path / "out", 2, second, console)
+    result = bench.run(first, tmp_path / "out", 2, second, engine=InlineEngine())
     assert result == json.loads((tmp_path / "out" / "predictors.json").read_text())
     for ends in ("early", "late"):
         rows = result[ends]["predictors"]
@@ -54,9 +53,35 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
     half, whole = (next(r for r in result["samples"] if (r["model"], r["share"]) == ("trees", s)) for s in (0.5, 1.0))
     assert half["samples"] == pytest.approx(whole["samples"] / 2)
     assert half["windows"] == whole["windows"]
-    for part, places in (("truth", {"out", "true"}), ("other", {"out", "other"})):
+    for part, places in (("truth", {"sensed", "true"}), ("other", {"own", "other"})):
         assert {row["on"] for row in result[part]} == places
         assert len(result[part]) == 4
     # Every seed of the other road is new to the predictors, and a share of their own road's.
-    on_other, on_own = (next(r for r in result["other"] if r["on"] == place) for place in ("other", "out"))
+    on_other, on_own = (next(r for r in result["other"] if r["on"] == place) for place in ("other", "own"))
     assert on_other["windows"] == 3 * on_own["windows"] / round(0.3 * 8)
+
+
+@pytest.mark.usefixtures("small")
+def test_stages_run_one_by_one_leave_the_same_file_and_nothing_is_measured_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = write_dataset(tmp_path / "own", "north", 8)
+    whole = bench.run(dataset, tmp_path / "whole", 1, engine=InlineEngine())
+    for stage in ("samples", "truth", "window_ends", "longer", "windows"):
+        bench.run(dataset, tmp_path / "parts", 1, stages=[stage], engine=InlineEngine())
+    assert json.loads((tmp_path / "parts" / bench.RESULT_FILE).read_text()) == whole
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("measured or trained again")
+
+    monkeypatch.setattr(bench, "evaluate_records", refuse)
+    monkeypatch.setattr(bench, "train_records", refuse)
+    assert bench.run(dataset, tmp_path / "whole", 1, engine=InlineEngine()) == whole
+
+
+@pytest.mark.usefixtures("small")
+def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
+    dataset = write_dataset(tmp_path / "own", "north", 8)
+    bench.run(dataset, tmp_path / "out", 1, stages=["truth"], engine=InlineEngine())
+    with pytest.raises(InputError, match="choose a new folder"):
+        bench.run(dataset, tmp_path / "out", 2, stages=["truth"], engine=InlineEngine())
