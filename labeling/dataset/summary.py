@@ -12,11 +12,13 @@ from rich.table import Column, Table
 
 from labeling.dataset.dataset import SHARDS, Dataset
 from labeling.dataset.distributions import distributions, too_few_seeds
+from labeling.dataset.pull_outs import dropped_pull_outs
 from labeling.dataset.shard import read_episode
 from labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
-    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "counts", "collided", "teleported",
+    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "dropped_pull_outs", "counts", "collided",
+    "teleported",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
@@ -30,8 +32,9 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     reaction's start, s, None where there is nothing to collide with; `sensors`, samples by sensor; `snr_db` and
     `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
     median distances to the true position, before and after the filter; `left_out`, candidates that did not become
-    samples, by reason; `label_agreement`, what the detectors make of the maneuvers of each intention, only where the
-    motion source gives the labels.
+    samples, by reason; `dropped_pull_outs`, how many of these are kept beside the samples, by outcome;
+    `label_agreement`, what the detectors make of the maneuvers of each intention, only where the motion source gives
+    the labels.
     """
     meta, shards = dataset.meta, dataset.meta.shards
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
@@ -65,6 +68,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
             "sensed": _median([error for episode in errors for error in episode.state_error_m]),
         },
         "left_out": meta.left_out(),
+        "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
         "collided": int(shards.numbers("collided").sum()),
@@ -93,6 +97,12 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+
+
+def _outcomes(dataset: Dataset) -> dict[str, int]:
+    """Return the number of dropped pull-outs by their outcome."""
+    outcomes = dropped_pull_outs(dataset).frame(["pull_out"])["pull_out"].value_counts().sort_index()
+    return {str(outcome): int(number) for outcome, number in outcomes.items()}
 
 
 def _causes(reactions: pd.DataFrame) -> dict[str, dict[str, dict[str, Any]]]:
@@ -180,7 +190,7 @@ def faults(values: dict[str, Any]) -> list[str]:
 def _brief(value: Any) -> str:
     """Return plain values as short text, with lists of seeds as ranges."""
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_brief(entry)}" for key, entry in value.items())
+        return ", ".join(f"{key} {_brief(entry)}" for key, entry in value.items()) or "none"
     if isinstance(value, list):
         return f"{value[0]} to {value[-1]} ({len(value)})" if value else "none"
     return str(value)

@@ -16,6 +16,7 @@ from isacsim.traffic.recording import Recording
 from labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset
 from labeling.dataset.pull_outs import dropped_pull_outs
 from labeling.dataset.shard import ARRAYS, SCALARS
+from labeling.dataset.summary import summary
 from labeling.generation.episode import select_pull_outs
 from labeling.generation.generate import generate
 from labeling.generation.resense import ResenseSettings, own_sensing, resense
@@ -77,6 +78,7 @@ def test_dropped_pull_outs_are_stored_and_sensed_but_are_no_samples(dataset: Dat
     assert list(changes["intention"]) == ["left_lane_change", "overtake"] * 2
     assert dataset.meta.left_out()["passed_did_not_return"] == 2
     dropped = dropped_pull_outs(dataset)
+    assert summary(dataset)["dropped_pull_outs"] == dropped.frame(["pull_out"])["pull_out"].value_counts().to_dict()
     table = dropped.frame()
     assert list(table["sample_id"]) == ["road-1-p0", "road-2-p0"]
     assert set(table["pull_out"]) == {"passed_did_not_return"}
