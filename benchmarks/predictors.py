@@ -297,13 +297,13 @@ def _predictors(measured: EvaluationResult) -> dict[str, Any]:
 
     Also `passing`, whether the TV passes the UV, where that was asked. With one training seed, `predictors` is empty.
     """
-    keys = {"name", "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores"}
+    keys = {
+        "name", "model", "before_commit", "five_classes",
+        "n_unknown", "unknown_score", "auroc_unknown", "unknown_scores",
+    }  # fmt: skip
     return {
         "predictors": measured.model_dump(mode="json").get("over_training_seeds", []),
-        "before_commit": [
-            result.model_dump(mode="json", include={"name", "before_commit"}) for result in measured.runs
-        ],
-        "unknown": [result.model_dump(mode="json", include=keys) for result in measured.runs],
+        "runs": [result.model_dump(mode="json", include=keys) for result in measured.runs],
         **({} if measured.passing is None else measured.model_dump(mode="json", include={"passing"})),
     }
 

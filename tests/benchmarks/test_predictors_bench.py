@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import benchmarks.predictors as bench
@@ -14,6 +16,7 @@ from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
 from tests.support.scripted import InlineEngine
 
+TABLES = Path(__file__).parents[2] / "docs" / "predictor_tables.py"
 SMALL = TrainSettings.model_validate(
     {
         **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "windows"}),
@@ -43,7 +46,7 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
         assert [row["training_seeds"] for row in rows] == [[0, 1]] * 2
         assert "paired_difference" not in rows[0]
         assert all(set(row["paired_difference"]["macro_f1"]) >= {"difference", "low", "high"} for row in rows[1:])
-        assert len(result[ends]["unknown"]) == 4
+        assert len(result[ends]["runs"]) == 4
     assert [row["name"] for row in result["by_window_end"]] == ["ASI-BIP", "boosted trees"]
     assert all(len({end["end_s"] for end in row["by_window_end"]}) > 3 for row in result["by_window_end"])
     for row in result["longer"].values():
@@ -85,3 +88,20 @@ def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     bench.run(dataset, tmp_path / "out", 1, stages=["truth"], engine=InlineEngine())
     with pytest.raises(InputError, match="choose a new folder"):
         bench.run(dataset, tmp_path / "out", 2, stages=["truth"], engine=InlineEngine())
+
+
+@pytest.mark.usefixtures("small")
+def test_the_tables_of_the_page_hold_what_was_measured(tmp_path: Path) -> None:
+    dataset = write_dataset(tmp_path / "own", "north", 8)
+    result = bench.run(dataset, tmp_path / "out", 2, stages=["windows", "truth"], engine=InlineEngine())
+    lines = "\n\n".join(runpy.run_path(str(TABLES))["tables"](result)).splitlines()
+    trees = [run for run in result["early"]["runs"] if run["model"] == "trees"]
+    origin = [run["before_commit"]["by_origin"]["natural"]["macro_f1"] for run in trees]
+    row = f"| boosted trees | {np.mean(origin):.3f} ±{np.std(origin, ddof=1):.3f} |"
+    assert row in lines[lines.index("### Before the commit, by origin") :]
+    lead = trees[0]["before_commit"]["by_lead"][0]
+    assert any(line.startswith("| windows |") and f" {lead['n']} |" in line for line in lines)
+    true = next(r for r in result["truth"] if (r["model"], r["ends"], r["on"]) == ("trees", "late", "true"))
+    after = lines[next(k for k, line in enumerate(lines) if line.startswith("### Sensed against true")) :]
+    assert any("| late |" in line and f"{true['macro_f1']['mean']:.3f} ±" in line for line in after)
+    assert not any(line.startswith("### Longer training") for line in lines)
