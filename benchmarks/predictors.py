@@ -151,13 +151,17 @@ class Bench:
         return {model: [load_run(task.run) for task in repeats] for model, repeats in tasks.items()}
 
     def evaluate(
-        self, runs: Sequence[Run], name: str, ends: str, pull_outs: PullOuts | None = None
+        self, runs: Sequence[Run], name: str, ends: str, at_leads: bool = False, pull_outs: PullOuts | None = None
     ) -> EvaluationResult:
         """What metrics.json holds of those runs on the same windows, the first one's in full. ends: a key of ENDS.
 
+        at_leads: whether windows at fixed times before the commit are measured, too, which do not depend on `ends`.
         pull_outs: of the dataset, to ask whether the TV passes the UV.
         """
-        return self._measured(runs, f"{name}/{ends}", EvaluateSettings(end_after_s=ENDS[ends]), pull_outs)
+        settings = EvaluateSettings(end_after_s=ENDS[ends])
+        if not at_leads:
+            settings = settings.model_copy(update={"leads_s": ()})
+        return self._measured(runs, f"{name}/{ends}", settings, pull_outs)
 
     def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
         """Return mean and spread over runs, each measured by itself, and how many windows they were measured on."""
@@ -243,7 +247,7 @@ def _windows(bench: Bench, also: Sequence[str]) -> dict[str, Any]:
     """Return the scores of every predictor on early and on late windows."""
     runs = [run for repeats in bench.train((*PREDICTORS, *also)).values() for run in repeats]
     pull_outs = PullOuts.of(bench.dataset)
-    return {ends: _predictors(bench.evaluate(runs, "evaluated/all", ends, pull_outs)) for ends in ENDS}
+    return {ends: _predictors(bench.evaluate(runs, "evaluated/all", ends, ends == "early", pull_outs)) for ends in ENDS}
 
 
 def _window_ends(bench: Bench, also: Sequence[str]) -> dict[str, Any]:
