@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import dask
-from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+from distributed import CancelledError, Client, Future, KilledWorker, LocalCluster, as_completed
 
 from isacsim.errors import InputError, RunError
 from isacsim.versions import OF_DATASETS, OF_RUNS, versions
@@ -36,6 +36,9 @@ FIRST_WORKER_S = 15.0
 
 COUNT_AGE_S = 1.0
 """How old the known number of a cluster's workers may be, s."""
+
+WORKER_BACK = "30 days"
+"""How long a worker process of this machine may take to be replaced after it died."""
 
 GONE = "the dask scheduler went away; start it, and the same command goes on from there"
 
@@ -98,6 +101,9 @@ class LocalEngine:
     def started(self) -> Iterator[Client]:
         """Yield a client of the worker processes, which run until the block ends."""
         settings = {
+            # A worker that died is replaced, but on a busy machine that can take minutes. By default, dask gives it up
+            # after 15 s; without workers, tasks would wait forever.
+            "distributed.deploy.lost-worker-timeout": WORKER_BACK,
             # Have every death of a worker reported; run_on counts them and retries.
             "distributed.scheduler.allowed-failures": 0,
             "distributed.scheduler.worker-saturation": 1.0,
@@ -254,9 +260,10 @@ def run_on(
         while pending:
             future = next(finished)
             number, item = pending.pop(future)
-            if future.status not in ("finished", "error"):
-                raise RunError(GONE)
-            new_failures, attempt = _read(future)
+            try:
+                new_failures, attempt = _read(future)
+            except CancelledError:
+                raise RunError(GONE) from None
             earlier_failures = failures.pop(number, 0)
             if new_failures and not attempt.final and earlier_failures + new_failures <= RETRIES:
                 failures[number] = earlier_failures + new_failures
@@ -291,15 +298,21 @@ def _try(task: Callable[[Item], Result], item: Item) -> _Attempt:
 
 
 def _read(future: Future[Any]) -> tuple[int, _Attempt]:
-    """Return how many tries failed since the task was submitted, and the outcome of the last one."""
-    if future.status == "finished":
+    """Return how many tries failed since the task was submitted, and the outcome of the last one.
+
+    Waits where the worker died with a result that nobody had fetched: the scheduler then runs the task again.
+    Raises CancelledError if the scheduler went away.
+    """
+    try:
         attempt: _Attempt = future.result()
-        return int(attempt.error is not None), attempt
-    error = future.exception()
-    if isinstance(error, KilledWorker):
+    except CancelledError:
+        raise
+    except KilledWorker as error:
         # A scheduler that others configured may have retried by itself before it reported the death.
         return error.allowed_failures + 1, _Attempt(error="the worker process died")
-    return 1, _Attempt(error=describe(error))
+    except Exception as error:
+        return 1, _Attempt(error=describe(error))
+    return int(attempt.error is not None), attempt
 
 
 def describe(error: BaseException | None) -> str:
