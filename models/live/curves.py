@@ -16,7 +16,7 @@ from isacsim.arrays import Array
 from labeling.intentions import KNOWN
 from models.live.alarms import Levels, peaks, raised
 from models.live.results import CurvePoint, Interval, RecallLost
-from models.live.scoring import Outcome, Truth, event_scores, jackknife_interval, recall_by_intention, recall_interval
+from models.live.scoring import Outcome, Truth, event_scores, interval_over_seeds, recall_by_intention, recall_interval
 from models.live.settings import ScoringSettings, shown_threshold
 
 
@@ -125,7 +125,7 @@ def recall_lost(truth: Sweep, sensed: Sweep, settings: ScoringSettings) -> list[
                 truth=recalls[0],
                 sensed=recalls[1],
                 lost=recalls[0] - recalls[1],
-                interval=jackknife_interval(recalls[0] - recalls[1], lost, settings),
+                interval=interval_over_seeds(recalls[0] - recalls[1], lost, settings),
             )
         )
     return costs

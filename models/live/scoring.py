@@ -194,7 +194,7 @@ def recall_interval(predicted: float, events: float, left_out: Array, settings: 
     If no event was predicted, or every one, seeds do not differ. The interval is then the exact one of a binomial
     share (Clopper & Pearson 1934), as if events were independent.
     """
-    interval = jackknife_interval(predicted / events if events else np.nan, left_out, settings)
+    interval = interval_over_seeds(predicted / events if events else np.nan, left_out, settings)
     if interval is None:
         return None
     if predicted in (0, events):
@@ -203,7 +203,7 @@ def recall_interval(predicted: float, events: float, left_out: Array, settings: 
     return interval.model_copy(update={"low": max(interval.low, 0.0), "high": min(interval.high, 1.0)})
 
 
-def jackknife_interval(value: float, left_out: Array, settings: ScoringSettings) -> Interval | None:
+def interval_over_seeds(value: float, left_out: Array, settings: ScoringSettings) -> Interval | None:
     """Return the t interval of the delete-one jackknife; None with a single seed, or where it is undefined.
 
     value: the statistic of all seeds. left_out: that of all seeds but one, for each in turn, (seeds,).
