@@ -30,7 +30,7 @@ from labeling.dataset.dataset import (
     write_shard,
 )
 from labeling.dataset.pull_outs import dropped_pull_outs
-from labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
+from labeling.dataset.shard import ARRAYS, PASSING, SCALARS, file_digest, read_samples, read_shard, schema
 from labeling.intentions import Intention
 from tests.support.former_dataset import without_index
 
@@ -216,6 +216,29 @@ def test_values_against_the_contract_are_noticed(tmp_path: Path, fault: str) -> 
     write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([shard])}))
     with pytest.raises(InputError, match="finite" if fault == "nan" else fault):
         Dataset.open(dataset.path).verify()
+
+
+@pytest.mark.parametrize(("fault", "message"), [("counts", "counts differ"), ("content", "not a whole shard")])
+def test_an_index_that_does_not_describe_its_shard_is_noticed(tmp_path: Path, fault: str, message: str) -> None:
+    """A shard whose digest is that of the index, which says something else of it, or which is no shard."""
+    dataset = make(tmp_path / "data", (3,))
+    shard = dataset.meta.shards[0]
+    path = dataset.path / "shards" / shard.file
+    if fault == "content":
+        path.write_bytes(path.read_bytes()[:-100])
+    changes = {"sha256": file_digest(path)} if fault == "content" else {"bytes": shard.bytes + 1}
+    write_meta(
+        dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([shard.model_copy(update=changes)])})
+    )
+    with pytest.raises(InputError, match=message):
+        Dataset.open(dataset.path).verify()
+
+
+def test_columns_of_another_kind_are_refused(dataset: Dataset) -> None:
+    with pytest.raises(ValueError, match=r"no scalar columns: \['tv'\]"):
+        dataset.frame(["seed", "tv"])
+    with pytest.raises(ValueError, match=r"no array columns: \['seed'\]"):
+        next(dataset.arrays_by_shard("tv", "seed"))
 
 
 def test_a_label_that_contradicts_its_intention_is_noticed(tmp_path: Path) -> None:
