@@ -21,8 +21,9 @@ from __future__ import annotations
 import argparse
 import importlib.resources
 import json
+import shutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -48,7 +49,7 @@ from models.predictors.registry import OWN, catalogue
 from models.report.evaluation_figures import draw_figures
 from models.report.report import PAGE, write_page
 from models.roles import DEFAULT, FLOOR
-from models.run import Run, load_run, read_card
+from models.run import Run, load_run, read_card, write_card
 from models.settings import TrainSettings
 from models.studies.cell_tasks import made_of, run_tasks
 from models.studies.study import read_study
@@ -62,6 +63,8 @@ PREDICTORS: tuple[str, ...] = (
     "uv-alone", "rule",
 )  # fmt: skip
 COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
+NETWORK_OF = {"ensemble": DEFAULT, "embedding-trees": DEFAULT}
+"""Predictors that train the very network of another one."""
 SHARES = (0.125, 0.25, 0.5, 1.0)
 TUNED = read_study(Path(str(importlib.resources.files("studies") / "full.toml"))).training
 """How every predictor is trained, CaSTFormer with the same optimiser as the others; chosen on validation seeds."""
@@ -75,13 +78,15 @@ LONGER = 3
 class BenchTraining:
     """A training that a worker process runs.
 
-    dataset: folder of its dataset. states: the column of the TV's states. run: folder of the predictor.
+    dataset: folder of its dataset. states: the column of the TV's states. run: folder of the predictor. network:
+    folder of a training of the same network; if that has finished, its epochs are not repeated.
     """
 
     dataset: Path
     states: Literal["tv", "tv_truth"]
     training: TrainSettings
     run: Path
+    network: Path | None = None
 
     def is_finished(self, digest: str) -> bool:
         """Return whether the folder holds this very training. digest: of the dataset."""
@@ -96,7 +101,20 @@ class BenchTraining:
         """Train, or go on from the last epoch."""
         dataset = Dataset.open(self.dataset)
         self.run.parent.mkdir(parents=True, exist_ok=True)
+        if self.network is not None and read_card(self.run) is None:
+            self._take_epochs(dataset, self.network)
         train_records(Records.of(dataset, self.states), made_of(dataset), self.run, self.training)
+
+    def _take_epochs(self, dataset: Dataset, network: Path) -> None:
+        """Begin this training with the last epoch of a finished one of the same network."""
+        card = read_card(network)
+        if card is None:
+            return
+        training = self.training.model_copy(update={"model": card.settings.model})
+        if replace(self, training=training, run=network).is_finished(dataset.digest):
+            shutil.copytree(network / "checkpoints", self.run / "checkpoints", dirs_exist_ok=True)
+            shutil.copy2(network / "history.csv", self.run)
+            write_card(self.run, card.model_copy(update={"complete": False, "settings": self.training}))
 
 
 @dataclass(frozen=True)
@@ -112,8 +130,6 @@ class Bench:
     engine: Engine
     feedback: Feedback
     states: Literal["tv", "tv_truth"] = "tv"
-    alone: dict[tuple[str, str], EvaluationResult] = field(default_factory=dict)
-    """Metrics of runs that were measured by themselves, by name and key of ENDS."""
 
     @cached_property
     def records(self) -> Records:
@@ -138,13 +154,16 @@ class Bench:
                     changes = {"split": split, "optimiser": optimiser, "model": model, "seed": seed}
                     folder = self.out / name / f"{model}-{share:g}-{seed}"
                     settings = TUNED.model_copy(update=changes)
-                    tasks[model].append(BenchTraining(self.dataset.path, self.states, settings, folder))
-        # By seed, so that an interrupted command leaves one run of every predictor before the second of any.
-        missing = [
-            task
-            for task in sorted((task for repeats in tasks.values() for task in repeats), key=lambda t: t.training.seed)
-            if not task.is_finished(self.dataset.digest)
-        ]
+                    base = NETWORK_OF.get(model)
+                    network = None if base is None else self.out / name / f"{base}-{share:g}-{seed}"
+                    tasks[model].append(BenchTraining(self.dataset.path, self.states, settings, folder, network))
+        # By seed, so that an interrupted command leaves one run of every predictor before the second of any; those that
+        # take another one's network come last.
+        order = sorted(
+            (task for repeats in tasks.values() for task in repeats),
+            key=lambda task: (task.training.seed, task.network is not None),
+        )
+        missing = [task for task in order if not task.is_finished(self.dataset.digest)]
         title = f"{name}, share {share:g}"
         for task, reason in run_tasks(missing, self.engine, self.feedback, title, "trainings", TUNED.optimiser.threads):
             raise RunError(f"{task.run}: {reason}")
@@ -165,10 +184,7 @@ class Bench:
 
     def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
         """Return mean and spread over runs, each measured by itself, and how many windows they were measured on."""
-        for run in runs:
-            if (run.path.name, ends) not in self.alone:
-                self.alone[run.path.name, ends] = self.evaluate([run], f"evaluated/{run.path.name}", ends)
-        results = [self.alone[run.path.name, ends] for run in runs]
+        results = [self.evaluate([run], f"evaluated/{run.path.name}", ends) for run in runs]
         return {"windows": results[0].n, **summary(results).model_dump(mode="json")}
 
     def window_end_curves(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
@@ -184,12 +200,12 @@ class Bench:
         """Return what a folder holds of these runs, evaluated now unless an earlier command finished it."""
         folder = self.out / name
         before = read_metrics(folder) if (folder / PAGE).is_file() else None
-        if before is not None and (before.made_by.runs, before.made_by.dataset.digest, before.made_by.versions) == (
-            [run.card for run in runs],
-            self.dataset.digest,
-            versions(OF_RUNS),
-        ):
-            return before
+        windows = {"window_end_curve": None} | runs[0].card.settings.windows.model_dump()
+        asked = (windows | settings.model_dump(exclude_none=True), [run.card for run in runs], self.dataset.digest)
+        if before is not None and before.made_by.versions == versions(OF_RUNS):
+            made_by = before.made_by
+            if (before.windows.model_dump(), made_by.runs, made_by.dataset.digest) == asked:
+                return before
         (folder / PAGE).unlink(missing_ok=True)
         origin = made_of(self.dataset)
         evaluation = evaluate_records(runs[0], self.records, origin, folder, settings, runs[1:], pull_outs)
@@ -212,8 +228,11 @@ def run(
 
     seeds: number of training seeds. also: predictors besides PREDICTORS. stages: those to run now, by default all; of
     the others, the file keeps what it has. engine: runs the trainings, by default in one worker process.
-    Raises InputError where the file is of other settings or another dataset, RunError where a training fails.
+    Raises InputError where the file is of other settings or another dataset, or the stage `other` is asked for without
+    one, RunError where a training fails.
     """
+    if other is None and "other" in (stages or ()):
+        raise InputError("the stage other measures another dataset; name it with --other")
     identity = {
         "training": TUNED.model_dump(mode="json"),
         "training_seeds": seeds,
@@ -258,16 +277,17 @@ def _window_ends(bench: Bench, also: Sequence[str]) -> dict[str, Any]:
 
 def _truth(bench: Bench) -> dict[str, Any]:
     """Return the scores of predictors trained on sensed and on true states."""
-    truth = replace(bench, out=bench.out / "true", states="tv_truth", alone={})
+    truth = replace(bench, out=bench.out / "true", states="tv_truth")
     runs = {"sensed": bench.train(COMPARED), "true": truth.train(COMPARED)}
     return {"truth": _beside({"sensed": bench, "true": truth}, runs)}
 
 
 def _other(bench: Bench, dataset: Dataset) -> dict[str, Any]:
     """Return the scores on the dataset's own road and on that of another dataset."""
-    other = replace(bench, dataset=dataset, out=bench.out / "other", alone={})
+    other = replace(bench, dataset=dataset, out=bench.out / "other")
     runs = bench.train(COMPARED)
-    return {"other": _beside({"own": bench, "other": other}, {"own": runs, "other": runs})}
+    rows = _beside({"own": bench, "other": other}, {"own": runs, "other": runs})
+    return {"other": rows, "other_dataset": dataset.digest}
 
 
 def _samples(bench: Bench) -> dict[str, Any]:

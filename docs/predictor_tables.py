@@ -177,15 +177,19 @@ def passing(result: Json) -> Iterator[str]:
             outcomes = ", ".join(f"{number} {spoken(name)}" for name, number in scores.pull_outs.items())
             yield (
                 f"### Passes within {scores.within_s:g} s, {ends}: {scores.n:,} windows of {outcomes}; {scores.groups} "
-                f"seeds; base rate {scores.base_rate}, its Brier score {scores.brier_of_base_rate}; already passed "
-                f"{scores.already_passed}, censored {scores.censored}"
+                f"seeds; base rate {_number(scores.base_rate)}, its Brier score {_number(scores.brier_of_base_rate)}; "
+                f"already passed {scores.already_passed}, censored {scores.censored}"
             )
             rows = [[a.name, _auroc(a.auroc, a.auroc_low, a.auroc_high), "", ""] for a in scores.answers]
             trained = scores.trained
             if trained is not None:
                 area = _auroc(trained.auroc, trained.auroc_low, trained.auroc_high)
-                rows.append(["trees trained on it", area, f"{trained.brier:.3f}", f"{trained.calibration_error:.3f}"])
+                rows.append(["trees trained on it", area, _number(trained.brier), _number(trained.calibration_error)])
             yield table(["answer", "AUROC", "Brier score", "calibration error"], rows)
+
+
+def _number(score: float | None) -> str:
+    return "" if score is None else f"{score:.3f}"
 
 
 def _auroc(area: float | None, low: float | None, high: float | None) -> str:
@@ -269,6 +273,8 @@ def longer(result: Json) -> Iterator[str]:
     yield "### Longer training"
     for ends, measured in result.items():
         predictors = [PredictorResult.model_validate(row) for row in measured["predictors"]]
+        if not predictors:  # with one training seed there are no means
+            continue
         yield table(
             ["predictor", f"macro-F1, {ends}", f"{predictors[0].name} minus it"],
             [
@@ -283,7 +289,8 @@ def tables(result: Json) -> Iterator[str]:
     if "early" in result:
         yield from leads(result["early"])
         yield from origins(result["early"])
-        yield from early_and_late(result)
+        if result["early"]["predictors"]:  # with one training seed there are no means
+            yield from early_and_late(result)
         yield from passing(result)
         yield from unknown(result)
     for key, part in (("by_window_end", window_ends), ("samples", samples), ("longer", longer)):

@@ -11,6 +11,7 @@ import pytest
 
 import benchmarks.predictors as bench
 from isacsim.errors import InputError
+from models.networks.lightning_module import NetworkModule
 from models.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
@@ -80,6 +81,36 @@ def test_stages_run_one_by_one_leave_the_same_file_and_nothing_is_measured_twice
     monkeypatch.setattr(bench, "evaluate_records", refuse)
     monkeypatch.setattr(bench, "train_records", refuse)
     assert bench.run(dataset, tmp_path / "whole", 1, engine=InlineEngine()) == whole
+    assert list(runpy.run_path(str(TABLES))["tables"](whole))
+    # Other windows are measured anew.
+    monkeypatch.setattr(bench, "ENDS", {"early": (0.0, 0.9), "late": (1.0, 2.2)})
+    with pytest.raises(AssertionError, match="again"):
+        bench.run(dataset, tmp_path / "whole", 1, engine=InlineEngine())
+
+
+def test_predictors_with_the_same_network_train_it_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write_dataset(tmp_path / "own", "north", 8).path
+    training = SMALL.model_copy(update={"model": "ensemble"})
+    bench.BenchTraining(folder, "tv", training, tmp_path / "alone").work()
+    bench.BenchTraining(folder, "tv", training.model_copy(update={"model": "asi-bip"}), tmp_path / "network").work()
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("trained again")
+
+    monkeypatch.setattr(NetworkModule, "training_step", refuse)
+    bench.BenchTraining(folder, "tv", training, tmp_path / "shared", tmp_path / "network").work()
+    for name in ("weights.pt", "history.csv", "trees.skops", "reference.npz", "run.json"):
+        assert (tmp_path / "shared" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    # The network of another seed is not taken.
+    other_seed = training.model_copy(update={"seed": 1})
+    with pytest.raises(AssertionError, match="again"):
+        bench.BenchTraining(folder, "tv", other_seed, tmp_path / "other", tmp_path / "network").work()
+
+
+def test_the_stage_other_needs_a_dataset(tmp_path: Path) -> None:
+    dataset = write_dataset(tmp_path / "own", "north", 8)
+    with pytest.raises(InputError, match="--other"):
+        bench.run(dataset, tmp_path / "out", 1, stages=["other"], engine=InlineEngine())
 
 
 @pytest.mark.usefixtures("small")
