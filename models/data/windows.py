@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pandas as pd
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array, Float32Array, IntArray
+from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
@@ -90,7 +90,7 @@ class Records:
     """The records of a dataset.
 
     tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk. table: one row per record, with
-    COLUMNS. lane_maps: the roads of their scenarios, for predictors that look at lanes.
+    COLUMNS. lane_maps: the roads of their scenarios.
     """
 
     tv: States
@@ -139,6 +139,15 @@ class Records:
     def label(self) -> IntArray:
         """Intention numbers, (N,)."""
         return self.table["label"].to_numpy(dtype=np.int64)
+
+    @property
+    def keeps_left(self) -> BoolArray:
+        """Whether traffic keeps left in the scenario of each record, (N,); False where its roads are not known."""
+        scenarios = self.table["scenario"]
+        if self.lane_maps is None:
+            return np.zeros(len(self), dtype=bool)
+        keeping_left = [name for name in scenarios.unique() if self.lane_maps(name).lefthand]
+        return scenarios.isin(keeping_left).to_numpy(dtype=bool)
 
     @property
     def groups(self) -> npt.NDArray[np.object_]:

@@ -17,12 +17,11 @@ from models.evaluation.score_results import (
     CommitDelay,
     FiveClassScores,
     LeadScores,
+    PairScores,
 )
 
 AT_ONCE_S = 0.3
 """An intention whose median record commits sooner than this after its onset can be recognised, but hardly predicted."""
-JOINT = "left_lane_change_or_overtake"
-"""Name of the class that the five-class scores make of left lane change and overtake."""
 
 
 def before_commit(
@@ -73,19 +72,47 @@ def commit_delays(predictions: Predictions, classes: tuple[str, ...]) -> dict[st
 
 
 def five_classes(predictions: Predictions, classes: tuple[str, ...]) -> FiveClassScores:
-    """Return the scores with overtake and left lane change as one intention; classes: names of the known intentions."""
-    left, overtake = int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE)
-    names = tuple(JOINT if k == left else name for k, name in enumerate(classes) if k != overtake)
+    """Return the scores with overtake and the lane change that it begins with as one intention.
+
+    classes: names of the known intentions.
+    """
+    changes = lane_change_names(predictions)
+    out, overtake = int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE)
+    named = {**dict(enumerate(classes)), out: f"{changes[0]}_or_overtake", int(Intention.RIGHT_LANE_CHANGE): changes[1]}
+    names = tuple(name for k, name in named.items() if k != overtake)
     # Number of each of the six classes among the five.
     number = np.array([k - (k > overtake) for k in range(len(classes))])
-    number[overtake] = number[left]
-    label, predicted = number[np.where(predictions.known, predictions.label, 0)], number[predictions.predicted]
-    known, early = predictions.known, predictions.before_commit
+    number[overtake] = number[out]
+    known, early, by_side = predictions.known, predictions.before_commit, predictions.by_faster_side
+    label, predicted = number[np.where(known, by_side.label, 0)], number[by_side.predicted]
     summary = metrics.summary(label[known], predicted[known], names)
     scores = metrics.classified(label[early], predicted[early], predictions.group[early], names)
     return FiveClassScores(
         classes=list(names), **summary.model_dump(exclude={"confusion"}), before_commit_macro_f1=scores.macro_f1
     )
+
+
+def overtake_or_change(predictions: Predictions, classes: tuple[str, ...]) -> PairScores:
+    """Return how well an overtake is distinguished from a lane change to the same side, on windows of these two only.
+
+    classes: names of the known intentions.
+    """
+    known, by_side = predictions.known, predictions.by_faster_side
+    pair = (int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE))
+    scores = metrics.pair_confusion(by_side.outputs.logits[known], by_side.label[known], classes, pair)
+    return scores.model_copy(update={"intentions": [lane_change_names(predictions)[0], classes[pair[1]]]})
+
+
+def lane_change_names(predictions: Predictions) -> tuple[str, str]:
+    """Return the names of the lane change to the faster side and of the other one.
+
+    They are named by their direction in the plane, but where traffic keeps left in some scenarios only.
+    """
+    left, right = Intention.LEFT_LANE_CHANGE.text, Intention.RIGHT_LANE_CHANGE.text
+    sides = {bool(keeps_left) for keeps_left in np.unique(predictions.keeps_left)}
+    if sides == {True, False}:
+        return "lane_change_to_faster_side", "lane_change_to_slower_side"
+    return (right, left) if sides == {True} else (left, right)
 
 
 def _of_rows(predictions: Predictions, rows: BoolArray, classes: tuple[str, ...]) -> ClassifiedWindows:

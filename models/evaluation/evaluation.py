@@ -14,7 +14,6 @@ from scipy.special import softmax
 from isacsim.arrays import Array, IntArray
 from isacsim.files import claim, write_json
 from isacsim.versions import OF_RUNS, versions
-from labeling.intentions import Intention
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from models.evaluation import commit, metrics, repeats, unknown
 from models.evaluation.passing import Passing, ask, pass_scores
@@ -189,7 +188,6 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
     chosen, unknown_scores = values[card.unknown_score], unknown.following_scores(predictions, values)
     label, predicted, logits = predictions.label[known], predictions.predicted[known], predictions.outputs.logits[known]
     groups, low, high = metrics.summary_interval(label, predicted, predictions.group[known], len(classes))
-    pair = (int(Intention.LEFT_LANE_CHANGE), int(Intention.OVERTAKE))
     return RunResult(
         model=card.settings.model,
         name=name,
@@ -203,7 +201,7 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
         five_classes=commit.five_classes(predictions, classes),
         maneuvers=metrics.maneuver_scores(metrics.confusion(label, predicted, len(classes))),
         maneuvers_with_background=maneuvers_with_background(run, predictions, chosen),
-        overtake_against_left=metrics.pair_confusion(logits, label, classes, pair),
+        overtake_against_left=commit.overtake_or_change(predictions, classes),
         n_unknown=int(predictions.unknown.sum()),
         auroc_unknown=unknown_scores[card.unknown_score].auroc,
         unknown_score=card.unknown_score,

@@ -100,6 +100,7 @@ def _rows(run: Run, predictions: Predictions) -> pd.DataFrame:
             "lead_s": predictions.lead_s,
             "snr_db": predictions.snr_db,
             "n_sites": predictions.n_sites,
+            "keeps_left": predictions.keeps_left,
             "predicted": [card.classes[k] for k in predictions.predicted],
             "rejected": rejected,
             **{f"p_{name}": outputs.probabilities[:, k] for k, name in enumerate(card.classes)},

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Array, IntArray
+from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
 from labeling.intentions import KNOWN, Intention
 from models.data.windows import Ends, Records, WindowSettings, batches, end_bounds
@@ -17,6 +17,7 @@ from models.run import Run
 
 BATCH = 64
 """Windows that are predicted at once."""
+LEFT, RIGHT = Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE
 TOLERANCE_S = 1e-6
 """Times that differ by less are equal but for rounding, s."""
 
@@ -34,6 +35,7 @@ class Predictions:
     after_onset_s: end of the window minus onset, s, (n,).
     origin: whether the maneuver is natural, a reaction or commanded, (n,).
     n_sites: number of sites that sensed the record, (n,).
+    keeps_left: whether traffic keeps left, (n,).
     left_out: the intention that was left out of the run's training, if any.
     """
 
@@ -47,6 +49,7 @@ class Predictions:
     after_onset_s: Array
     origin: npt.NDArray[np.object_]
     n_sites: IntArray
+    keeps_left: BoolArray
     left_out: Intention | None = None
 
     @property
@@ -73,6 +76,19 @@ class Predictions:
     def after_commit(self) -> npt.NDArray[np.bool_]:
         """Known windows that end at or after the commit, a mask (n,)."""
         return np.asarray(self.known & (self.lead_s <= TOLERANCE_S))
+
+    @property
+    def by_faster_side(self) -> Predictions:
+        """The same predictions with left and right lane changes swapped where traffic keeps left.
+
+        A left lane change is then one to the faster side everywhere, the side to which an overtake pulls out.
+        """
+        swapped = np.arange(len(Intention))
+        swapped[[LEFT, RIGHT]] = RIGHT, LEFT
+        logits = self.outputs.logits.copy()
+        logits[self.keeps_left] = logits[self.keeps_left][:, swapped[: logits.shape[1]]]
+        label = np.where(self.keeps_left, swapped[self.label], self.label)
+        return replace(self, outputs=Outputs(logits, self.outputs.features), label=label)
 
     @property
     def predicted(self) -> IntArray:
@@ -121,6 +137,7 @@ def predict(run: Run, records: Records, ends: Ends) -> Predictions:
         after_onset_s=end_s - table["t_onset"].to_numpy(dtype=np.float64),
         origin=table["origin"].to_numpy(dtype=object),
         n_sites=table["n_sites"].to_numpy(dtype=np.int64),
+        keeps_left=records.keeps_left[ends.row],
         left_out=run.card.settings.left_out,
     )
 

@@ -86,10 +86,12 @@ class RunResult(ResultWithOptionalParts):
     macro_f1_low, macro_f1_high: 95 % interval of `macro_f1` over scenario seeds; absent with fewer than two.
     before_commit: prediction: scores of the windows that end before the commit, and at fixed times before it.
     after_commit: recognition: scores of the windows that end after the commit.
-    five_classes: scores with overtake and left lane change as one intention.
+    five_classes: scores with overtake and left lane change as one intention; where traffic keeps left, right lane
+    change.
     maneuvers: precision, recall and F1 on windows of known intentions.
     maneuvers_with_background: the same with `following` as background; rejected windows count as background.
-    overtake_against_left: how well a left lane change and an overtake are distinguished.
+    overtake_against_left: how well a left lane change (right, where traffic keeps left) and an overtake are
+    distinguished.
     n_unknown: number of windows of `following`.
     auroc_unknown: separation of `following` by the run's own open-set score.
     unknown_score: name of that score, chosen on the validation seeds.

@@ -138,6 +138,8 @@ class AfterCommit(ClassifiedWindows):
 class FiveClassScores(Settings):
     """Scores with overtake and left lane change as one intention, which begin alike.
 
+    Where traffic keeps left, an overtake begins like a right lane change, and these two are one.
+
     classes: names of the five intentions.
     n, accuracy, macro_f1, per_class_f1: as in `Summary`, with predictions of either intention counted as the joint one.
     before_commit_macro_f1: the same mean over the windows before the commit.

@@ -149,16 +149,17 @@ def _all_windows(result: EvaluationResult) -> Section:
     blank = ["" for _ in pairs]
     five = [run.five_classes for run in runs]
     hard_pair = [run.overtake_against_left for run in runs]
+    change = spoken(hard_pair[0].intentions[0])
     rows = [
         ["macro-F1", *(cell(run.macro_f1) for run in runs), *_differences(pairs, lambda paired: paired.macro_f1)],
         ["accuracy", *(cell(run.accuracy) for run in runs), *blank],
         [
-            "macro-F1 of five, overtake and left change as one",
+            f"macro-F1 of five, overtake and {change} as one",
             *(cell(None if scores is None else scores.macro_f1) for scores in five),
             *blank,
         ],
         [
-            "overtake or left change: accuracy (AUROC)",
+            f"overtake or {change}: accuracy (AUROC)",
             *(f"{cell(scores.accuracy)} ({cell(scores.auroc)})" for scores in hard_pair),
             *blank,
         ],

@@ -12,7 +12,9 @@ import pandas as pd
 from scipy.stats import t as student_t
 from sklearn.metrics import accuracy_score, confusion_matrix, f1_score, precision_score, recall_score, roc_auc_score
 
-LEFT, OVERTAKE, JOINT = "left_lane_change", "overtake", "left_lane_change_or_overtake"
+OVERTAKE = "overtake"
+LEFT, RIGHT = "left_lane_change", "right_lane_change"
+TO_FASTER, TO_SLOWER = "lane_change_to_faster_side", "lane_change_to_slower_side"
 
 
 def scores(run: pd.DataFrame, content: dict[str, Any], temperature: float) -> dict[str, Any]:
@@ -150,15 +152,30 @@ def delay(rows: pd.DataFrame) -> dict[str, Any]:
     return {"n": len(times), "median_s": median, "at_once": median is not None and median < 0.3}
 
 
+def sides(rows: pd.DataFrame) -> tuple[str, str]:
+    """The lane change to the faster side and the other one."""
+    if rows["keeps_left"].nunique() > 1:
+        return TO_FASTER, TO_SLOWER
+    return (RIGHT, LEFT) if rows["keeps_left"].all() else (LEFT, RIGHT)
+
+
 def five_classes(known: pd.DataFrame, early: pd.DataFrame, classes: list[str]) -> dict[str, Any]:
-    names = [JOINT if name == LEFT else name for name in classes if name != OVERTAKE]
-    merged, merged_early = (rows.replace({column: {LEFT: JOINT, OVERTAKE: JOINT} for column in (
-        "intention", "predicted",
-    )}) for rows in (known, early))  # fmt: skip
-    scores = summary(merged, names)
+    faster, slower = sides(known)
+    joint = f"{faster}_or_{OVERTAKE}"
+    names = [{LEFT: joint, RIGHT: slower}.get(name, name) for name in classes if name != OVERTAKE]
+
+    def merged(rows: pd.DataFrame) -> pd.DataFrame:
+        rows = rows.copy()
+        for column in ("intention", "predicted"):
+            right_hand = rows[column].replace({LEFT: joint, OVERTAKE: joint, RIGHT: slower})
+            left_hand = rows[column].replace({RIGHT: joint, OVERTAKE: joint, LEFT: slower})
+            rows[column] = right_hand.mask(rows["keeps_left"], left_hand)
+        return rows
+
+    scores = summary(merged(known), names)
     del scores["confusion"]
     return {
-        "classes": names, **scores, "before_commit_macro_f1": classified(merged_early, names)["macro_f1"],
+        "classes": names, **scores, "before_commit_macro_f1": classified(merged(early), names)["macro_f1"],
     }  # fmt: skip
 
 
@@ -175,13 +192,15 @@ def with_background(rows: pd.DataFrame, classes: list[str]) -> dict[str, Any]:
 
 
 def pair(known: pd.DataFrame) -> dict[str, Any]:
-    rows = known[known["intention"].isin([LEFT, OVERTAKE])]
-    margin = rows[f"logit_{OVERTAKE}"] - rows[f"logit_{LEFT}"]
-    truth = rows["intention"] == OVERTAKE
+    change = np.where(known["keeps_left"], RIGHT, LEFT)
+    in_pair = (known["intention"] == OVERTAKE) | (known["intention"] == change)
+    logit = known[f"logit_{LEFT}"].mask(known["keeps_left"], known[f"logit_{RIGHT}"])
+    margin = (known[f"logit_{OVERTAKE}"] - logit)[in_pair]
+    truth = known["intention"][in_pair] == OVERTAKE
     both = truth.any() and not truth.all()
     return {
-        "intentions": [LEFT, OVERTAKE],
-        "n": len(rows),
+        "intentions": [sides(known)[0], OVERTAKE],
+        "n": len(truth),
         "accuracy": accuracy_score(truth, margin > 0),
         "confusion": confusion_matrix(truth, margin > 0, labels=[False, True]).tolist(),
         "auroc": roc_auc_score(truth, margin) if both else None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.metrics import f1_score, recall_score
@@ -35,6 +37,7 @@ def drawn(n: int = 900, delay_s: float = 1.0) -> Predictions:
         after_onset_s=after_onset_s,
         origin=rng.choice(["natural", "commanded"], n).astype(object),
         n_sites=np.full(n, 4),
+        keeps_left=np.zeros(n, dtype=bool),
     )
 
 
@@ -106,6 +109,39 @@ def test_five_classes_take_overtake_and_left_change_as_one() -> None:
     assert scores.macro_f1 == pytest.approx(f1_score(*joint, average="macro"))
     early = predictions.before_commit[known]
     assert scores.before_commit_macro_f1 == pytest.approx(f1_score(joint[0][early], joint[1][early], average="macro"))
+
+
+LEFT, RIGHT = Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE
+
+
+def mirrored(predictions: Predictions, rows: np.ndarray) -> Predictions:
+    """The same driving in the mirror, in some rows (n,): left is right there, and traffic keeps left."""
+    label, logits = predictions.label.copy(), predictions.outputs.logits.copy()
+    label[rows & (predictions.label == LEFT)] = RIGHT
+    label[rows & (predictions.label == RIGHT)] = LEFT
+    logits[np.ix_(rows, [LEFT, RIGHT])] = logits[np.ix_(rows, [RIGHT, LEFT])]
+    return replace(predictions, label=label, outputs=Outputs(logits, logits), keeps_left=rows)
+
+
+@pytest.mark.parametrize(
+    ("share", "changes"),
+    [
+        (1.0, ("right_lane_change", "left_lane_change")),
+        (0.4, ("lane_change_to_faster_side", "lane_change_to_slower_side")),
+    ],
+)
+def test_an_overtake_begins_on_the_faster_side_where_traffic_keeps_left(share: float, changes: tuple[str, str]) -> None:
+    predictions = drawn()
+    mirror = mirrored(predictions, np.random.default_rng(2).uniform(size=len(predictions.label)) < share)
+    five, in_mirror = (commit.five_classes(windows, CLASSES) for windows in (predictions, mirror))
+    names = dict(zip(in_mirror.classes, five.classes, strict=True))
+    assert names[f"{changes[0]}_or_overtake"] == "left_lane_change_or_overtake"
+    assert names[changes[1]] == "right_lane_change"
+    assert {names[name]: f1 for name, f1 in in_mirror.per_class_f1.items()} == five.per_class_f1
+    assert (in_mirror.n, in_mirror.accuracy, in_mirror.macro_f1) == (five.n, five.accuracy, five.macro_f1)
+    assert in_mirror.before_commit_macro_f1 == five.before_commit_macro_f1
+    pair, pair_in_mirror = (commit.overtake_or_change(windows, CLASSES) for windows in (predictions, mirror))
+    assert pair_in_mirror == pair.model_copy(update={"intentions": [changes[0], "overtake"]})
 
 
 @pytest.mark.parametrize("lead_s", [0.25, 1.0, 1.5])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from isacsim.scenarios.lane import Lane
+from models.data.lane_map import LaneMap
 from models.data.windows import Records
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
@@ -43,7 +46,24 @@ def held_out(records: Records, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder / "out"
 
 
-@pytest.mark.parametrize("evaluation", ["written", "held_out"])
+@pytest.fixture(scope="module")
+def left_hand(records: Records, trees_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An evaluation where some of the traffic keeps left."""
+    folder = tmp_path_factory.mktemp("left_hand")
+    north = records.table["scenario"].mask(records.table.index % 3 == 0, "north")
+
+    def lanes(name: str) -> LaneMap:
+        inner_m = -3.2 if name == "north" else 3.2
+        lines = [np.array([[0.0, y], [900.0, y]]) for y in (0.0, inner_m)]
+        return LaneMap.of([Lane(f"e_{k}", "e", k, 3.2, 900.0, line, ()) for k, line in enumerate(lines)])
+
+    mixed = replace(records, table=records.table.assign(scenario=north), lane_maps=lanes)
+    assert set(mixed.keeps_left) == {True, False}
+    evaluate_records(trees_run, mixed, MADE_OF, folder, SETTINGS)
+    return folder
+
+
+@pytest.mark.parametrize("evaluation", ["written", "held_out", "left_hand"])
 def test_every_figure_can_be_recomputed(evaluation: str, request: pytest.FixtureRequest) -> None:
     folder = request.getfixturevalue(evaluation)
     content = json.loads((folder / "metrics.json").read_text())

@@ -31,6 +31,7 @@ def predictions_of(windows: list[Window], left_out: Intention | None = None) -> 
         after_onset_s=ends.astype(float),
         origin=np.full(len(windows), "natural", dtype=object),
         n_sites=np.full(len(windows), 4),
+        keeps_left=np.zeros(len(windows), dtype=bool),
         left_out=left_out,
     )
 
