@@ -168,6 +168,8 @@ def table(result: TrafficResult) -> Table:
         drawn.add_row(intention.replace("_", " "), *_cells(scores))
     drawn.add_section()
     drawn.add_row("all", *_cells(result.over_all))
+    if result.five_classes is not None:
+        drawn.add_row("all, overtake and lane change as one", *_cells(result.five_classes.over_all))
     for baseline in result.baselines.values():
         drawn.add_row(baseline.name, *_cells(baseline.over_all))
     if result.alone is not None:

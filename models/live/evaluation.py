@@ -138,7 +138,7 @@ def evaluate_traffic(
         _begin(out, Begun(fingerprint=digest, study=study))
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
-        evaluated = Evaluated(run, study, out, scenario.name, list(predictors.against), alone)
+        evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
         evaluation = summarise(evaluated, meta.scenarios[0].model_dump(mode="json"))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):

@@ -18,7 +18,7 @@ from models.live.choosing import Chosen, Options, background_options, reject_opt
 from models.live.curves import Sweep, candidate_thresholds
 from models.live.results import AlarmResult, EventScores, FrozenPoint
 from models.live.scoring import Outcome, Truth
-from models.live.settings import AlarmSettings, LiveSettings, Sharing
+from models.live.settings import AlarmSettings, LiveSettings, Method, Sharing
 from models.live.store import LiveEpisode
 
 
@@ -89,16 +89,25 @@ class Streams:
 
 
 def measure_methods(
-    development: Sequence[Truth], measured: Sequence[Truth], predictor: str, live: LiveSettings, name: str
-) -> dict[str, Measured]:
-    """Measure both kinds of alarm of a predictor with features, the better one on the development seeds first.
+    development: Sequence[Truth],
+    measured: Sequence[Truth],
+    predictor: str,
+    live: LiveSettings,
+    name: str,
+    methods: Sequence[Method] = get_args(Method),
+) -> dict[Method, Measured]:
+    """Measure kinds of alarm of a predictor with features, the better one on the development seeds first.
 
     predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out.
     """
     episodes = [truth.episode for truth in development]
-    background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor)
+    background = None
+    if "background" in methods:
+        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor)
     streams = Streams(measured, predictor, background)
-    options = {"reject": reject_options(development, predictor, live.choice)}
+    options: dict[Method, Options] = {}
+    if "reject" in methods:
+        options["reject"] = reject_options(development, predictor, live.choice)
     if background is not None:
         options["background"] = background_options(development, predictor, live)
     of_methods = {method: measure(streams, of_method, live, name) for method, of_method in options.items()}

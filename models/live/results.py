@@ -234,12 +234,24 @@ class AloneResult(AlarmResult):
     run: RunCard
 
 
+class FiveClassResult(AlarmResult):
+    """The scores with overtakes and the lane changes that they begin with as one intention.
+
+    Overtakes count as left lane changes, or as right ones where traffic keeps left, in events and in alarms. The kind
+    of alarm is the one that did better with six intentions; alarms are chosen anew on the development seeds.
+    baselines: the rule of the road and the compared runs.
+    """
+
+    baselines: dict[str, AlarmResult]
+
+
 class TrafficResult(AlarmResult):
     """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
     model: of the run. scenario: its name. vehicle_hours: with predictions. events_left_out: number of neutral events,
     by reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
-    the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given.
+    the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given. five_classes:
+    the same with five intentions; None in results of earlier versions, or if no vehicle was predicted.
     """
 
     model: str
@@ -252,4 +264,5 @@ class TrafficResult(AlarmResult):
     baselines: dict[str, AlarmResult]
     truth: TruthResult | None = None
     alone: AloneResult | None = None
+    five_classes: FiveClassResult | None = None
     made_by: LiveMadeBy

@@ -14,10 +14,19 @@ from isacsim.versions import OF_RUNS, versions
 from labeling.generation.settings import SeedRange
 from models.live import measuring
 from models.live.curves import recall_lost
+from models.live.five_classes import as_five
 from models.live.measuring import Measured
-from models.live.results import AloneResult, Coverage, Latency, LiveMadeBy, TrafficResult, TruthResult
+from models.live.results import (
+    AloneResult,
+    Coverage,
+    FiveClassResult,
+    Latency,
+    LiveMadeBy,
+    TrafficResult,
+    TruthResult,
+)
 from models.live.scoring import Truth
-from models.live.settings import LiveSettings, LiveStudy
+from models.live.settings import LiveSettings, LiveStudy, Method
 from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, LiveEpisode, file_name, read_episode
 from models.run import Run
 
@@ -37,7 +46,7 @@ class TrafficEvaluation:
 
     result: TrafficResult
     truths: tuple[Truth, ...]
-    methods: dict[str, Measured]
+    methods: dict[Method, Measured]
     baselines: dict[str, Measured]
     true_motion: Measured | None
     real_time_factor: float | None
@@ -47,14 +56,15 @@ class TrafficEvaluation:
 class Evaluated:
     """A run with the episodes in which it was evaluated.
 
-    out: folder of the evaluation. scenario: its name. against: names of the compared runs in the episodes. alone: the
-    run for TVs without a UV, if any.
+    out: folder of the evaluation. scenario: its name. lefthand: whether traffic keeps left. against: names of the
+    compared runs in the episodes. alone: the run for TVs without a UV, if any.
     """
 
     run: Run
     study: LiveStudy
     out: Path
     scenario: str
+    lefthand: bool
     against: Sequence[str] = ()
     alone: Run | None = None
 
@@ -75,12 +85,8 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
     methods = measuring.measure_methods(development, measured, RUN, live, run.name)
     first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
     baselines = {RANDOM: measuring.measure_random(measured, first, live)}
-    for name in (RULE, *evaluated.against):
-        shown = "rule of the road" if name == RULE else name
-        baseline = measuring.measure_reject(development, measured, name, live, shown)
-        if baseline is not None:
-            baselines[name] = baseline
-    true_motion = dict[str, Measured]()
+    baselines |= _compared(development, measured, evaluated)
+    true_motion = dict[Method, Measured]()
     if live.streams.truth:
         name = f"{run.name} on true motion"
         true_motion = measuring.measure_methods(development, measured, TRUTH, live, name)
@@ -97,6 +103,7 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
         baselines={name: measurement.result for name, measurement in baselines.items()},
         truth=_truth(true_motion, methods, live) if live.streams.truth else None,
         alone=_alone(evaluated, evaluated.alone) if evaluated.alone is not None else None,
+        five_classes=_five_classes(development, measured, evaluated, next(iter(methods), None)),
         made_by=LiveMadeBy(
             study=study,
             scenario=described,
@@ -111,12 +118,46 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
         truths=tuple(measured),
         methods=methods,
         baselines=baselines,
-        true_motion=true_motion.get(next(iter(methods), "")),
+        true_motion=next((true_motion.get(method) for method in methods), None),
         real_time_factor=real_time_factor(read_speed(evaluated.out)),
     )
 
 
-def _truth(true_motion: Mapping[str, Measured], sensed: Mapping[str, Measured], live: LiveSettings) -> TruthResult:
+def _compared(development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated) -> dict[str, Measured]:
+    """Measure the rule of the road and the compared runs, by their names in the episodes."""
+    compared = {}
+    for name in (RULE, *evaluated.against):
+        shown = "rule of the road" if name == RULE else name
+        baseline = measuring.measure_reject(development, measured, name, evaluated.study.live, shown)
+        if baseline is not None:
+            compared[name] = baseline
+    return compared
+
+
+def _five_classes(
+    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method | None
+) -> FiveClassResult | None:
+    """Return the result with overtakes as lane changes; None without a kind of alarm."""
+    if method is None:
+        return None
+    run, live = evaluated.run, evaluated.study.live
+    development, measured = (
+        [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
+        for truths in (development, measured)
+    )
+    of_run = measuring.measure_methods(development, measured, RUN, live, run.name, [method])
+    if method not in of_run:
+        return None
+    baselines = _compared(development, measured, evaluated)
+    return FiveClassResult(
+        **dict(of_run[method].result),
+        baselines={name: baseline.result for name, baseline in baselines.items()},
+    )
+
+
+def _truth(
+    true_motion: Mapping[Method, Measured], sensed: Mapping[Method, Measured], live: LiveSettings
+) -> TruthResult:
     """Return the result on true motion, and what sensing costs with the kind of alarm that the run uses."""
     method = next(iter(sensed), None)
     pair = [] if method is None else [of[method].sweep for of in (true_motion, sensed) if method in of]

@@ -45,6 +45,16 @@ def test_the_result_says_what_the_contract_asks_for(evaluation: TrafficEvaluatio
     assert evaluation.real_time_factor is not None
 
 
+def test_five_intentions_are_measured_with_the_better_kind_of_alarm(evaluation: TrafficEvaluation) -> None:
+    result, five = evaluation.result, evaluation.result.five_classes
+    assert five is not None
+    assert five.alarms is not None
+    assert result.alarms is not None
+    assert (five.alarms.method, set(five.baselines)) == (result.alarms.method, {"rule"})
+    assert five.over_all.events == result.over_all.events
+    assert five.by_intention["overtake"].events == 0
+
+
 def test_both_events_of_each_seed_count(evaluation: TrafficEvaluation) -> None:
     events = {name: scores.events for name, scores in evaluation.result.by_intention.items()}
     assert events["hard_brake"] == 2
