@@ -39,7 +39,7 @@ HALVES = 2
 """Half of Hydra's groups see the stream, half its differences."""
 BATCH = 64
 """Windows that Hydra transforms at once; it keeps every convolution of them in memory."""
-WINDOW_S = 0.15
+WINDOW_S = 0.02
 """Processor time of both transforms of a default window, s."""
 
 
@@ -53,6 +53,9 @@ class MultirocketHydraSettings(Settings):
     )
     groups: int = Field(64, ge=2, multiple_of=2, description="Hydra's groups of eight kernels at each dilation")
     ends_per_record: int = Field(1, ge=1, description="training windows per record")
+    step_s: float = Field(
+        0.02, ge=0.0, description="samples of a stream are averaged over this time, s; 0 takes every sample"
+    )
 
 
 class MultirocketHydraPredictor(Predictor):
@@ -63,31 +66,61 @@ class MultirocketHydraPredictor(Predictor):
     settings_class: ClassVar[type[Settings] | None] = MultirocketHydraSettings
     optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
 
-    def __init__(self, rocket: RocketWithHydra) -> None:
+    def __init__(self, rocket: RocketWithHydra, averaging: Averaging) -> None:
         self.rocket = rocket
+        self.averaging = averaging
 
     @classmethod
     def fit(cls, task: FitTask, feedback: Feedback) -> Self:
         settings = task.settings.of(MultirocketHydraSettings)
         ends, label = task.training_ends(settings.ends_per_record)
-        windows = cut(task.training, ends, task.settings.windows)
-        return cls(fit_rocket(windows, label, settings, task.settings.seed))
+        averaging = Averaging.of(settings, task.shape)
+        windows = averaging(cut(task.training, ends, task.settings.windows))
+        return cls(fit_rocket(windows, label, settings, task.settings.seed), averaging)
 
     def save(self, folder: Path) -> None:
         replace_file(folder / FILE, lambda path: write_rocket(self.rocket, path))
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(read_rocket(folder / FILE, (shape.tv_length, shape.uv_length)))
+        averaging = Averaging.of(settings.of(MultirocketHydraSettings), shape)
+        return cls(read_rocket(folder / FILE, averaging.lengths(shape)), averaging)
 
     def __call__(self, windows: Windows) -> Outputs:
-        logits = among_known(self.rocket.decide(windows), self.rocket.ridge.classes)
+        logits = among_known(self.rocket.decide(self.averaging(windows)), self.rocket.ridge.classes)
         return Outputs(logits, logits)
 
     @classmethod
     def cost_s(cls, workload: Workload, settings: FitSettings) -> float:
         ends = settings.of(MultirocketHydraSettings).ends_per_record
         return WINDOW_S * workload.scale * (workload.training * ends + workload.tested)
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """Means of consecutive samples. tv, uv: samples in a mean, of each stream."""
+
+    tv: int
+    uv: int
+
+    @classmethod
+    def of(cls, settings: MultirocketHydraSettings, shape: WindowShape) -> Self:
+        """Return the averaging of windows of some shape."""
+        return cls(*(max(1, round(settings.step_s * rate)) for rate in (shape.tv_rate_hz, shape.uv_rate_hz)))
+
+    def lengths(self, shape: WindowShape) -> tuple[int, int]:
+        """Return how many means a window has of the TV's and of the UV's stream."""
+        return shape.tv_length // self.tv, shape.uv_length // self.uv
+
+    def __call__(self, windows: Windows) -> Windows:
+        """Return windows of means; the oldest samples that do not fill a mean are left out."""
+        return Windows(_means(windows.tv, self.tv), _means(windows.uv, self.uv))
+
+
+def _means(x: Float32Array, count: int) -> Float32Array:
+    """Return the means of so many consecutive samples of streams (n, 6, T), as (n, 6, T // count)."""
+    length = x.shape[2] // count
+    return np.asarray(x[:, :, x.shape[2] - length * count :].reshape(*x.shape[:2], length, count).mean(axis=3))
 
 
 @dataclass(frozen=True)

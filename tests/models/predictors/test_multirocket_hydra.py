@@ -12,6 +12,7 @@ import torch
 from isacsim.errors import InputError
 from models.data.windows import Records, Windows, cut, draw_ends
 from models.predictors.multirocket_hydra import (
+    Averaging,
     MultirocketHydraSettings,
     Scaling,
     fit_rocket,
@@ -19,6 +20,7 @@ from models.predictors.multirocket_hydra import (
     torch_left_alone,
     write_rocket,
 )
+from models.predictors.protocol import WindowShape
 from models.run import Run, load_run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -55,6 +57,16 @@ def test_features_that_are_seldom_there_weigh_little() -> None:
     np.testing.assert_allclose(
         scaled[0, 1:], [(1 - 0.5) / (0.5 + 0.5**4), (1 - 0.01) / (np.std(counts[:, 1]) + 0.99**4)]
     )
+
+
+def test_means_end_with_the_window() -> None:
+    windows = Windows(np.arange(2 * 6 * 11, dtype=np.float32).reshape(2, 6, 11), np.ones((2, 6, 4), np.float32))
+    means = Averaging.of(MultirocketHydraSettings(step_s=0.02), WindowShape(6, 11, 4, 200.0, 50.0))(windows)
+    assert (means.tv.shape, means.uv.shape) == ((2, 6, 2), (2, 6, 4))
+    np.testing.assert_array_equal(means.tv[1, 2, 1], windows.tv[1, 2, 7:].mean())
+    np.testing.assert_array_equal(means.tv[1, 2, 0], windows.tv[1, 2, 3:7].mean())
+    every = Averaging.of(MultirocketHydraSettings(step_s=0.0), WindowShape(6, 11, 4, 200.0, 50.0))
+    np.testing.assert_array_equal(every(windows).tv, windows.tv)
 
 
 @needs_aeon
