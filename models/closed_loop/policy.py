@@ -9,6 +9,8 @@ near its path:
     right_lane_change               the vehicle alongside or behind in the lane to the right opens the gap
     evasive_swerve                  the vehicle behind slows, those alongside or behind on both sides open the gap
     hard_accel                      the vehicle ahead holds its lane
+
+Where traffic keeps left, left and right change places.
 """
 
 from __future__ import annotations
@@ -32,6 +34,9 @@ POLICY: dict[str, tuple[tuple[Place, Instruction], ...]] = {
     "evasive_swerve": (("behind", "slow"), ("left", "open_gap"), ("right", "open_gap")),
     "hard_accel": (("ahead", "hold_lane"),),
 }
+"""Where traffic keeps right."""
+MIRRORED: dict[str, str] = {"left_lane_change": "right_lane_change", "right_lane_change": "left_lane_change"}
+MIRRORED_PLACES: dict[Place, Place] = {"left": "right", "right": "left"}
 
 
 @dataclass(frozen=True)
@@ -50,11 +55,19 @@ def advisories(
     """Return what is sent on an alarm. surroundings: at the time of the alarm. time_s: when it is sent, s."""
     recording = surroundings.recording
     sent = []
-    for place, instruction in POLICY[alarm.intention]:
+    for place, instruction in instructions(alarm.intention, recording.lefthand):
         vehicle = vehicle_at(surroundings, alarm.tv, place, alarm.time_s, range_m)
         if vehicle is not None and connected(recording, recording.tracks[vehicle], pairs):
             sent.append(Advisory(vehicle, instruction, time_s, alarm))
     return sent
+
+
+def instructions(intention: str, lefthand: bool) -> list[tuple[Place, Instruction]]:
+    """Return the places that an alarm concerns, with an instruction for each. lefthand: whether traffic keeps left."""
+    if not lefthand:
+        return list(POLICY[intention])
+    mirrored = POLICY[MIRRORED.get(intention, intention)]
+    return [(MIRRORED_PLACES.get(place, place), instruction) for place, instruction in mirrored]
 
 
 def vehicle_at(surroundings: Surroundings, tv: str, place: Place, time_s: float, range_m: float) -> str | None:

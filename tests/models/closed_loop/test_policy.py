@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from isacsim.traffic.recording import Recording
 from labeling.intentions import KNOWN
 from labeling.road.straight_road import ScriptedVehicle, straight_road
 from labeling.road.surroundings import Surroundings
@@ -55,6 +58,22 @@ def test_those_whom_the_maneuver_endangers_are_told(
     surroundings: Surroundings, intention: str, expected: set[tuple[str, str]]
 ) -> None:
     assert sent(surroundings, intention, PairSettings()) == expected
+
+
+def in_mirror(recording: Recording) -> Recording:
+    """The same driving in the mirror, where traffic keeps left."""
+    lanes = tuple(replace(lane, shape=lane.shape * [1.0, -1.0]) for lane in recording.lanes)
+    tracks = {name: replace(track, y=-track.y, lane_lat=-track.lane_lat) for name, track in recording.tracks.items()}
+    return replace(recording, lanes=lanes, tracks=tracks, lefthand=True)
+
+
+@pytest.mark.parametrize("intention", POLICY)
+def test_where_traffic_keeps_left_everything_is_mirrored(surroundings: Surroundings, intention: str) -> None:
+    mirror = Surroundings(in_mirror(surroundings.recording))
+    sides = {"left_lane_change": "right_lane_change", "right_lane_change": "left_lane_change"}
+    there = sent(mirror, sides.get(intention, intention), PairSettings())
+    # The vehicles keep their names: the one called "left" drives on the right there.
+    assert there == sent(surroundings, intention, PairSettings())
 
 
 def test_every_intention_has_a_policy() -> None:
