@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import get_args
@@ -140,7 +141,7 @@ def measure(streams: Streams, options: Options, live: LiveSettings, name: str) -
         "frozen_at": frozen_at(streams, options, live),
         "duty_cycle": streams.duty_cycle(chosen.alarms),
     }
-    result = result_of(streams.truths, outcomes, live, name).model_copy(update=curve)
+    result = result_of(streams.truths, raised, live, name).model_copy(update=curve)
     return Measured(result, tuple(outcomes), tuple(raised), sweep, chosen)
 
 
@@ -185,7 +186,7 @@ def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) 
         intention = np.repeat(np.arange(len(KNOWN)), [len(part) for part in drawn])
         raised.append(Alarms(intention, rows, episode.vehicle[rows], episode.time_s[rows]))
     outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
-    return Measured(result_of(truths, outcomes, live, "random alarms"), tuple(outcomes), tuple(raised))
+    return Measured(result_of(truths, raised, live, "random alarms"), tuple(outcomes), tuple(raised))
 
 
 def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measured:
@@ -193,11 +194,16 @@ def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measure
     no_rows = np.empty(0, np.int64)
     nothing = Alarms(no_rows, no_rows, no_rows, np.empty(0))
     outcomes = [truth.outcome(nothing) for truth in truths]
-    return Measured(result_of(truths, outcomes, live, name), tuple(outcomes), (nothing,) * len(truths))
+    return Measured(result_of(truths, [nothing] * len(truths), live, name), tuple(outcomes), (nothing,) * len(truths))
 
 
-def result_of(truths: Sequence[Truth], outcomes: Sequence[Outcome], live: LiveSettings, name: str) -> AlarmResult:
-    """Return the scores of the outcomes of episodes, for alarms that have no threshold."""
+def result_of(truths: Sequence[Truth], raised: Sequence[Alarms], live: LiveSettings, name: str) -> AlarmResult:
+    """Return the scores of the alarms of episodes, if they have no threshold."""
+    pairs = list(zip(truths, raised, strict=True))
+    outcomes = [truth.outcome(of_episode) for truth, of_episode in pairs]
+    near: Counter[str] = Counter()
+    for truth, of_episode in pairs:
+        near += scoring.false_alarms_near(truth, of_episode, live.scoring.before_onset_s)
     scores = scoring.group_scores(outcomes, live.scoring)
     km = sum(truth.episode.facts.covered_km for truth in truths)
     return AlarmResult(
@@ -213,6 +219,7 @@ def result_of(truths: Sequence[Truth], outcomes: Sequence[Outcome], live: LiveSe
         recall_at=[],
         recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),
         false_alarms_per_100_km=100 * scores.over_all.false_alarms / km if km else None,
+        false_alarms_near=dict(sorted(near.items())),
         duty_cycle=None,
     )
 

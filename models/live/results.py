@@ -135,7 +135,10 @@ class AlarmResult(Settings):
     natural, reaction, commanded: events of that origin, with the time and the false alarms of vehicles that drove
     naturally, reacted to a cause, or were commanded at that time. recall_at: the curve of the measured seeds, at rates.
     frozen_at: alarms chosen on the development seeds for each of these rates, with a threshold that all intentions
-    share, and with one for each. duty_cycle: share of the time in which a vehicle's answers reach a threshold.
+    share, and with one for each. false_alarms_near: number of false alarms by what else happens to the vehicle:
+    `event`: from 2 s before the onset of an event to its end, if the alarm is for another intention or not the first;
+    `past_event`: up to 3 s after an event; `nothing`; empty in results of earlier versions. duty_cycle: share of the
+    time in which a vehicle's answers reach a threshold.
     """
 
     name: str
@@ -151,6 +154,7 @@ class AlarmResult(Settings):
     frozen_at: dict[Sharing, list[FrozenPoint]] = Field(default_factory=dict)
     recall_by_time_to_commit: list[TimeToCommit]
     false_alarms_per_100_km: float | None
+    false_alarms_near: dict[str, int] = Field(default_factory=dict)
     duty_cycle: float | None
 
 

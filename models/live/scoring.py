@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,8 @@ from models.live.store import LiveEpisode
 
 BOUND = 0.95
 """Confidence of the upper bound of a rate of false alarms."""
+PAST_S = 3.0
+"""A false alarm up to this long after the end of an event belongs to its aftermath, s."""
 TIMES_TO_COMMIT_S = (0.0, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0)
 """Times to commit at which recall is reported, s."""
 
@@ -117,6 +120,27 @@ class Truth:
             false_group=group[alarms.row[matching.false]],
             hours=shares,
         )
+
+
+def false_alarms_near(truth: Truth, alarms: Alarms, before_onset_s: float) -> Counter[str]:
+    """Return the number of false alarms by what else happens to the vehicle, as `AlarmResult.false_alarms_near`.
+
+    Neutral events count like the others. before_onset_s: how early before onset an alarm may come, s.
+    """
+    names = truth.episode.names
+    times: dict[str, list[tuple[float, float]]] = {}
+    for event in truth.episode.facts.events:
+        times.setdefault(event.vehicle, []).append((event.onset, event.end))
+    near: Counter[str] = Counter()
+    for row in truth.table.match(alarms).false.tolist():
+        at, spans = float(alarms.time_s[row]), times.get(names[int(alarms.vehicle[row])], [])
+        if any(onset - before_onset_s - 1e-9 <= at <= end + 1e-9 for onset, end in spans):
+            near["event"] += 1
+        elif any(end < at <= end + PAST_S for _, end in spans):
+            near["past_event"] += 1
+        else:
+            near["nothing"] += 1
+    return near
 
 
 def event_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, commit_is: str | None = None) -> EventScores:

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
+from labeling.intentions import KNOWN
 from models.live import scoring
 from models.live.background import IGNORED, NONE, Background, training_rows, window_labels
 from models.live.measuring import measure_random, no_alarms
-from models.live.scoring import Truth, event_scores, lead_times, recall_interval
+from models.live.scoring import Truth, event_scores, false_alarms_near, lead_times, recall_interval
 from models.live.settings import BackgroundSettings, LiveSettings
 from models.live.store import RUN
-from tests.support.minute_of_traffic import COUNT, FIRST, SECOND, SETTINGS, alarms, episode
+from tests.support.minute_of_traffic import COUNT, FIRST, SECOND, SETTINGS, alarms, episode, event
 
 
 @pytest.fixture
@@ -148,3 +149,22 @@ def test_trees_that_know_none_are_silent_where_nothing_happens() -> None:
     assert level[during, 0].min() > 0 > level[~during, 0].max()
     assert np.isneginf(level[:, 1:]).all()
     assert Background.fit([episode(5)], settings, 2.0) is None
+
+
+def test_false_alarms_are_sorted_by_what_else_happens_to_the_vehicle() -> None:
+    minute = episode(
+        4, event("a", "hard_brake", 10), event("a", "left_lane_change", 40, left_out="jump"),
+        event("b", "hard_accel", 20),
+    )  # fmt: skip
+    brake, left, right = (
+        k for k, known in enumerate(KNOWN) if known.text in ("hard_brake", "left_lane_change", "right_lane_change")
+    )
+    raised = alarms(
+        (0, brake, 10.5), (0, right, 8.5), (0, brake, 12.5), (0, right, 15.0), (0, right, 17.0), (0, right, 41.0),
+        (0, left, 41.0), (1, left, 5.0), (1, left, 23.5),
+    )  # fmt: skip
+    truth = Truth.of(minute, 2.0)
+    near = false_alarms_near(truth, raised, 2.0)
+    # The first alarm is right and the one for the neutral event is neither; all others are false.
+    assert near == {"event": 3, "past_event": 2, "nothing": 2}
+    assert near.total() == len(truth.outcome(raised).false_intention)
