@@ -171,8 +171,9 @@ def early_and_late(result: Json) -> Iterator[str]:
 
 
 def passing(result: Json) -> Iterator[str]:
-    """Yield whether the TV passes the UV."""
+    """Yield whether the TV passes the UV, as one run of each predictor says."""
     for ends in ("early", "late"):
+        first = {runs[0]["name"]: named(model) for model, runs in by_model(result[ends]["runs"]).items()}
         for scores in map(PassScores.model_validate, result[ends].get("passing", [])):
             outcomes = ", ".join(f"{number} {spoken(name)}" for name, number in scores.pull_outs.items())
             yield (
@@ -180,7 +181,11 @@ def passing(result: Json) -> Iterator[str]:
                 f"seeds; base rate {_number(scores.base_rate)}, its Brier score {_number(scores.brier_of_base_rate)}; "
                 f"already passed {scores.already_passed}, censored {scores.censored}"
             )
-            rows = [[a.name, _auroc(a.auroc, a.auroc_low, a.auroc_high), "", ""] for a in scores.answers]
+            rows = [
+                [first[a.name], _auroc(a.auroc, a.auroc_low, a.auroc_high), "", ""]
+                for a in scores.answers
+                if a.name in first
+            ]
             trained = scores.trained
             if trained is not None:
                 area = _auroc(trained.auroc, trained.auroc_low, trained.auroc_high)

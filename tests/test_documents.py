@@ -19,6 +19,7 @@ from labeling.dataset.dataset import Dataset
 from tests.support.made_up_dataset import write_dataset
 
 ROOT = Path(cosim.__file__).parent
+DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("sumo_nets/**/*.md")])
 
 
@@ -46,6 +47,15 @@ def test_files_that_are_named_exist(page: Path) -> None:
 @pytest.mark.parametrize("script", sorted(ROOT.glob("docs/*.py")), ids=lambda script: script.name)
 def test_the_scripts_of_the_documents_load(script: Path) -> None:
     assert "main" in runpy.run_path(str(script), run_name="loaded")
+
+
+def test_the_tables_of_the_full_study_are_those_of_its_result() -> None:
+    result = json.loads((DOCS / "full_study" / "predictors.json").read_text(encoding="utf-8"))
+    page = (DOCS / "predictors.md").read_text(encoding="utf-8")
+    printed = list(runpy.run_path(str(DOCS / "predictor_tables.py"))["tables"](result))
+    assert len(printed) > 10
+    for part in printed:
+        assert part in page, part.partition("\n")[0]
 
 
 def test_the_citation_is_valid_and_of_this_version() -> None:
