@@ -45,6 +45,8 @@ from models.evaluation.pull_outs import PullOuts
 from models.evaluation.repeats import summary
 from models.evaluation.results import EvaluationResult, read_metrics
 from models.evaluation.settings import EvaluateSettings, WindowEndCurveSettings
+from models.networks.checkpoints import HISTORY_FILE
+from models.networks.fitting import CHECKPOINTS
 from models.predictors.registry import OWN, catalogue
 from models.report.evaluation_figures import draw_figures
 from models.report.report import PAGE, write_page
@@ -112,8 +114,8 @@ class BenchTraining:
             return
         training = self.training.model_copy(update={"model": card.settings.model})
         if replace(self, training=training, run=network).is_finished(dataset.digest):
-            shutil.copytree(network / "checkpoints", self.run / "checkpoints", dirs_exist_ok=True)
-            shutil.copy2(network / "history.csv", self.run)
+            shutil.copytree(network / CHECKPOINTS, self.run / CHECKPOINTS, dirs_exist_ok=True)
+            shutil.copy2(network / HISTORY_FILE, self.run)
             write_card(self.run, card.model_copy(update={"complete": False, "settings": self.training}))
 
 
