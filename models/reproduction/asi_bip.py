@@ -26,6 +26,7 @@ from models.reproduction.sensing_cases import (
     of_groups,
     sensed,
     weather_cases,
+    weather_stage,
 )
 from models.reproduction.sizes import AsiBipSize, merged
 from models.reproduction.stages import Stage
@@ -89,16 +90,25 @@ class AsiBipReproduction:
             )
             for case in TRAINED
         ]
-        weather = weather_cases(self.size.weather_chains)
         test_share = self.study.training.split.test
-        weather_s = test_share * sum(self._sensing_s(case) for case, _ in weather)
         snr_s = test_share * len(self.size.snr_db) * self._sensing_s(next(c for c in TRAINED if c.name == GENERATED))
         measured_s = 0.05 * training_s * seeds
         pooled_s = seeds * self._training_s("aligned")
+        weather = [
+            Stage(
+                name=weather_stage(chain),
+                group=TABLE_1,
+                question=f"Table I, {chain} in adverse weather",
+                cost_s=measured_s + test_share * sum(self._sensing_s(case) for case in weather_cases(chain)),
+                parallel=seeds,
+                run=partial(self._weather, chain),
+            )
+            for chain in self.size.weather_chains
+        ]
         return [
             Stage("data", "data", "how many samples of each intention", self._generating_s(), 8, self._data),
             *table,
-            Stage("weather", TABLE_1, "Table I, ISAC in adverse weather", weather_s + measured_s, 1, self._weather),
+            *weather,
             Stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
             Stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
             Stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s + measured_s, seeds, self._fig5),
@@ -125,18 +135,17 @@ class AsiBipReproduction:
         tasks = self._tasks(case.name, case, "asi-bip", self.size.training_seeds)
         return {"dataset": description(dataset), **self._run(tasks, case.title)}
 
-    def _weather(self) -> dict[str, Any]:
-        cases, datasets, scores = weather_cases(self.size.weather_chains), {}, []
-        for case, trained in cases:
+    def _weather(self, chain: str) -> dict[str, Any]:
+        trained = next(case for case in TRAINED if case.name == chain)
+        self.dataset(trained)
+        datasets, measures = {}, []
+        for case in weather_cases(chain):
             folder = self._dataset_folder(f"test-{case.name}")
             dataset = sensed(self._test_records(), case, folder, self.engine, self.feedback)
             datasets[case.name] = description(dataset)
-            measures = (Measure(name=case.name, dataset=folder),)
-            trained_case = next(c for c in TRAINED if c.name == trained)
-            self.dataset(trained_case)
-            tasks = self._tasks(case.name, trained_case, "asi-bip", self.size.training_seeds, measures)
-            scores += self._run(tasks, case.title)["trainings"]
-        return {"datasets": datasets, "trainings": scores}
+            measures.append(Measure(name=case.name, dataset=folder))
+        tasks = self._tasks(weather_stage(chain), trained, "asi-bip", self.size.training_seeds, tuple(measures))
+        return {"datasets": datasets, **self._run(tasks, f"{trained.title}, in adverse weather")}
 
     def _fig3(self) -> dict[str, Any]:
         case = self._isac()

@@ -19,7 +19,7 @@ from models.reproduction.claims import Claim
 from models.reproduction.estimates import Trainings, accuracy, class_f1, mean_f1, pooled, score
 from models.reproduction.pages import FIGURES, TABLES, Part, Row, claims_part, write_table
 from models.reproduction.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
-from models.reproduction.sensing_cases import TRAINED, weather_cases
+from models.reproduction.sensing_cases import TRAINED, weather_cases, weather_stage
 from models.reproduction.sizes import AsiBipSize
 from models.reproduction.stages import result_of
 from models.reproduction.trainings import Scores, of_measure
@@ -52,9 +52,10 @@ def case_counts(out: Path, size: AsiBipSize) -> dict[str, Trainings]:
     for name in [*(case.name for case in TRAINED), "aligned"]:
         if scores := _scores(out, name):
             counts[name] = of_measure(scores, "test")
-    if weather := _scores(out, "weather"):
-        for case, _ in weather_cases(size.weather_chains):
-            counts[case.name] = of_measure(weather, case.name)
+    for chain in size.weather_chains:
+        if scores := _scores(out, weather_stage(chain)):
+            for case in weather_cases(chain):
+                counts[case.name] = of_measure(scores, case.name)
     return counts
 
 
@@ -82,8 +83,9 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
     rows: list[Row] = []
     drawn: dict[str, tuple[float, float, float]] = {}
     paper: dict[str, float] = {}
-    weather = [case for case, _ in weather_cases(size.weather_chains)]
-    for case in (*TRAINED, *weather):
+    stages = [(case.name, case) for case in TRAINED]
+    stages += [(weather_stage(chain), case) for chain in size.weather_chains for case in weather_cases(chain)]
+    for stage, case in stages:
         if case.name not in cases:
             continue
         counts = cases[case.name]
@@ -99,7 +101,7 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
                 "ours: macro-F1": f1,
                 "windows": int(pooled(counts).sum()) // len(counts),
                 "trainings": len(counts),
-                "position error, m": _position_error(out, case.name),
+                "position error, m": _position_error(out, stage, case.name),
             }
         )
         if f1.value is not None:
@@ -120,11 +122,11 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
     return Part("table1", "Table I: ways of sensing", text, rows, [("table1.png", "Macro-F1 by way of sensing.")])
 
 
-def _position_error(out: Path, case: str) -> float | None:
-    """Return the median distance of the filtered position from the true one, m."""
-    result = result_of(out, case) or {}
-    datasets = {case: result.get("dataset"), **(result_of(out, "weather") or {}).get("datasets", {})}
-    error: float | None = (datasets[case] or {}).get("median_position_error_m")
+def _position_error(out: Path, stage: str, case: str) -> float | None:
+    """Return the median distance of a case's filtered positions from the true ones, m."""
+    result = result_of(out, stage) or {}
+    dataset = result["datasets"][case] if "datasets" in result else result.get("dataset", {})
+    error: float | None = dataset.get("median_position_error_m")
     return error
 
 

@@ -5,7 +5,7 @@ All of them hold the same motion. The first is generated; the others are its rec
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -60,26 +60,29 @@ TRAINED = (
 """Cases with a training of their own."""
 
 
-def weather_cases(chains: Sequence[str]) -> list[tuple[SensingCase, str]]:
-    """Return ISAC in adverse weather, with the name of the case whose predictors are tested there.
+def weather_stage(chain: str) -> str:
+    """Return the name of the stage that measures an ISAC case in adverse weather."""
+    return f"{chain}-weather"
+
+
+def weather_cases(chain: str) -> list[SensingCase]:
+    """Return an ISAC case in adverse weather. It is measured with the predictors that were trained in clear weather.
 
     The paper asks for "the same adverse weather" as that of the radar. There are two readings of it: the same rain, and
-    the same loss. chains: names of the ISAC cases.
+    the same loss. chain: name of the ISAC case.
     """
-    cases = []
-    for trained in (case for case in TRAINED if case.name in chains):
-        rain = {**trained.sensing, "channel": {"rain_mm_per_h": RAIN_MM_PER_H}}
-        in_rain = replace(
-            trained, name=f"{trained.name}-rain", title=f"{trained.title}; rain of {RAIN_MM_PER_H:g} mm/h", sensing=rain
-        )
-        with_loss = replace(
-            trained,
-            name=f"{trained.name}-loss",
-            title=f"{trained.title}; echo loss of {WEATHER_LOSS_DB:g} dB",
-            loss_db=WEATHER_LOSS_DB,
-        )
-        cases += [(in_rain, trained.name), (with_loss, trained.name)]
-    return cases
+    trained = next(case for case in TRAINED if case.name == chain)
+    rain = {**trained.sensing, "channel": {"rain_mm_per_h": RAIN_MM_PER_H}}
+    in_rain = replace(
+        trained, name=f"{chain}-rain", title=f"{trained.title}; rain of {RAIN_MM_PER_H:g} mm/h", sensing=rain
+    )
+    with_loss = replace(
+        trained,
+        name=f"{chain}-loss",
+        title=f"{trained.title}; echo loss of {WEATHER_LOSS_DB:g} dB",
+        loss_db=WEATHER_LOSS_DB,
+    )
+    return [in_rain, with_loss]
 
 
 def sensed(

@@ -9,7 +9,7 @@ import pytest
 from isacsim.feedback import SILENT
 from models.predictors.asi_bip import AsiBipSettings
 from models.reproduction.asi_bip import AsiBipReproduction, study_of
-from models.reproduction.sizes import ASI_BIP, merged
+from models.reproduction.sizes import ASI_BIP, SizeName, merged
 from tests.support.scripted import InlineEngine
 
 
@@ -39,12 +39,13 @@ def test_a_size_replaces_single_keys() -> None:
     }
 
 
-@pytest.mark.parametrize("size", ["full", "quick"])
-def test_the_stages(size: str, tmp_path: Path) -> None:
-    reproduction = AsiBipReproduction(ASI_BIP[size], tmp_path, InlineEngine(), SILENT)  # type: ignore[index]
+@pytest.mark.parametrize(("size", "chains"), [("full", ["isac", "isac-padded-grid", "isac-grid"]), ("quick", ["isac"])])
+def test_the_stages(size: SizeName, chains: list[str], tmp_path: Path) -> None:
+    reproduction = AsiBipReproduction(ASI_BIP[size], tmp_path, InlineEngine(), SILENT)
     stages = reproduction.stages()
     assert [stage.name for stage in stages if stage.group == "table1"] == [
-        "truth", "isac", "isac-padded-grid", "isac-grid", "radar-clear", "radar-nlos", "radar-weather", "weather",
+        "truth", "isac", "isac-padded-grid", "isac-grid", "radar-clear", "radar-nlos", "radar-weather",
+        *(f"{chain}-weather" for chain in chains),
     ]  # fmt: skip
     assert {stage.name for stage in stages if stage.group != "table1"} == {
         "data", "fig3", "fig4", "fig5", "aligned", "literal",

@@ -18,7 +18,7 @@ from tests.models.reproduction import tiny
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
 
-ASI_BIP_STAGES = ("data", "isac", "weather", "fig3", "fig4", "fig5")
+ASI_BIP_STAGES = ("data", "isac", "isac-weather", "fig3", "fig4", "fig5")
 CASTFORMER_STAGES = ("data", "horizon", "alpha", "compared")
 
 
