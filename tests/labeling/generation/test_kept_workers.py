@@ -33,6 +33,14 @@ def test_one_process_serves_every_run_until_the_block_ends() -> None:
     assert process != os.getpid()
 
 
+def test_workers_keep_no_profile_of_their_tasks() -> None:
+    """Sampling what a task does every 10 ms slows it."""
+    with LocalEngine(1).started() as client:
+        (periodic,) = client.run(lambda dask_worker: set(dask_worker.periodic_callbacks)).values()
+    assert "profile" not in periodic
+    assert "heartbeat" in periodic
+
+
 def test_no_process_starts_without_a_run() -> None:
     class Refusing(LocalEngine):
         def run(self, *_: object) -> None:  # type: ignore[override]
