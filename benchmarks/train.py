@@ -12,8 +12,7 @@
 A step is a whole one: cut the windows, forward, focal loss, backward, optimiser, in batches of 32 windows of 2.2 s.
 The ratio is that against the faster literal network. Epochs of 4,800 windows are extrapolated from a few steps. The
 networks take turns, so that other load on the machine slows all of them. The number of threads is the default of
-training. `waiting` is the result of `benchmarks.waiting`: the step beside other work, with idle threads that spin and
-that sleep.
+training. `environment` is the result of `benchmarks.environment`: what sleeping threads and huge pages are worth.
 
 Run: python -m benchmarks.train
 """
@@ -29,7 +28,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from benchmarks import waiting
+from benchmarks import environment
 from benchmarks.ratios import Ratio
 from models.data.windows import Ends, Records, WindowSettings, cut
 from models.fit_settings import OptimiserSettings
@@ -54,21 +53,22 @@ NETWORKS = {
 RATIOS = (
     Ratio(("ratio",), "training step with every LSTM output a token over pooled tokens", "the LSTMs' 880 steps"),
     Ratio(("ratio_pytorch",), "the same with dropout of attention weights", "the LSTMs' 880 steps"),
-    Ratio(("waiting", "alone", "ratio"), "step alone: sleeping over spinning threads", "waking threads"),
+    Ratio(("environment", "alone", "ratio"), "step alone: sleeping over spinning threads", "waking threads"),
     Ratio(
-        ("waiting", "beside_two_busy_processes", "ratio"),
+        ("environment", "beside_two_busy_processes", "ratio"),
         "step beside two busy processes: sleeping over spinning threads",
         "the share of the cores",
     ),
+    Ratio(("environment", "pages", "ratio"), "processor time of a step: huge over small pages", "the LSTMs' 880 steps"),
 )
 
 
 def run() -> dict[str, Any]:
-    """Return `ratio`, `ratio_pytorch`, `epoch_s` of each network, `waiting`, and how they were measured."""
+    """Return `ratio`, `ratio_pytorch`, `epoch_s` of each network, `environment`, and how they were measured."""
     threads = torch.get_num_threads()
     torch.set_num_threads(THREADS)
     try:
-        return {**_measured(), "waiting": waiting.run()}
+        return {**_measured(), "environment": environment.run()}
     finally:
         torch.set_num_threads(threads)
 

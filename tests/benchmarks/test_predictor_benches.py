@@ -17,16 +17,16 @@ def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPa
     assert networks["literal"].tokens == networks["literal_pytorch"].tokens == "literal"
     assert networks["literal"].attention_dropout == 0.0
     assert networks["literal_pytorch"].attention_dropout == networks["literal_pytorch"].dropout == 0.1
-    seconds = {"alone": {"ratio": 1.5}, "beside_two_busy_processes": {"ratio": 0.3}}
-    monkeypatch.setattr(benchmarks.train.waiting, "run", lambda: seconds)
+    seconds = {"alone": {"ratio": 1.5}, "beside_two_busy_processes": {"ratio": 0.3}, "pages": {"ratio": 0.8}}
+    monkeypatch.setattr(benchmarks.train.environment, "run", lambda: seconds)
     small = {name: network.model_copy(update=SMALL) for name, network in networks.items()}
     monkeypatch.setattr(benchmarks.train, "NETWORKS", small)
     result = benchmarks.train.run()
     assert set(result["epoch_s"]) == set(result["step_s"]) == set(networks)
     for name in networks:
         assert result["epoch_s"][name] == pytest.approx(10 * result["step_s"][name], abs=0.06)
-    assert [ratio.of(result) > 0 for ratio in benchmarks.train.RATIOS] == [True] * 4
-    assert result["waiting"] == seconds
+    assert [ratio.of(result) > 0 for ratio in benchmarks.train.RATIOS] == [True] * 5
+    assert result["environment"] == seconds
 
 
 def test_infer_times_every_network(monkeypatch: pytest.MonkeyPatch) -> None:
