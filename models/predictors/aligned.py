@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from isacsim.settings import Settings
 from models.fit_settings import FitSettings
+from models.networks.lstms import outputs
 from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.network_predictor import NetworkPredictor
 from models.predictors.protocol import WindowShape
@@ -40,7 +41,7 @@ class Aligned(WindowNetwork):
         """Return the mean LSTM output, (B, 2 hidden), of standardised streams (B, 6, T) and (B, 6, U)."""
         size = self.settings.length
         both = [nn.functional.interpolate(x, size, mode="linear", align_corners=True) for x in (tv, uv)]
-        return torch.as_tensor(self.lstm(torch.cat(both, dim=1).permute(2, 0, 1))[0].mean(dim=0))
+        return outputs([self.lstm], [torch.cat(both, dim=1).permute(2, 0, 1)])[0].mean(dim=0)
 
 
 class AlignedPredictor(NetworkPredictor):

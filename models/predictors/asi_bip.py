@@ -6,6 +6,7 @@ a learned classification token, which gives the intention.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar, Literal, Self
 
 import torch
@@ -14,6 +15,7 @@ from torch import Tensor, nn
 
 from isacsim.settings import Settings
 from models.fit_settings import FitSettings
+from models.networks.lstms import outputs
 from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.network_predictor import NetworkPredictor
 from models.predictors.protocol import WindowShape
@@ -106,12 +108,9 @@ class AsiBip(WindowNetwork):
         class_token = self.class_token.expand(tv.shape[0], -1, -1)
         if self.statistics is not None:
             class_token = class_token + self.statistics(*self._streams(tv, uv))[:, None]
-        tokens = [class_token]
-        if self.tv_branch is not None:
-            tokens.append(self.tv_branch(tv))
-        if self.uv_branch is not None:
-            tokens.append(self.uv_branch(uv))
-        return torch.as_tensor(self.norm(self.encoder(torch.cat(tokens, dim=1))))
+        branches = [branch for branch in (self.tv_branch, self.uv_branch) if branch is not None]
+        tokens = tokens_of(branches, self._streams(tv, uv))
+        return torch.as_tensor(self.norm(self.encoder(torch.cat([class_token, *tokens], dim=1))))
 
     def _streams(self, tv: Tensor, uv: Tensor) -> list[Tensor]:
         """Return the streams that the network looks at."""
@@ -206,14 +205,24 @@ class Branch(nn.Module):
         self.stream = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
         self.dropout = nn.Dropout(settings.dropout)
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Return tokens (B, ceil(T / (patch pool)), width) of a standardised stream (B, 6, T)."""
+    def steps(self, x: Tensor) -> Tensor:
+        """Return the LSTM's input, (ceil(T / patch), B, 6 patch), of a standardised stream (B, 6, T)."""
+        return patches(x, self.patch)
+
+    def forward(self, out: Tensor) -> Tensor:
+        """Return tokens (B, ceil(T / (patch pool)), width) of LSTM outputs (ceil(T / patch), B, 2 hidden)."""
         # Time stays the first axis up to the tokens, because transposing all LSTM outputs costs as much as attention.
-        with torch.autocast("cpu", torch.bfloat16, enabled=self.coarse and self.training):
-            out = self.lstm(patches(x, self.patch))[0]
-        out = pooled(out.to(x.dtype), self.pool)
-        tokens = self.project(out).transpose(0, 1) + self.position + self.stream
+        tokens = self.project(pooled(out, self.pool)).transpose(0, 1) + self.position + self.stream
         return torch.as_tensor(self.dropout(tokens))
+
+
+def tokens_of(branches: Sequence[Branch], streams: Sequence[Tensor]) -> list[Tensor]:
+    """Return the tokens of each branch, (B, tokens, width), of its standardised stream (B, 6, T)."""
+    steps = [branch.steps(x) for branch, x in zip(branches, streams, strict=True)]
+    coarse = branches[0].coarse and branches[0].training
+    with torch.autocast("cpu", torch.bfloat16, enabled=coarse):
+        outs = outputs([branch.lstm for branch in branches], steps)
+    return [branch(out.to(x.dtype)) for branch, out, x in zip(branches, outs, streams, strict=True)]
 
 
 def patches(x: Tensor, size: int) -> Tensor:

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from models.data.windows import Windows
-from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches
+from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches, tokens_of
 from models.predictors.statistics_branch import window_statistics
 from models.predictors.trees import statistics
 
@@ -50,7 +50,7 @@ def test_a_branch_is_lstm_mean_projection_and_embeddings() -> None:
     cell.load_state_dict(branch.lstm.state_dict())
     mean = cell(x.transpose(1, 2))[0].reshape(3, 2, 20, 12).mean(dim=2)
     expected = mean @ branch.project.weight.T + branch.project.bias + branch.position + branch.stream
-    torch.testing.assert_close(branch(x), expected)
+    torch.testing.assert_close(tokens_of([branch], [x])[0], expected)
 
 
 def test_standardisation_is_part_of_the_network_and_of_its_state() -> None:
@@ -167,11 +167,11 @@ def test_patches_are_samples_side_by_side_up_to_the_window_s_end() -> None:
 
 def test_patches_shorten_the_lstms_and_keep_the_tokens() -> None:
     net = network(SMALL.model_copy(update={"tv_patch": 10, "uv_patch": 5}), tv=880, uv=220)
-    steps: list[int] = []
-    for branch in (net.tv_branch, net.uv_branch):
-        branch.lstm.register_forward_pre_hook(lambda _, args: steps.append(len(args[0])))
+    assert isinstance(net.tv_branch, Branch)
+    assert isinstance(net.uv_branch, Branch)
     assert count_tokens(net, 880, 220) == 1 + 44 + 44
-    assert steps == [88, 44]
+    assert net.tv_branch.steps(torch.zeros(1, 6, 880)).shape == (88, 1, 60)
+    assert net.uv_branch.steps(torch.zeros(1, 6, 220)).shape == (44, 1, 30)
 
 
 def test_a_patched_branch_that_weighs_its_samples_alike_sees_their_mean() -> None:
