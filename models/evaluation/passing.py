@@ -80,25 +80,19 @@ def own_answer(pull_outs: PullOuts, measured: Measured) -> Array | None:
     run that was not trained on one of the two.
     """
     parts = [measured.predictions, *([] if measured.dropped is None else [measured.dropped])]
-    if measured.run.card.settings.left_out in (Intention.OVERTAKE, *_changes_out(pull_outs, parts)):
+    if measured.run.card.settings.left_out in (Intention.OVERTAKE, *_changes_out(parts)):
         return None
-    return np.concatenate([_share(pull_outs, part)[pull_outs.among(part.sample_id)] for part in parts])
+    return np.concatenate([_share(part)[pull_outs.among(part.sample_id)] for part in parts])
 
 
-def _changes_out(pull_outs: PullOuts, parts: Sequence[Predictions]) -> set[Intention]:
+def _changes_out(parts: Sequence[Predictions]) -> set[Intention]:
     """Return the changes to the faster side in the scenarios of some predictions."""
-    return {outward(lefthand) for part in parts for lefthand in set(_lefthand(pull_outs, part).tolist())}
+    return {outward(keeps_left) for part in parts for keeps_left in set(part.keeps_left.tolist())}
 
 
-def _lefthand(pull_outs: PullOuts, predictions: Predictions) -> BoolArray:
-    """Return whether traffic keeps left, (n,)."""
-    scenarios = [str(group).rpartition("-")[0] for group in predictions.group]
-    return np.array([scenario in pull_outs.lefthand for scenario in scenarios], dtype=bool)
-
-
-def _share(pull_outs: PullOuts, predictions: Predictions) -> Array:
+def _share(predictions: Predictions) -> Array:
     """Return the share of an overtake in its sum with the change to the faster side, (n,)."""
-    change_out = np.where(_lefthand(pull_outs, predictions), outward(lefthand=True), outward(lefthand=False))
+    change_out = np.where(predictions.keeps_left, outward(lefthand=True), outward(lefthand=False))
     logits = predictions.outputs.logits
     change_logit = np.take_along_axis(logits, change_out[:, None].astype(np.int64), axis=1)[:, 0]
     return np.asarray(expit(logits[:, Intention.OVERTAKE] - change_logit))

@@ -11,7 +11,6 @@ import pandas as pd
 
 from isacsim.arrays import Array, BoolArray
 from labeling.dataset.pull_outs import dropped_pull_outs
-from models.data.lane_map import LaneMap
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 
 if TYPE_CHECKING:
@@ -28,12 +27,11 @@ class PullOuts:
     """The pull-outs of a dataset.
 
     table: one row for each, by its sample id, with the other COLUMNS. dropped: the records of those that are in no
-    class. lefthand: names of the scenarios in which traffic keeps left.
+    class.
     """
 
     table: pd.DataFrame
     dropped: Records
-    lefthand: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, dataset: Dataset, sensed: Literal["tv", "tv_truth"] = "tv") -> Self | None:
@@ -49,9 +47,7 @@ class PullOuts:
         table = table[table["pull_out"] != ""].set_index("sample_id")
         if not len(table):
             return None
-        names = [scenario.name for scenario in dataset.meta.scenarios]
-        lefthand = frozenset(name for name in names if LaneMap.of(dataset.roads(name)).lefthand)
-        return cls(table, Records.of(dropped, sensed), lefthand)
+        return cls(table, Records.of(dropped, sensed))
 
     def among(self, sample_id: npt.NDArray[np.object_]) -> BoolArray:
         """Return which of some samples are pull-outs, a mask (n,)."""

@@ -201,11 +201,15 @@ def test_the_calibration_is_a_logistic_regression_that_never_turns_the_ranking_r
 def test_where_traffic_keeps_left_an_overtake_is_weighed_against_a_right_change(
     written: tuple[Evaluation, Path], pull_outs: PullOuts
 ) -> None:
-    measured = written[0].measured[0]
-    answer = own_answer(replace(pull_outs, lefthand=frozenset({"toy"})), measured)
-    assert measured.dropped is not None
-    drawn, dropped = (part.outputs.probabilities for part in (measured.predictions, measured.dropped))
-    expected = np.concatenate([drawn[pull_outs.among(measured.predictions.sample_id)], dropped])
+    keeping_right = written[0].measured[0]
+    assert keeping_right.dropped is not None
+    parts = [
+        replace(part, keeps_left=np.ones(len(part.label), dtype=bool))
+        for part in (keeping_right.predictions, keeping_right.dropped)
+    ]
+    answer = own_answer(pull_outs, replace(keeping_right, predictions=parts[0], dropped=parts[1]))
+    sampled, dropped = (part.outputs.probabilities for part in parts)
+    expected = np.concatenate([sampled[pull_outs.among(parts[0].sample_id)], dropped])
     np.testing.assert_allclose(answer, expected[:, 3] / (expected[:, 3] + expected[:, 2]))
 
 
