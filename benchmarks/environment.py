@@ -3,12 +3,13 @@
     python -m benchmarks.environment
 
 - `OMP_WAIT_POLICY=passive`: idle OpenMP threads sleep instead of spin. A step on two threads is timed under both
-  policies, alone and beside two busy processes. The ratio is that of passive over active.
+  policies, alone and beside two busy processes. The ratio is that of passive over active; `slower_beside_others` is
+  the time of a passive step beside them over that alone.
 - `THP_MEM_ALLOC_ENABLE=1`: PyTorch asks for huge pages. The ratio is that of the processor time of a step on one
   thread with them over that without, the kernel's part included.
 
-A step trains ASI-BIP's two LSTMs at full rate on 32 windows. Each is timed in a process of its own, since the libraries
-read the variables once. The variants take turns; times are medians over the rounds.
+A step is a whole training step of ASI-BIP, as in `benchmarks.train`. Each is timed in a process of its own, since the
+libraries read the variables once. The variants take turns; times are medians over the rounds.
 """
 
 from __future__ import annotations
@@ -38,12 +39,9 @@ STEP = f"""
 import os
 import time
 import torch
+from benchmarks.train import NETWORKS, stepping
 torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
-torch.manual_seed(0)
-lstms = [torch.nn.LSTM(6, 64, bidirectional=True) for _ in range(2)]
-windows = [torch.randn(steps, 32, 6) for steps in (880, 220)]
-def step():
-    sum(lstm(window)[0].square().mean() for lstm, window in zip(lstms, windows)).backward()
+step = stepping(NETWORKS["pooled"])
 step()
 begin = time.perf_counter(), time.process_time()
 for _ in range({STEPS}):
@@ -68,13 +66,14 @@ def step_s(variables: dict[str, str], busy: int = 0) -> tuple[float, float]:
 
 
 def run() -> dict[str, Any]:
-    """Return the times of a step and their ratio: `alone` and `beside_two_busy_processes` by policy, and `pages`."""
+    """Return times and ratios: `alone` and `beside_two_busy_processes` by policy, `pages`, `slower_beside_others`."""
     elapsed = {
         name: _compared([{policy: step_s(WAITING[policy], busy)[0] for policy in WAITING} for _ in range(ROUNDS)])
         for name, busy in (("alone", 0), ("beside_two_busy_processes", BUSY))
     }
     cpu = _compared([{pages: step_s(PAGES[pages])[1] for pages in PAGES} for _ in range(ROUNDS)])
-    return {"cores": os.cpu_count(), **elapsed, "pages": cpu}
+    slower = elapsed["beside_two_busy_processes"]["passive_s"] / elapsed["alone"]["passive_s"]
+    return {"cores": os.cpu_count(), **elapsed, "pages": cpu, "slower_beside_others": round(slower, 2)}
 
 
 def _compared(rounds: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -59,6 +59,9 @@ RATIOS = (
         "step beside two busy processes: sleeping over spinning threads",
         "the share of the cores",
     ),
+    Ratio(
+        ("environment", "slower_beside_others"), "step beside two busy processes over alone", "the share of the cores"
+    ),
     Ratio(("environment", "pages", "ratio"), "processor time of a step: huge over small pages", "the LSTMs' 880 steps"),
 )
 
