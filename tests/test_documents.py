@@ -58,6 +58,15 @@ def test_the_tables_of_the_full_study_are_those_of_its_result() -> None:
         assert part in page, part.partition("\n")[0]
 
 
+@pytest.mark.parametrize("folder", sorted(DOCS.glob("reproduction/*/")), ids=lambda folder: folder.name)
+def test_the_tables_of_a_reproduction_are_those_of_its_stages(folder: Path) -> None:
+    page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
+    printed = list(runpy.run_path(str(DOCS / "reproduction_tables.py"))["tables"](folder))
+    assert len(printed) > 2
+    for part in printed:
+        assert part in page, part.partition("\n")[0]
+
+
 def test_the_citation_is_valid_and_of_this_version() -> None:
     citation = Citation((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     citation.validate()

@@ -93,23 +93,26 @@ def _by_snr(by_snr: Mapping[float, Trainings]) -> list[Claim]:
     near = max((level for level in levels if level <= SETTLED_DB), default=high)
     rise = estimate(difference(mean_f1), by_snr[near], by_snr[low]) if levels else None
     rest = estimate(difference(mean_f1), by_snr[high], by_snr[near]) if levels else None
+    whole, before, after = (
+        (f" ({first:g} to {last:g} dB)" if levels else "") for first, last in ((low, high), (low, near), (near, high))
+    )
     return [
         Claim(
-            claim=f"The overtake is immune to the SNR ({low:g} to {high:g} dB)",
+            claim=f"The overtake is immune to the SNR{whole}",
             paper="F1 1.0 at every SNR",
             rule=f"its largest F1 minus its smallest is at most {ALIKE}",
             measured=immune,
             verdict=at_most(immune, ALIKE),
         ),
         Claim(
-            claim=f"F1 improves with the SNR ({low:g} to {near:g} dB)",
+            claim=f"F1 improves with the SNR{before}",
             paper="improves",
             rule="the difference in macro-F1 is above 0",
             measured=rise,
             verdict=above(rise),
         ),
         Claim(
-            claim=f"F1 saturates (from {near:g} to {high:g} dB, above an improvement)",
+            claim=f"F1 saturates after an improvement{after}",
             paper="saturates",
             rule=f"it improves before, and the difference in macro-F1 is then within ±{ALIKE}",
             measured=rest,

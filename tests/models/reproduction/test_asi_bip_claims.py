@@ -48,7 +48,7 @@ def test_verdicts_follow_the_figures() -> None:
     assert by_claim["The hard brake is the weakest intention"] == "holds"
     assert by_claim["The overtake is immune to the SNR (-30 to 20 dB)"] == "does not hold"
     assert by_claim["F1 improves with the SNR (-30 to 10 dB)"] == "holds"
-    assert by_claim["F1 saturates (from 10 to 20 dB, above an improvement)"] == "holds"
+    assert by_claim["F1 saturates after an improvement (10 to 20 dB)"] == "holds"
     assert by_claim["Asynchronous fusion is better than aligned fusion"] == "holds"
 
 
