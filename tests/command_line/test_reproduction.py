@@ -31,10 +31,10 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
     assert cosim.main([*arguments, "--jobs", "2"]) == 0
     out, err = capfd.readouterr()
     cost = json.loads(out)
-    assert list(cost["stages"])[-2:] == ["weather", "fig5"]
+    assert list(cost["stages"])[-2:] == ["isac-grid-weather", "fig5"]
     assert cost["workers"] == 2
     assert cost["cpu_s"] > cost["seconds"] > max(cost["stages"].values())
-    assert "9 stages to run: about" in err
+    assert "11 stages to run: about" in err
     assert list(tmp_path.iterdir()) == []
 
 
