@@ -104,8 +104,8 @@ class _SideBySide(torch.autograd.Function):
         def run(graph: tuple[list[Tensor], Tensor], gradient: Tensor) -> list[Tensor | None]:
             leaves, output = graph
             wanted = [leaf for leaf in leaves if leaf.requires_grad]
-            found = iter(torch.autograd.grad(output, wanted, gradient))
-            return [next(found) if leaf.requires_grad else None for leaf in leaves]
+            computed = iter(torch.autograd.grad(output, wanted, gradient))
+            return [next(computed) if leaf.requires_grad else None for leaf in leaves]
 
         parts = list(ctx.pool.map(run, ctx.graphs, gradients))
         return (None, None, *(gradient for part in parts for gradient in part))

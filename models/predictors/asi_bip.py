@@ -44,7 +44,7 @@ class AsiBipSettings(Settings):
     uv_pool: int = Field(5, ge=1, description="UV samples per pooled token")
     lstm_bfloat16: bool = Field(
         False,
-        description="train the LSTMs in bfloat16, faster on processors that have it; predictions are always float32",
+        description="train the LSTMs in bfloat16; predictions are always float32",
     )
     tv_patch: int = Field(
         1, ge=1, description="extension, not in the paper: TV samples side by side in one step of the LSTM"

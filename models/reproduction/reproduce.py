@@ -102,7 +102,7 @@ def cost_in_words(cost: Cost) -> str:
     if not cost.stages:
         return "every stage is finished; only the page is written"
     longest = max(cost.stages, key=lambda name: cost.stages[name])
-    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers"
+    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers on a core each"
     return (
         f"{len(cost.stages)} stages to run: about {spoken_time(cost.cpu_s)} of processor time, "
         f"{spoken_time(cost.seconds)} with {workers}; the longest, {longest}, {spoken_time(cost.stages[longest])}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 import torch
@@ -14,12 +15,20 @@ from models.networks import lstms
 from models.networks.lstms import outputs
 
 
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 @pytest.fixture(autouse=True)
 def threads() -> Iterator[int]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield 2
-    torch.set_num_threads(before)
+    with torch_threads(2):
+        yield 2
 
 
 def branches(features: int = 6, hidden: int = 8, **settings: bool) -> list[nn.LSTM]:
@@ -57,12 +66,11 @@ def count_directions(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 def test_outputs_and_gradients_are_those_of_torch(features: int, hidden: int, batch: int, steps: int) -> None:
     cells, inputs = branches(features, hidden), streams(features, batch, (steps, 7))
     results = outputs(cells, inputs)
-    found = gradients(cells, results)
-    torch.set_num_threads(1)
-    expected = [cell(x)[0] for cell, x in zip(cells, inputs, strict=True)]
-    for result, value in zip([*results, *found], [*expected, *gradients(cells, expected)], strict=True):
-        assert torch.equal(result, value)
-    torch.set_num_threads(2)
+    results += gradients(cells, results)
+    with torch_threads(1):
+        expected = [cell(x)[0] for cell, x in zip(cells, inputs, strict=True)]
+        expected += gradients(cells, expected)
+    assert all(torch.equal(result, value) for result, value in zip(results, expected, strict=True))
 
 
 def test_every_direction_runs_on_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,6 +126,6 @@ def test_the_number_of_threads_stays(threads: int) -> None:
 
 def test_one_thread_calls_torch_s_own(monkeypatch: pytest.MonkeyPatch) -> None:
     directions = count_directions(monkeypatch)
-    torch.set_num_threads(1)
-    outputs(branches(), streams())
+    with torch_threads(1):
+        outputs(branches(), streams())
     assert not directions
