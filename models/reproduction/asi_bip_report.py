@@ -16,7 +16,16 @@ from models.report.figures import spoken
 from models.reproduction import drawings
 from models.reproduction.asi_bip_claims import asi_bip_claims
 from models.reproduction.claims import Claim
-from models.reproduction.estimates import Trainings, accuracy, class_f1, mean_f1, pooled, score
+from models.reproduction.estimates import (
+    Trainings,
+    accuracy,
+    between_0_and_1,
+    class_f1,
+    mean_f1,
+    of_left_out,
+    pooled,
+    score,
+)
 from models.reproduction.pages import FIGURES, TABLES, Part, Row, claims_part, write_table
 from models.reproduction.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from models.reproduction.sensing_cases import TRAINED, weather_cases, weather_stage
@@ -184,13 +193,13 @@ def _unknown(out: Path) -> Part | None:
     write_table(_matrix(counts, [*CLASSES, "unknown"]), out / TABLES / "fig4_confusion.csv")
     rows: list[Row] = []
     for name in first.auroc:
-        areas = np.array([scores.auroc[name] for scores in measured if name in scores.auroc])
+        areas = np.array([scores.auroc[name] for scores in measured])
+        left_out = np.array([scores.auroc_without.get(name, []) for scores in measured])
         rows.append(
             {
                 "score": name,
                 "paper: AUROC": UNKNOWN_AUROC if name == "msp" else None,
-                "ours: AUROC": float(areas.mean()),
-                "sd over trainings": float(areas.std(ddof=1)) if len(areas) > 1 else None,
+                "ours: AUROC": between_0_and_1(of_left_out(areas, left_out)),
                 "saw driving in training": "yes" if name == "prelude" else "no",
             }
         )

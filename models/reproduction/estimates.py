@@ -64,19 +64,31 @@ def estimate(statistic: Statistic, *conditions: Trainings) -> Estimate:
             ]
             for k in range(trainings)
         ]
-    ).mean(axis=0)
+    )
+    return of_left_out(values, left_out)
+
+
+def of_left_out(values: Array, left_out: Array) -> Estimate:
+    """Return the estimate of a statistic, with the interval of `estimate`.
+
+    values: of each training, (k,). left_out: of each training without each of the test seeds in turn, (k, g).
+    """
     value = float(values.mean())
     if not np.isfinite(value):
         return Estimate(value=None)
-    sd = float(values.std(ddof=1)) if trainings > 1 else None
-    half_width = _half_width(left_out, values)
+    sd = float(values.std(ddof=1)) if len(values) > 1 else None
+    half_width = _half_width(left_out.mean(axis=0), values)
     bounds = (value - half_width, value + half_width) if np.isfinite(half_width) else (None, None)
     return Estimate(value=value, low=bounds[0], high=bounds[1], sd=sd)
 
 
 def score(statistic: Statistic, counts: Trainings) -> Estimate:
     """Return a score of one condition, between 0 and 1, and so its interval."""
-    result = estimate(statistic, counts)
+    return between_0_and_1(estimate(statistic, counts))
+
+
+def between_0_and_1(result: Estimate) -> Estimate:
+    """Return an estimate with its interval cut to what a score can be."""
     low, high = (None if bound is None else min(max(bound, 0.0), 1.0) for bound in (result.low, result.high))
     return result.model_copy(update={"low": low, "high": high})
 

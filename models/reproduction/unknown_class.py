@@ -24,6 +24,8 @@ class UnknownScores(Settings):
     """Separation of `following` from the known intentions.
 
     n_known, n_unknown: number of windows. auroc: by open-set score; `prelude` alone saw driving in training.
+    auroc_without: the same without each of the test seeds in turn, by score; empty where a seed left out leaves nothing
+    to separate, and in older files.
     roc: true-positive rates (known kept) at false-positive rates (following kept) evenly spaced from 0 to 1, by score.
     known_confidence, unknown_confidence: number of windows in each of the bins of the largest probability, from 0 to 1.
     threshold: confidence below which a window counts as unknown; 95 % of the known validation windows are above it.
@@ -33,6 +35,7 @@ class UnknownScores(Settings):
     n_known: int
     n_unknown: int
     auroc: dict[str, float]
+    auroc_without: dict[str, list[float]] = {}
     roc: dict[str, list[float]]
     known_confidence: list[int]
     unknown_confidence: list[int]
@@ -63,12 +66,23 @@ def unknown_scores(run: Run, predictions: Predictions, validation: Predictions) 
         n_known=int(known.sum()),
         n_unknown=int(unknown.sum()),
         auroc={name: area for name, area in areas.items() if area is not None},
+        auroc_without={name: _without_each_seed(value, predictions) for name, value in values.items()},
         roc={name: _rates(value[known], value[unknown]) for name, value in values.items()},
         known_confidence=_histogram(confidence[known]),
         unknown_confidence=_histogram(confidence[unknown]),
         threshold=threshold,
         confusion=confusion(label[rows], predicted[rows], n_classes + 1).tolist(),
     )
+
+
+def _without_each_seed(value: Array, predictions: Predictions) -> list[float]:
+    """Return the AUROC without each test seed in turn, or none where one of them is undefined; value: a score, (n,)."""
+    areas = []
+    for group in sorted(set(predictions.group)):
+        rest = predictions.group != group
+        areas.append(open_set.auroc(value[rest & predictions.known], value[rest & predictions.unknown]))
+    defined = [area for area in areas if area is not None]
+    return defined if len(defined) == len(areas) else []
 
 
 def _rates(known: Array, unknown: Array) -> list[float]:

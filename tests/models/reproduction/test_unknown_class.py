@@ -42,6 +42,16 @@ def test_areas_and_curves_agree(measured: UnknownScores, sides: tuple[Prediction
         assert rates == sorted(rates)
 
 
+def test_areas_without_each_seed(measured: UnknownScores, sides: tuple[Predictions, Predictions]) -> None:
+    predictions = sides[0]
+    confidence = predictions.outputs.probabilities.max(axis=1)
+    groups = sorted(set(predictions.group))
+    assert set(measured.auroc_without) == set(measured.auroc)
+    for group, area in zip(groups, measured.auroc_without["msp"], strict=True):
+        used = (predictions.known | predictions.unknown) & (predictions.group != group)
+        assert area == pytest.approx(roc_auc_score(predictions.known[used], confidence[used]))
+
+
 def test_the_last_row_and_column_are_the_unknown(
     measured: UnknownScores, sides: tuple[Predictions, Predictions]
 ) -> None:
