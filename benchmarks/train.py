@@ -62,6 +62,7 @@ RATIOS = (
     Ratio(
         ("environment", "slower_beside_others"), "step beside two busy processes over alone", "the share of the cores"
     ),
+    Ratio(("environment", "threads", "ratio"), "step on two threads over one", "the threads' waiting for each other"),
     Ratio(("environment", "pages", "ratio"), "processor time of a step: huge over small pages", "the LSTMs' 880 steps"),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from pydantic import Field
 from sklearn.metrics import roc_curve
 
 from isacsim.arrays import Array
@@ -35,7 +36,7 @@ class UnknownScores(Settings):
     n_known: int
     n_unknown: int
     auroc: dict[str, float]
-    auroc_without: dict[str, list[float]] = {}
+    auroc_without: dict[str, list[float]] = Field(default_factory=dict)
     roc: dict[str, list[float]]
     known_confidence: list[int]
     unknown_confidence: list[int]
