@@ -28,9 +28,10 @@ SUFFIXES = ("", "_reverse")
 def outputs(lstms: Sequence[nn.LSTM], inputs: Sequence[Tensor]) -> list[Tensor]:
     """Return the outputs of bidirectional LSTMs, (T, B, 2 hidden) each, of inputs (T, B, features).
 
-    With one thread, on a GPU, in another precision or while the network is traced, this is a call of each LSTM.
+    Under autocast to bfloat16, the outputs are in bfloat16. With one thread, on a GPU, in other precisions or while the
+    network is traced, this is a call of each LSTM.
     """
-    threads = torch.get_num_threads()
+    threads, dtype = torch.get_num_threads(), _precision()
     if threads == 1 or not all(_separable(lstm, x) for lstm, x in zip(lstms, inputs, strict=True)):
         return [lstm(x)[0] for lstm, x in zip(lstms, inputs, strict=True)]
     parts = [
@@ -39,7 +40,9 @@ def outputs(lstms: Sequence[nn.LSTM], inputs: Sequence[Tensor]) -> list[Tensor]:
         for suffix in SUFFIXES
     ]
     train = torch.is_grad_enabled()
-    directions = [partial(_direction, reverse=bool(k % 2), train=lstms[k // 2].training) for k in range(len(parts))]
+    directions = [
+        partial(_direction, dtype=dtype, reverse=bool(k % 2), train=lstms[k // 2].training) for k in range(len(parts))
+    ]
     if train:
         halves = _SideBySide.apply(_pool(threads), directions, *(tensor for part in parts for tensor in part))
     else:
@@ -55,21 +58,40 @@ def _separable(lstm: nn.LSTM, x: Tensor) -> bool:
         and lstm.training >= torch.is_grad_enabled()
         and x.numel() > 0
         and torch.backends.mkldnn.is_available()
-        and not torch.is_autocast_enabled("cpu")
+        and (_precision() == torch.float32 or (_precision() == torch.bfloat16 and has_bfloat16()))
         and not torch.compiler.is_compiling()
     )
 
 
+def has_bfloat16() -> bool:
+    """Return whether oneDNN computes in bfloat16 on this processor."""
+    return bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
+def _precision() -> torch.dtype:
+    """Return the precision in which an LSTM computes here."""
+    return torch.get_autocast_dtype("cpu") if torch.is_autocast_enabled("cpu") else torch.float32
+
+
 def _direction(
-    x: Tensor, weight_ih: Tensor, weight_hh: Tensor, bias_ih: Tensor, bias_hh: Tensor, *, reverse: bool, train: bool
+    x: Tensor,
+    weight_ih: Tensor,
+    weight_hh: Tensor,
+    bias_ih: Tensor,
+    bias_hh: Tensor,
+    *,
+    dtype: torch.dtype,
+    reverse: bool,
+    train: bool,
 ) -> Tensor:
-    """Return one direction's output, (T, B, hidden)."""
+    """Return one direction's output, (T, B, hidden), computed in a precision."""
     hidden = weight_hh.shape[1]
-    zero = x.new_zeros(x.shape[1], hidden)
+    x, zero = x.to(dtype).contiguous(), x.new_zeros(x.shape[1], hidden, dtype=dtype)
+    weight_ih, weight_hh, bias_ih, bias_hh = (part.to(dtype) for part in (weight_ih, weight_hh, bias_ih, bias_hh))
     # Arguments as `torch.nn.LSTM` passes them: no batch sizes, one layer, biases, one direction, time first.
     sizes: list[int] = []
     layer = torch.mkldnn_rnn_layer(
-        x.contiguous(), weight_ih, weight_hh, bias_ih, bias_hh, zero, zero,
+        x, weight_ih, weight_hh, bias_ih, bias_hh, zero, zero,
         reverse, sizes, LSTM_MODE, hidden, 1, True, False, False, train,
     )  # fmt: skip
     return layer[0]

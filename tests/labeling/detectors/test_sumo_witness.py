@@ -78,7 +78,9 @@ def accounts(output: Path, recording: Recording) -> list[Change]:
         time = float(entry.get("time", "nan")) + recording.step_s
         track = recording.tracks.get(vehicle)
         if track is not None and recording.times(track)[0] + 1e-6 < time < recording.times(track)[-1] + 1e-6:
-            reported[vehicle].append((time, int(entry.get("dir", "0")) > 0))
+            # SUMO counts lanes from the outer one, which is on the left where traffic keeps left.
+            inwards = int(entry.get("dir", "0")) > 0
+            reported[vehicle].append((time, inwards != recording.lefthand))
     result = []
     for vehicle, changes in reported.items():
         end = float(recording.times(recording.tracks[vehicle])[-1])

@@ -53,9 +53,9 @@ def count_directions(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     directions: list[bool] = []
     plain = lstms._direction
 
-    def counted(*tensors: Tensor, reverse: bool, train: bool) -> Tensor:
+    def counted(*tensors: Tensor, dtype: torch.dtype, reverse: bool, train: bool) -> Tensor:
         directions.append(reverse)
-        return plain(*tensors, reverse=reverse, train=train)  # type: ignore[arg-type]
+        return plain(*tensors, dtype=dtype, reverse=reverse, train=train)  # type: ignore[arg-type]
 
     monkeypatch.setattr(lstms, "_direction", counted)
     return directions
@@ -110,7 +110,23 @@ def test_other_lstms_are_called_as_they_are(cells: list[nn.LSTM], monkeypatch: p
     assert not directions
 
 
-def test_in_bfloat16_torch_s_own_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(not lstms.has_bfloat16(), reason="the processor does not compute in bfloat16")
+def test_in_bfloat16_they_are_those_of_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    directions = count_directions(monkeypatch)
+    cells, inputs = branches(), streams()
+    with torch.autocast("cpu", torch.bfloat16):
+        results = outputs(cells, inputs)
+        with torch_threads(1):
+            expected = [cell(x)[0] for cell, x in zip(cells, inputs, strict=True)]
+    assert len(directions) == 4
+    assert {result.dtype for result in results} == {torch.bfloat16}
+    results += gradients(cells, [result.float() for result in results])
+    expected += gradients(cells, [result.float() for result in expected])
+    assert all(torch.equal(result, value) for result, value in zip(results, expected, strict=True))
+
+
+def test_without_bfloat16_torch_s_own_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lstms, "has_bfloat16", lambda: False)
     directions = count_directions(monkeypatch)
     with torch.autocast("cpu", torch.bfloat16):
         outputs(branches(), streams())
