@@ -21,6 +21,8 @@ BESIDE_S = (0.05, 0.7)
 """So long before and after a lane change commits, the vehicle is looked at, s: at least, and at most."""
 WITHIN_M = 6.0
 """Lanes further away than this are other roads, m."""
+ABREAST_M = 0.5
+"""A vehicle is abreast of a lane if the nearest point of its centre line is no further ahead or behind, m."""
 SAME_WAY_COS = 0.7
 """Lanes whose direction differs by more than 45 degrees from the vehicle's are crossing or oncoming ones."""
 
@@ -84,21 +86,27 @@ class Verdict:
 
 
 def judge(network: Network, states: Points, at: int, rate_hz: float) -> Verdict:
-    """Judge the lane change of a record. states: (6, S) at rate_hz. at: sample at which it commits."""
+    """Judge the lane change of a record. states: (6, S) at rate_hz. at: sample at which it commits.
+
+    The lanes before and after are those of the longest time, within `BESIDE_S`, in which the road does not end.
+    """
     least, most = (round(time_s * rate_hz) for time_s in BESIDE_S)
-    beside = min(most, at, states.shape[1] - 1 - at)
-    if beside < least:
-        return Verdict(None, np.nan)
-    before, after = (network.nearest(states[:2, k], states[2:4, k]) for k in (at - beside, at + beside))
-    between = {lane[1]: lane for lane in network.nearest(states[:2, at], states[2:4, at])}
-    if not before or not after or before[0][1] not in between or after[0][1] not in between:
-        return Verdict(None, np.nan)
-    source, target = between[before[0][1]], between[after[0][1]]
-    if source[1] == target[1]:
-        return Verdict(None, np.nan)
-    gap = target[2] - source[2]
-    left = source[3][0] * gap[1] - source[3][1] * gap[0] > 0
-    return Verdict("left" if left else "right", abs(source[0] - target[0]) / 2.0)
+    between = {lane[1]: lane for lane in abreast(network, states[:, at])}
+    for beside in range(min(most, at, states.shape[1] - 1 - at), least - 1, -least):
+        before, after = (abreast(network, states[:, k]) for k in (at - beside, at + beside))
+        numbers = [lanes[0][1] for lanes in (before, after) if lanes and lanes[0][1] in between]
+        if len(set(numbers)) == 2:
+            source, target = (between[number] for number in numbers)
+            gap = target[2] - source[2]
+            left = source[3][0] * gap[1] - source[3][1] * gap[0] > 0
+            return Verdict("left" if left else "right", abs(source[0] - target[0]) / 2.0)
+    return Verdict(None, np.nan)
+
+
+def abreast(network: Network, state: Points) -> list[tuple[float, int, Points, Points]]:
+    """The lanes that a vehicle is abreast of, as in `Network.nearest`. state: (6,)."""
+    lanes = network.nearest(state[:2], state[2:4])
+    return [lane for lane in lanes if abs((state[:2] - lane[2]) @ lane[3]) < ABREAST_M]
 
 
 def across(states: Points) -> Points:
