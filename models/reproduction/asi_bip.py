@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import log10
@@ -30,7 +30,7 @@ from models.reproduction.sensing_cases import (
     weather_cases,
     weather_stage,
 )
-from models.reproduction.sizes import AsiBipSize, merged
+from models.reproduction.sizes import PATCHED, AsiBipSize, merged
 from models.reproduction.stages import Stage
 from models.reproduction.trainings import Measure, Scores, WindowTraining, run_tasks, train_and_measure
 from models.settings import TrainSettings
@@ -47,6 +47,11 @@ LITERAL_FACTOR = 8.0
 """Processor time of a training step with 1,101 tokens, relative to one with pooled tokens (one thread, batch 32)."""
 PATCH_FACTOR = 0.4
 """Processor time of a training step with patches of 10 and 5 samples, relative to one without."""
+FAST: Mapping[str, tuple[dict[str, Any], float]] = {
+    "bfloat16": ({"lstm_bfloat16": True}, 0.7),
+    "patches": (PATCHED, PATCH_FACTOR),
+}
+"""Ways to train faster: settings of the network, and the processor time of a training step relative to one without."""
 
 ESTIMATOR_FACTORS = {"grid": 2.3, "padded_grid": 4.1}
 """Processor time of sensing with the paper's estimators, which search the whole DFT, relative to ours (21 records)."""
@@ -98,6 +103,7 @@ class AsiBipReproduction:
         measured_s = 0.05 * training_s * seeds
         snr_s = test_share * self._snr_s() + measured_s
         pooled_s = seeds * self._training_s("aligned")
+        fast_s = seeds * training_s * sum(factor for _, factor in FAST.values())
         weather = [
             Stage(
                 name=weather_stage(chain),
@@ -118,6 +124,7 @@ class AsiBipReproduction:
             Stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
             Stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
             Stage("literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal),
+            Stage("fast", "fast", "what faster trainings cost", fast_s, seeds * len(FAST), self._fast),
         ]
 
     def _data(self) -> dict[str, Any]:
@@ -199,6 +206,17 @@ class AsiBipReproduction:
                 )
             )
         return {"epochs": epochs, **self._run(tasks, "literal tokens")}
+
+    def _fast(self) -> dict[str, Any]:
+        case = self._isac()
+        self.dataset(case)
+        tasks = []
+        for name, (changes, _) in FAST.items():
+            for task in self._tasks(f"fast-{name}", case, "asi-bip", self.size.training_seeds):
+                content = merged(task.training.model_dump(), {"asi_bip": changes})
+                folder = self._run_folder(f"{case.name}-{name}", task.training.seed)
+                tasks.append(replace(task, training=TrainSettings.model_validate(content), run=folder))
+        return self._run(tasks, "faster trainings")
 
     def generated(self) -> Dataset:
         """Return the dataset that all cases are sensed from, generated unless it is there."""

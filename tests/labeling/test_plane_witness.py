@@ -33,6 +33,7 @@ BRIEF = {
     "pairs": {"fall_back": True},
     "selection": {"per_class": 40},
 }
+TAIL_S = 0.1
 LONG = {"seeds": {"first": 1, "last": 4}}
 
 
@@ -56,7 +57,10 @@ class KeepingSource:
 
 @dataclass(frozen=True)
 class Witnessed:
-    """A dataset with its network, and the verdict on each of its lane changes and overtakes, by row."""
+    """A dataset with its network, and the verdict on each of its lane changes and overtakes, by row.
+
+    A change that commits within the last `TAIL_S` of its record has no verdict: the record does not show where it ends.
+    """
 
     dataset: Dataset
     network: Network
@@ -76,10 +80,11 @@ def witnessed(where: str, settings: dict[str, object], out: Path, engine: Inline
     network = Network.read(scenario.network, scenario.origin)
     frame, truth = dataset.frame(), dataset.arrays("tv_truth")["tv_truth"].astype(float)
     rate_hz = dataset.meta.tv_rate_hz
+    duration_s = truth.shape[2] / rate_hz
     verdicts = {
         row: judge(network, truth[row], round((sample.t_commit - sample.t_start) * rate_hz), rate_hz)
         for row, sample in enumerate(frame.itertuples())
-        if sample.intention in CHANGES
+        if sample.intention in CHANGES and sample.t_commit - sample.t_start < duration_s - TAIL_S
     }
     return Witnessed(dataset, network, verdicts, source.recordings)
 

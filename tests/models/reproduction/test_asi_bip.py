@@ -48,6 +48,6 @@ def test_the_stages(size: SizeName, chains: list[str], tmp_path: Path) -> None:
         *(f"{chain}-weather" for chain in chains),
     ]  # fmt: skip
     assert {stage.name for stage in stages if stage.group != "table1"} == {
-        "data", "fig3", "fig4", "fig5", "aligned", "literal",
+        "data", "fig3", "fig4", "fig5", "aligned", "literal", "fast",
     }  # fmt: skip
     assert all(stage.cost_s > 0 for stage in stages)

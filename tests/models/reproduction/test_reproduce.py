@@ -18,7 +18,7 @@ from tests.models.reproduction import tiny
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
 
-ASI_BIP_STAGES = ("data", "isac", "isac-weather", "fig3", "fig4", "fig5")
+ASI_BIP_STAGES = ("data", "isac", "isac-weather", "fig3", "fig4", "fig5", "fast")
 CASTFORMER_STAGES = ("data", "horizon", "alpha", "compared")
 
 
@@ -41,7 +41,7 @@ def castformer(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
-    names = {"claims", "data", "table1", "fig3", "fig3_loss", "fig3_confusion", "fig4", "fig4_roc", "fig5"}
+    names = {"claims", "data", "table1", "fig3", "fig3_loss", "fig3_confusion", "fig4", "fig4_roc", "fig5", "fast"}
     assert {path.stem for path in (asi_bip / "tables").iterdir()} == names | {"fig4_confidence", "fig4_confusion"}
     figures = {path.name for path in (asi_bip / "figures").iterdir()}
     assert {"table1.png", "fig3_loss.png", "fig4_roc.png", "fig4_confidence.png", "fig5.png"} <= figures
@@ -67,6 +67,19 @@ def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: P
     assert {group: np.sum(matrix) for group, matrix in at_20_db.items()} == {
         group: np.sum(matrix) for group, matrix in counts.items()
     }
+
+
+def test_faster_trainings_are_those_of_isac_but_for_one_setting(asi_bip: Path) -> None:
+    stage = result_of(asi_bip, "fast")
+    assert stage is not None
+    assert [training["name"] for training in stage["trainings"]] == [
+        "fast-bfloat16, training seed 0", "fast-patches, training seed 0",
+    ]  # fmt: skip
+    runs = {run.parent.name: json.loads((run / "run.json").read_text()) for run in asi_bip.glob("work/runs/*/seed-0")}
+    networks = {name: run["settings"]["asi_bip"] for name, run in runs.items() if name.startswith("isac")}
+    plain = networks["isac"]
+    changed = {name: {key for key in plain if network[key] != plain[key]} for name, network in networks.items()}
+    assert changed == {"isac": set(), "isac-bfloat16": {"lstm_bfloat16"}, "isac-patches": {"tv_patch", "uv_patch"}}
 
 
 def test_castformer_measures_every_horizon_on_every_seed(castformer: Path) -> None:
