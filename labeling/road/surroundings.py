@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, IntArray
 from isacsim.traffic.recording import Recording, Track
-from labeling.road.driven_path import Path
+from labeling.road.driven_path import Path, segments
 from labeling.road.lane_graph import LaneGraph
 
 Relation = Literal["ahead", "behind", "left", "right"]
@@ -38,7 +38,12 @@ class Surroundings:
         self.graph = LaneGraph(recording.lanes, recording.lefthand) if graph is None else graph
         self._tracks = list(recording.tracks.values())
         self._first = np.array([track.first_step for track in self._tracks])
-        self._after = self._first + np.array([len(track) for track in self._tracks])
+        lengths = np.array([len(track) for track in self._tracks], np.int64)
+        self._after = self._first + lengths
+        # The states of all tracks end to end; that of track k at a step is in row _row_of_step_0[k] + step.
+        self._row_of_step_0 = np.cumsum(lengths) - self._after
+        self._lane_of = np.concatenate([np.empty(0, np.int64), *(track.lane for track in self._tracks)])
+        self._pos_of = np.concatenate([np.empty(0), *(track.lane_pos for track in self._tracks)])
         self._in_lanes = lru_cache(maxsize=2048)(self._sorted_into_lanes)
         self._path = lru_cache(maxsize=256)(self._new_path)
         self._driven = lru_cache(maxsize=256)(self._new_driven)
@@ -49,12 +54,15 @@ class Surroundings:
 
     def present(self, time: float) -> list[Track]:
         """Return the tracks of the vehicles on the road at a time (s), without those parked beside it."""
-        return [self._tracks[k] for k in self._on_road(self.step(time))]
+        return [self._tracks[k] for k in self._on_road(self.step(time)).tolist()]
 
-    def _on_road(self, step: int) -> list[int]:
+    def _on_road(self, step: int) -> IntArray:
         """Return the numbers of the tracks whose vehicle is on the road and not parked beside it."""
-        numbers = np.flatnonzero((self._first <= step) & (step < self._after)).tolist()
-        return [k for k in numbers if not self.recording.is_parked(self._tracks[k].vehicle, step, step)]
+        numbers: IntArray = np.flatnonzero((self._first <= step) & (step < self._after))
+        if not self.recording.parked:
+            return numbers
+        parked = [self.recording.is_parked(self._tracks[k].vehicle, step, step) for k in numbers.tolist()]
+        return np.asarray(numbers[~np.array(parked, bool)])
 
     def has(self, vehicle: str, start: float, end: float) -> bool:
         """Return whether a vehicle is on the road from start to end, s, and never parked beside it."""
@@ -152,7 +160,7 @@ class Surroundings:
 
     def _new_driven(self, vehicle: str) -> frozenset[str]:
         track = self.recording.tracks[vehicle]
-        return frozenset(self.graph.lanes[k].edge for k in np.unique(track.lane))
+        return frozenset(self.graph.lanes[k].edge for _, _, k in segments(track))
 
     def _onward(self, vehicle: str, lane: int) -> list[int]:
         successors = list(self.graph.successors[lane])
@@ -160,11 +168,11 @@ class Surroundings:
         return driven or successors
 
     def _sorted_into_lanes(self, step: int) -> dict[int, list[tuple[float, int]]]:
+        numbers = self._on_road(step)
+        rows = self._row_of_step_0[numbers] + step
+        lanes, positions = self._lane_of[rows], self._pos_of[rows]
+        order = np.lexsort((positions, lanes))
         in_lanes: dict[int, list[tuple[float, int]]] = defaultdict(list)
-        for k in self._on_road(step):
-            track = self._tracks[k]
-            row = step - track.first_step
-            in_lanes[track.lane.item(row)].append((track.lane_pos.item(row), k))
-        for vehicles in in_lanes.values():
-            vehicles.sort()
+        for lane, pos, k in zip(*(column[order].tolist() for column in (lanes, positions, numbers)), strict=True):
+            in_lanes[lane].append((pos, k))
         return in_lanes
