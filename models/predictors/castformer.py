@@ -23,8 +23,10 @@ from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.castformer_modules import (
     Attention,
     CausalPatternExtraction,
+    CausalResidual,
     Confidence,
     FeatureSynthesis,
+    MeanOver,
     ReciprocalShiftFusion,
     Source,
     State,
@@ -62,6 +64,11 @@ class CastformerSettings(Settings):
     delay_frames: int = Field(1, ge=0, description="delay of the keys; with 0 a frame sees its own instant")
     residual: bool = Field(False, description="RSF adds to a stream instead of replacing it")
     detach_mean: bool = Field(True, description="no gradient through the mean in the counterfactual")
+    mean_over: MeanOver = Field(
+        "window",
+        description="what the mean in the counterfactual is over. window: the frames that a query sees; batch: all "
+        "frames of a training batch, as in the paper; predictions use the running average of these",
+    )
     intent_source: Source = Field("in", description="stream that gives the coarse intention; in the paper: out")
     alpha: float = Field(0.1, ge=0, description="weight of the loss of the coarse intention")
 
@@ -174,7 +181,8 @@ def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool,
     if name == "rsf":
         return ReciprocalShiftFusion(*attention, settings.attention, settings.residual)
     if name == "cpe":
-        return CausalPatternExtraction(*attention, settings.detach_mean, n_classes, settings.intent_source)
+        inner, outer = (CausalResidual(*attention, settings.detach_mean, settings.mean_over) for _ in range(2))
+        return CausalPatternExtraction(inner, outer, settings.width, n_classes, settings.intent_source)
     return FeatureSynthesis(settings.width, settings.feedforward, token, speed)
 
 

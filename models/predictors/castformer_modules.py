@@ -14,8 +14,11 @@ from torch import Tensor, nn
 
 Attention = Literal["bda", "self", "joint", "one_way"]
 Source = Literal["in", "out"]
+MeanOver = Literal["window", "batch"]
 EPSILON = 1e-6
 """Keeps norms and quotients finite."""
+MOMENTUM = 0.1
+"""Share of a training batch in the running average of batch means, as in batch normalisation."""
 
 
 @dataclass(frozen=True)
@@ -129,11 +132,21 @@ class ReciprocalShiftFusion(nn.Module):
 
 
 class CausalResidual(nn.Module):
-    """What attention to the other stream adds over attention to that stream's mean: Eq. (6) to (8)."""
+    """What attention to the other stream adds over attention to that stream's mean: Eq. (6) to (8).
 
-    def __init__(self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool) -> None:
+    mean_over: `window`: the frames that a query sees, so that an answer does not depend on other windows; `batch`: all
+    frames of all windows of a training batch, as in the paper. Predictions then use the running average of these.
+    """
+
+    usual: Tensor
+
+    def __init__(
+        self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool, mean_over: MeanOver = "window"
+    ) -> None:
         super().__init__()
-        self.detach_mean = detach_mean
+        self.detach_mean, self.mean_over = detach_mean, mean_over
+        if mean_over == "batch":
+            self.register_buffer("usual", torch.zeros(width))
         self.attend = DelayedAttention(width, heads, dropout, frames)
         self.gate = nn.Linear(width, 1)
 
@@ -144,10 +157,20 @@ class CausalResidual(nn.Module):
 
     def residual(self, stream: Tensor, other: Tensor) -> Tensor:
         """Return observed minus counterfactual attention, made orthogonal to the other stream's mean, (B, T, D)."""
-        mean = running_mean(other, self.attend.frames)
+        mean = self.mean(other)
         delta = self.attend(stream, other) - self.counterfactual(mean)
         share = (delta * mean).sum(dim=-1, keepdim=True) / (mean.square().sum(dim=-1, keepdim=True) + EPSILON)
         return torch.as_tensor(delta - share * mean)
+
+    def mean(self, other: Tensor) -> Tensor:
+        """Return the mean of the other stream for each query, (B, T, D); in training, follow that of the batches."""
+        if self.mean_over == "window":
+            return running_mean(other, self.attend.frames)
+        mean = self.usual
+        if self.training:
+            mean = other.mean(dim=(0, 1))
+            self.usual.lerp_(mean.detach(), MOMENTUM)
+        return mean.expand_as(other)
 
     def counterfactual(self, mean: Tensor) -> Tensor:
         """Return the attention if the other stream had always been its mean, (B, T, D)."""
@@ -158,15 +181,15 @@ class CausalPatternExtraction(nn.Module):
     """CPE: gated causal residuals, and the coarse intention as a token: Eq. (6) to (9).
 
     Later modules use the token; if features are synthesised already, it is added to their context.
+    inner, outer: the residuals of the two streams.
     """
 
     def __init__(
-        self, width: int, heads: int, dropout: float, frames: int, detach_mean: bool, n_classes: int, source: Source
+        self, inner: CausalResidual, outer: CausalResidual, width: int, n_classes: int, source: Source
     ) -> None:
         super().__init__()
         self.source = source
-        self.inner = CausalResidual(width, heads, dropout, frames, detach_mean)
-        self.outer = CausalResidual(width, heads, dropout, frames, detach_mean)
+        self.inner, self.outer = inner, outer
         self.classify = nn.Linear(width, n_classes, bias=False)
         self.embed = nn.Linear(n_classes, width, bias=False)
 

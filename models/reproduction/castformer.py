@@ -73,6 +73,7 @@ class CastformerReproduction:
             ("ablation", "Table 4: every combination of RSF, CPE and FSN", variants.ablation()),
             ("attention", "Fig. 5: what RSF attends to", variants.attention()),
             ("orders", "Table 5: the order of the modules", variants.orders()),
+            ("counterfactual", "Eq. (6): the mean over a window or over a batch", variants.counterfactuals()),
             ("alpha", "Fig. 6: the weight of the intention's loss", variants.alphas(self.size.alphas)),
         ]
         if self.clips is None:

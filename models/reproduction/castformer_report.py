@@ -24,6 +24,7 @@ STAGES = {
     "ablation": "Table 4: modules",
     "attention": "Fig. 5: attention",
     "orders": "Table 5: order of the modules",
+    "counterfactual": "Eq. (6): the mean in the counterfactual",
     "alpha": "Fig. 6: weight of the intention's loss",
     "motorway": "Table 3 on the motorway",
 }

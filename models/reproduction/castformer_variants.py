@@ -73,6 +73,11 @@ def orders() -> list[Variant]:
     ]
 
 
+def counterfactuals() -> list[Variant]:
+    """Return two readings of Eq. (6): the counterfactual's mean over the window's own past, and over the batch."""
+    return [COMPLETE, Variant("mean-over-batch", "mean over the batch", castformer={"mean_over": "batch"})]
+
+
 def alphas(values: tuple[float, ...]) -> list[Variant]:
     """Return the variants of Fig. 6: the weight of the intention's loss."""
     return [

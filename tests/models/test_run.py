@@ -80,7 +80,7 @@ def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Pat
     expected = json.loads(STORED_CARD)
     stored_settings = expected["settings"]
     of_predictors = {
-        name: stored_settings.get(name, kind().model_dump(mode="json")) for name, kind in sections().items()
+        name: {**kind().model_dump(mode="json"), **stored_settings.get(name, {})} for name, kind in sections().items()
     }
     keys = list(stored_settings)
     first, last = keys.index("asi_bip"), keys.index("preludes")

@@ -27,6 +27,7 @@ from models.predictors.castformer_modules import (
     ChannelGate,
     Confidence,
     DelayedAttention,
+    MeanOver,
     delayed_mask,
     running_mean,
     shifted,
@@ -130,6 +131,31 @@ def test_the_counterfactual_s_mean_has_a_gradient_where_asked() -> None:
         total = CausalResidual(16, 4, 0.0, 1, detach).counterfactual(mean).sum()
         total.backward()
         assert (mean.grad is None) == detach
+
+
+def test_a_mean_over_the_batch_is_that_of_all_frames_and_windows_in_training() -> None:
+    part = CausalResidual(16, 4, 0.0, 1, detach_mean=True, mean_over="batch").train()
+    other = torch.randn(3, FRAMES, 16)
+    mean = part.mean(other)
+    assert mean.shape == other.shape
+    torch.testing.assert_close(mean[2, 5], other.reshape(-1, 16).mean(dim=0))
+    torch.testing.assert_close(part.usual, 0.1 * mean[0, 0])
+
+
+def test_with_a_mean_over_the_batch_an_answer_does_not_depend_on_its_company() -> None:
+    part = CausalResidual(16, 4, 0.0, 1, detach_mean=True, mean_over="batch").train()
+    for _ in range(200):
+        part.mean(2.0 + 0.1 * torch.randn(8, FRAMES, 16))
+    part.eval()
+    stream, other = torch.randn(4, FRAMES, 16), torch.randn(4, FRAMES, 16)
+    torch.testing.assert_close(part.mean(other), torch.full_like(other, 2.0), atol=0.05, rtol=0)
+    torch.testing.assert_close(part(stream, other)[:1], part(stream[:1], other[:1]), atol=1e-5, rtol=1e-4)
+    assert (part(stream, other) - stream).abs().max() > 1e-2
+
+
+def test_the_mean_is_part_of_the_weights_only_where_it_is_over_the_batch() -> None:
+    parts = {over: CausalResidual(16, 4, 0.0, 1, True, over) for over in get_args(MeanOver)}
+    assert {over: "usual" in part.state_dict() for over, part in parts.items()} == {"window": False, "batch": True}
 
 
 def test_the_residual_is_orthogonal_to_the_other_stream_s_mean() -> None:
