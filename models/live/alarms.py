@@ -104,9 +104,7 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Al
     on = levels.level >= thresholds
     rising = on.copy()
     rising[1:] &= ~on[:-1] | levels.begins[1:, None]
-    rows, intentions = np.nonzero(rising)
-    order = np.lexsort((rows, intentions))
-    rows, intentions = rows[order], intentions[order]
+    intentions, rows = np.divmod(np.flatnonzero(rising.T), max(1, len(rising)))
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
     soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & (np.diff(time_s) < refractory_s - 1e-9)

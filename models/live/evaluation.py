@@ -139,7 +139,7 @@ def evaluate_traffic(
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, meta.scenarios[0].model_dump(mode="json"))
+        evaluation = summarise(evaluated, meta.scenarios[0].model_dump(mode="json"), feedback)
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)

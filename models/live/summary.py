@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from isacsim.feedback import SILENT, Feedback
 from isacsim.traffic.motion import REACH
 from isacsim.versions import OF_RUNS, versions
 from labeling.generation.settings import SeedRange
@@ -75,21 +76,31 @@ class Evaluated:
         return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
 
 
-def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
+def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 
     described: description of the scenario for the result.
     """
     run, study, live = evaluated.run, evaluated.study, evaluated.study.live
     development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
-    methods = measuring.measure_methods(development, measured, RUN, live, run.name)
-    first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
-    baselines = {RANDOM: measuring.measure_random(measured, first, live)}
-    baselines |= _compared(development, measured, evaluated)
     true_motion = dict[Method, Measured]()
-    if live.streams.truth:
-        name = f"{run.name} on true motion"
-        true_motion = measuring.measure_methods(development, measured, TRUTH, live, name)
+    with feedback.bar("choosing alarms", "predictors") as move:
+        total = 3 + live.streams.truth + (evaluated.alone is not None)
+        methods = measuring.measure_methods(development, measured, RUN, live, run.name)
+        first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
+        move(1, total, "baselines")
+        baselines = {RANDOM: measuring.measure_random(measured, first, live)}
+        baselines |= _compared(development, measured, evaluated)
+        move(2, total, "overtakes as lane changes")
+        five_classes = _five_classes(development, measured, evaluated, next(iter(methods), None))
+        if live.streams.truth:
+            move(3, total, "true motion")
+            name = f"{run.name} on true motion"
+            true_motion = measuring.measure_methods(development, measured, TRUTH, live, name)
+        if evaluated.alone is not None:
+            move(total - 1, total, "without a UV")
+        alone = None if evaluated.alone is None else _alone(evaluated, evaluated.alone)
+        move(total, total)
     episodes = [truth.episode for truth in measured]
     result = TrafficResult(
         **dict(first.result),
@@ -102,8 +113,8 @@ def summarise(evaluated: Evaluated, described: Any) -> TrafficEvaluation:
         methods={name: measurement.result for name, measurement in methods.items()},
         baselines={name: measurement.result for name, measurement in baselines.items()},
         truth=_truth(true_motion, methods, live) if live.streams.truth else None,
-        alone=_alone(evaluated, evaluated.alone) if evaluated.alone is not None else None,
-        five_classes=_five_classes(development, measured, evaluated, next(iter(methods), None)),
+        alone=alone,
+        five_classes=five_classes,
         made_by=LiveMadeBy(
             study=study,
             scenario=described,

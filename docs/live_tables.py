@@ -1,0 +1,186 @@
+"""The tables of docs/live.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
+
+    python docs/live_tables.py FOLDER/metrics.json
+
+Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from isacsim.errors import InputError
+from isacsim.settings import read_json
+from models.live.results import (
+    AlarmResult,
+    Coverage,
+    EventScores,
+    Interval,
+    LeadTimes,
+    RecallLost,
+    TrafficResult,
+)
+from models.live.settings import Sharing
+from models.predictors.registry import PREDICTORS
+from models.report.figures import spoken
+
+RATES = (1.0, 3.0, 10.0)
+"""False alarms per vehicle-hour at which alarms are compared."""
+METHODS = {"reject": "unknown score", "background": "answer “none”"}
+TRUE_MOTION = "true motion"
+BASELINES = {"rule": "rule of the road"}
+
+
+def tables(result: TrafficResult) -> Iterator[str]:
+    """Yield each table with its heading."""
+    where, predictors = result.scenario, _predictors(result)
+    yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
+    yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
+    sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
+    yield _recalls(f"One threshold for all intentions, {where}", sensed, "shared")
+    if result.five_classes is not None:
+        five = {_named(result): result.five_classes, **_baselines(result.five_classes.baselines)}
+        yield _recalls(f"Overtakes as lane changes, {where}", five, "separate")
+    if result.truth is not None:
+        yield _sensing_costs(f"What sensing costs, {where}", result.truth.lost)
+    yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
+    yield _origins(f"Events by origin, {where}", result)
+    yield _driving(f"Driving time, {where}", result.coverage)
+
+
+def _predictors(result: TrafficResult) -> dict[str, AlarmResult]:
+    """Return what is compared: both kinds of alarm of the run, the baselines, and the run on true motion."""
+    name = _named(result)
+    of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in result.methods.items()}
+    truth = result.truth.methods if result.truth is not None else {}
+    of_truth = {f"{name}, {TRUE_MOTION}, {METHODS[method]}": alarms for method, alarms in truth.items()}
+    return {**of_run, **_baselines(result.baselines), **of_truth}
+
+
+def _named(result: TrafficResult) -> str:
+    return PREDICTORS[result.model].display_name
+
+
+def _baselines(baselines: Mapping[str, AlarmResult]) -> dict[str, AlarmResult]:
+    return {BASELINES.get(name, name): alarms for name, alarms in baselines.items() if alarms.frozen_at}
+
+
+def _recalls(title: str, predictors: Mapping[str, AlarmResult], way: Sharing) -> str:
+    """Return the recall of alarms that were chosen for each of the rates. way: of choosing thresholds."""
+    head = ("predictor", "chosen for", "false alarms", "recall", "late too", "median lead, s")
+    rows = [
+        (
+            name,
+            f"{point.false_alarms_per_vehicle_hour:g}",
+            _number(point.measured, 1),
+            _number(point.recall, 3) + _in(point.recall_interval),
+            _number(point.recall_with_detection, 2),
+            _number(point.median_lead_s, 1),
+        )
+        for name, alarms in predictors.items()
+        for point in alarms.frozen_at.get(way, ())
+        if point.false_alarms_per_vehicle_hour in RATES
+    ]
+    return _part(title, head, rows)
+
+
+def _by_intention(title: str, intentions: Sequence[str], predictors: Mapping[str, AlarmResult]) -> str:
+    """Return the recall of each intention, with a threshold for each."""
+    head = ("predictor", "chosen for", *map(spoken, intentions))
+    rows = [
+        (
+            name,
+            f"{point.false_alarms_per_vehicle_hour:g}",
+            *(_number(point.by_intention.get(intention), 2) for intention in intentions),
+        )
+        for name, alarms in predictors.items()
+        for point in alarms.frozen_at.get("separate", ())
+        if point.false_alarms_per_vehicle_hour in (RATES[0], RATES[-1])
+    ]
+    return _part(title, head, rows)
+
+
+def _sensing_costs(title: str, lost: Sequence[RecallLost]) -> str:
+    rows = [
+        (
+            f"{row.false_alarms_per_vehicle_hour:g}",
+            f"{row.truth:.3f}",
+            f"{row.sensed:.3f}",
+            f"{row.lost:+.3f}{_in(row.interval, '+')}",
+        )
+        for row in lost
+    ]
+    return _part(title, ("false alarms", "recall on true motion", "as sensed", "lost"), rows)
+
+
+def _leads(title: str, scores_by_name: Mapping[str, EventScores]) -> str:
+    head = (
+        "intention", "events", "predicted", "late", "false alarms", "alarm to commit, s", "alarm to onset, s", "commit",
+    )  # fmt: skip
+    rows = [
+        (
+            spoken(name),
+            *map(str, (scores.events, scores.predicted, scores.detected, scores.false_alarms)),
+            _quartiles(scores.lead_time_s),
+            _quartiles(scores.lead_to_onset_s),
+            scores.commit_is or "",
+        )
+        for name, scores in scores_by_name.items()
+    ]
+    return _part(title, head, rows)
+
+
+def _origins(title: str, result: AlarmResult) -> str:
+    groups = {"natural": result.natural, "reaction": result.reaction, "commanded": result.commanded}
+    rows = [
+        (
+            name,
+            f"{scores.events}",
+            _number(scores.recall, 3) + _in(scores.recall_interval),
+            f"{scores.false_alarms}",
+            f"{scores.vehicle_hours:.1f}",
+        )
+        for name, scores in ((name, group.over_all) for name, group in groups.items())
+    ]
+    return _part(title, ("origin", "events", "recall", "false alarms", "vehicle-hours"), rows)
+
+
+def _driving(title: str, coverage: Coverage) -> str:
+    shares = {"predicted": coverage.share or 0.0, **coverage.uncovered}
+    rows = [(spoken(name), f"{100.0 * share:.1f} %") for name, share in shares.items()]
+    return _part(title, (f"of {coverage.driving_hours:.1f} hours", "share"), rows)
+
+
+def _quartiles(times: LeadTimes) -> str:
+    if times.median is None:
+        return ""
+    return f"{times.median:.1f} ({times.lower_quartile:.1f} to {times.upper_quartile:.1f})"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _in(interval: Interval | None, sign: str = "") -> str:
+    return "" if interval is None else f" ({interval.low:{sign}.3f} to {interval.high:{sign}.3f})"
+
+
+def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *rows])
+    return f"### {title}\n\n{lines}\n"
+
+
+def main() -> None:
+    """Print the tables of the result that the command line names."""
+    path = Path(sys.argv[1])
+    result = read_json(TrafficResult, path)
+    if result is None:
+        raise InputError(f"{path}: not there; name the metrics.json of an evaluation in traffic")
+    for part in tables(result):
+        print(part)
+
+
+if __name__ == "__main__":
+    main()
