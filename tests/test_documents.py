@@ -16,6 +16,7 @@ from cffconvert import Citation
 
 import cosim
 from labeling.dataset.dataset import Dataset
+from models.live.results import TrafficResult
 from tests.support.made_up_dataset import write_dataset
 
 ROOT = Path(cosim.__file__).parent
@@ -63,6 +64,16 @@ def test_the_tables_of_a_reproduction_are_those_of_its_stages(folder: Path) -> N
     page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
     printed = list(runpy.run_path(str(DOCS / "reproduction_tables.py"))["tables"](folder))
     assert len(printed) > 2
+    for part in printed:
+        assert part in page, part.partition("\n")[0]
+
+
+@pytest.mark.parametrize("result", sorted(DOCS.glob("live/*.json")), ids=lambda result: result.stem)
+def test_the_tables_of_running_traffic_are_those_of_its_result(result: Path) -> None:
+    page = (DOCS / "live.md").read_text(encoding="utf-8")
+    script = runpy.run_path(str(DOCS / "live_tables.py"))
+    printed = list(script["tables"](TrafficResult.model_validate_json(result.read_bytes())))
+    assert len(printed) > 5
     for part in printed:
         assert part in page, part.partition("\n")[0]
 
