@@ -1,13 +1,13 @@
 """Speed of training ASI-BIP: pooled tokens against a literal reading of the paper.
 
-- pooled: the network of `models.predictors.asi_bip` with its defaults.
+- pooled: the network of `models.predictors.asi_bip` with its defaults, but all in float32, as are the next three.
 - literal: every LSTM output is a token, as in the paper, without dropout of attention weights; PyTorch then computes
   the attention in one fused step.
 - literal_pytorch: the same with PyTorch's default dropout, also of attention weights, as in a module written straight
   from the paper. The dropout rules the fused step out.
 - patched: pooled, and one step of the LSTMs takes 25 ms of samples side by side (10 of the TV, 5 of the UV), an
   extension that is not in the paper.
-- bfloat16: pooled, with the LSTMs in bfloat16.
+- bfloat16: pooled, with the LSTMs in bfloat16, as is the default.
 
 A step is a whole one: cut the windows, forward, focal loss, backward, optimiser, in batches of 32 windows of 2.2 s.
 The ratio is that against the faster literal network. Epochs of 4,800 windows are extrapolated from a few steps. The
@@ -43,16 +43,20 @@ ROUNDS = 2
 STEPS = {"pooled": 4, "literal": 1, "literal_pytorch": 1, "patched": 8, "bfloat16": 4}
 """Steps of each network that a round times."""
 PYTORCH_DROPOUT = 0.1
+FLOAT32 = AsiBipSettings(lstm_bfloat16=False)
 NETWORKS = {
-    "pooled": AsiBipSettings(),
-    "literal": AsiBipSettings(tokens="literal"),
-    "literal_pytorch": AsiBipSettings(tokens="literal", dropout=PYTORCH_DROPOUT, attention_dropout=PYTORCH_DROPOUT),
-    "patched": AsiBipSettings(tv_patch=10, uv_patch=5),
-    "bfloat16": AsiBipSettings(lstm_bfloat16=True),
+    "pooled": FLOAT32,
+    "literal": FLOAT32.model_copy(update={"tokens": "literal"}),
+    "literal_pytorch": FLOAT32.model_copy(
+        update={"tokens": "literal", "dropout": PYTORCH_DROPOUT, "attention_dropout": PYTORCH_DROPOUT}
+    ),
+    "patched": FLOAT32.model_copy(update={"tv_patch": 10, "uv_patch": 5}),
+    "bfloat16": AsiBipSettings(),
 }
 RATIOS = (
     Ratio(("ratio",), "training step with every LSTM output a token over pooled tokens", "the LSTMs' 880 steps"),
     Ratio(("ratio_pytorch",), "the same with dropout of attention weights", "the LSTMs' 880 steps"),
+    Ratio(("ratio_bfloat16",), "training step with the LSTMs in bfloat16 over float32", "the LSTMs' 880 steps"),
     Ratio(("environment", "alone", "ratio"), "step alone: sleeping over spinning threads", "waking threads"),
     Ratio(
         ("environment", "beside_two_busy_processes", "ratio"),
@@ -68,7 +72,7 @@ RATIOS = (
 
 
 def run() -> dict[str, Any]:
-    """Return `ratio`, `ratio_pytorch`, `epoch_s` of each network, `environment`, and how they were measured."""
+    """Return the ratios, `epoch_s` of each network, `environment`, and how they were measured."""
     threads = torch.get_num_threads()
     torch.set_num_threads(THREADS)
     try:
@@ -87,6 +91,7 @@ def _measured() -> dict[str, Any]:
         "ratio": _ratio(rounds, "literal"),
         "ratio_of": "seconds of a literal training step, attention fused, over those of a pooled one",
         "ratio_pytorch": _ratio(rounds, "literal_pytorch"),
+        "ratio_bfloat16": _ratio(rounds, "bfloat16"),
         "epoch_s": {name: round(seconds * EPOCH / BATCH, 1) for name, seconds in step_s.items()},
         "step_s": {name: round(seconds, 4) for name, seconds in step_s.items()},
         "settings": {

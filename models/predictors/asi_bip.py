@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from isacsim.settings import Settings
 from models.fit_settings import FitSettings
-from models.networks.lstms import outputs
+from models.networks.lstms import has_bfloat16, outputs
 from models.networks.network import N_STATES, WindowNetwork, linear_head
 from models.predictors.network_predictor import NetworkPredictor
 from models.predictors.protocol import WindowShape
@@ -43,8 +43,8 @@ class AsiBipSettings(Settings):
     tv_pool: int = Field(20, ge=1, description="TV samples per pooled token")
     uv_pool: int = Field(5, ge=1, description="UV samples per pooled token")
     lstm_bfloat16: bool = Field(
-        False,
-        description="train the LSTMs in bfloat16; predictions are always float32",
+        True,
+        description="train the LSTMs in bfloat16, where the processor computes in it; predictions are always float32",
     )
     tv_patch: int = Field(
         1, ge=1, description="extension, not in the paper: TV samples side by side in one step of the LSTM"
@@ -219,7 +219,8 @@ class Branch(nn.Module):
 def tokens_of(branches: Sequence[Branch], streams: Sequence[Tensor]) -> list[Tensor]:
     """Return the tokens of each branch, (B, tokens, width), of its standardised stream (B, 6, T)."""
     steps = [branch.steps(x) for branch, x in zip(branches, streams, strict=True)]
-    coarse = branches[0].coarse and branches[0].training
+    # Elsewhere, PyTorch would emulate bfloat16, which is slow.
+    coarse = branches[0].coarse and branches[0].training and has_bfloat16()
     with torch.autocast("cpu", torch.bfloat16, enabled=coarse):
         outs = outputs([branch.lstm for branch in branches], steps)
     return [branch(out.to(x.dtype)) for branch, out, x in zip(branches, outs, streams, strict=True)]

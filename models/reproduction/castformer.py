@@ -182,6 +182,7 @@ class CastformerReproduction:
                 "loss": {"class_weights": False},
                 "preludes": {"use": False},
                 "castformer": row.settings,
+                "asi_bip": {"lstm_bfloat16": False},
             },
             self.size.training,
         )

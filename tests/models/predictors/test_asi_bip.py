@@ -5,6 +5,8 @@ import torch
 from torch import nn
 
 from models.data.windows import Windows
+from models.networks.lstms import has_bfloat16
+from models.predictors import asi_bip
 from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches, tokens_of
 from models.predictors.statistics_branch import window_statistics
 from models.predictors.trees import statistics
@@ -198,10 +200,26 @@ def test_heads_divide_the_width() -> None:
         AsiBipSettings(width=100, heads=8)
 
 
+@pytest.mark.skipif(not has_bfloat16(), reason="the processor does not compute in bfloat16")
 def test_bfloat16_lstms_only_train_so() -> None:
-    plain, coarse = network(), network(SMALL.model_copy(update={"lstm_bfloat16": True, "dropout": 0.0}))
-    coarse.load_state_dict(plain.state_dict())
+    plain, coarse = in_both_precisions()
     tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
     torch.testing.assert_close(coarse(tv, uv), plain(tv, uv))
     apart = (coarse.train()(tv, uv) - plain(tv, uv)).abs().max()
     assert 0 < apart < 0.1
+
+
+def test_lstms_train_in_float32_where_the_processor_lacks_bfloat16(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asi_bip, "has_bfloat16", lambda: False)
+    plain, coarse = in_both_precisions()
+    tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
+    assert torch.equal(coarse.train()(tv, uv), plain.train()(tv, uv))
+
+
+def in_both_precisions() -> list[AsiBip]:
+    """Return two networks without dropout and with the same weights; the second trains its LSTMs in bfloat16."""
+    plain, coarse = (
+        network(SMALL.model_copy(update={"lstm_bfloat16": switch, "dropout": 0.0})) for switch in (False, True)
+    )
+    coarse.load_state_dict(plain.state_dict())
+    return [plain, coarse]
