@@ -98,7 +98,8 @@ class CastformerReproduction:
     ) -> Stage:
         cost_s = self.size.folds * sum(self.training_s(row, source) for row in new)
         parallel = max(1, len(new) * self.size.folds)
-        return Stage(name, name, question, cost_s, parallel, partial(self._measure, name, rows, source))
+        work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
+        return Stage(name, name, question, cost_s, parallel, work, check)
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
@@ -239,6 +240,12 @@ class CastformerReproduction:
         if row.model == "asi-bip" and "asi_bip" in self.size.training:
             factor = PATCH_FACTOR
         return factor * PREDICTORS[row.model].cost_s(work, training) + OVERHEAD_S
+
+
+def _check_installed(rows: Sequence[Variant]) -> None:
+    """Raise InputError where a predictor needs an optional package that is missing."""
+    for row in rows:
+        PREDICTORS[row.model].check_requirements()
 
 
 def folds_of(groups: Sequence[str], count: int) -> list[list[str]]:

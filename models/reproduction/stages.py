@@ -35,7 +35,8 @@ class Stage:
 
     name: as `--stages` takes it. group: other name, shared by stages that fill one table together. question: what it
     answers, for people. cost_s: expected processor time, s. parallel: how many of its parts can run side by side.
-    run: does the work; returns what the stage's file holds, plain values.
+    run: does the work; returns what the stage's file holds, plain values. check: raises InputError, with the fix, where
+    something is missing that the stage needs.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Stage:
     cost_s: float
     parallel: int
     run: Callable[[], dict[str, Any]]
+    check: Callable[[], None] = lambda: None
 
     def seconds(self, workers: int) -> float:
         """Return the expected duration on that many workers, s. Parts of equal length run in rounds."""
@@ -98,8 +100,12 @@ def cost_of(stages: Sequence[Stage], folder: Path, workers: int) -> Cost:
 def run_stages(identity: Identity, stages: Sequence[Stage], folder: Path, workers: int, feedback: Feedback) -> None:
     """Run the stages that are not finished in a folder, in order, and write the file of each.
 
-    Raises InputError where the folder holds something else or a reproduction with other settings.
+    Raises InputError where the folder holds something else or a reproduction with other settings, and, before any
+    stage runs, where one of them lacks what it needs.
     """
+    for stage in stages:
+        if not _file(folder, stage.name).is_file():
+            stage.check()
     with claim(folder, MARK, "reproduction"):
         _identify(folder, identity)
         (folder / STAGES).mkdir(exist_ok=True)

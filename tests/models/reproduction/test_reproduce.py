@@ -11,6 +11,7 @@ import pytest
 
 from isacsim.errors import InputError
 from labeling.generation.engine import LocalEngine
+from models.predictors.registry import PREDICTORS
 from models.reproduction.reproduce import PAPERS, Request, cost_in_words, expected_cost, reproduce, request
 from models.reproduction.sizes import AsiBipSize, CastformerSize
 from models.reproduction.stages import result_of
@@ -136,6 +137,13 @@ def test_wrong_requests_are_refused(tmp_path: Path) -> None:
         request("asi-bip", tmp_path, clips=tmp_path)
     with pytest.raises(InputError, match="no such folder"):
         expected_cost(request("castformer", tmp_path, clips=tmp_path / "nowhere"), LocalEngine(1))
+
+
+def test_a_missing_package_is_reported_before_any_stage_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PREDICTORS["minirocket"], "optional_packages", {"no_such_package": "pip install it"})
+    with pytest.raises(InputError, match="no_such_package: pip install it"):
+        reproduce(request("castformer", tmp_path / "out", stages=["data", "compared"]), InlineEngine())
+    assert not (tmp_path / "out").exists()
 
 
 def test_epochs_replace_those_of_the_size(tmp_path: Path) -> None:
