@@ -251,6 +251,7 @@ def evaluate(
     duration: opt.Duration = None,
     false_alarms: opt.FalseAlarms = None,
     truth: opt.TrueMotion = False,
+    lanes: opt.InLane = False,
     alone: opt.AloneRun = None,
     natural: opt.NaturalTraffic = False,
     advisories: opt.Advisories = False,
@@ -267,7 +268,18 @@ def evaluate(
     from command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds, development, duration, jobs, natural, advisories, conditioning, false_alarms, truth, alone, cluster
+        seeds,
+        development,
+        duration,
+        jobs,
+        natural,
+        advisories,
+        conditioning,
+        false_alarms,
+        truth,
+        alone,
+        cluster,
+        lanes,
     )
     if source_of(data, traffic, live) == "traffic":
         console = output.console_of(quiet)

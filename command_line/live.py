@@ -37,6 +37,7 @@ class LiveArguments:
     truth: bool | None = None
     alone: Path | None = None
     cluster: str | None = None
+    lanes: bool | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -103,7 +104,11 @@ def live_settings(arguments: LiveArguments) -> LiveSettings:
 
     rate = arguments.false_alarms
     choice = {} if rate is None else {"false_alarms_per_vehicle_hour": rate}
-    content = {"choice": choice, "streams": {"truth": bool(arguments.truth)}}
+    content = {
+        "choice": choice,
+        "streams": {"truth": bool(arguments.truth)},
+        "background": {"lanes": bool(arguments.lanes)},
+    }
     return checked(LiveSettings, content, "arguments")
 
 

@@ -83,6 +83,13 @@ TrueMotion = Annotated[
     bool,
     typer.Option("--truth", help="With --traffic: also predict from true motion, to measure what sensing costs."),
 ]
+InLane = Annotated[
+    bool,
+    typer.Option(
+        "--lanes",
+        help="With --traffic: the trees with the answer 'none' also see where in its lane the vehicle is.",
+    ),
+]
 AloneRun = Annotated[
     Path | None,
     typer.Option(

@@ -98,7 +98,8 @@ def run_arm(
     if arm == "none":
         dataset = study.dataset
         return measured(record(scenario, seed, dataset.traffic, dataset.maneuvers), arm)
-    answering = None if arm == "random" or alarming.settings is None else run_answering(infer)
+    silent = arm == "random" or alarming.settings is None
+    answering = None if silent else run_answering(infer, study.live.background.lanes)
     loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, arm, answering)
     source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _Alarms(alarming, study)
     alarms: list[AlarmFacts] = []

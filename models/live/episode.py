@@ -44,20 +44,23 @@ class Predictors:
     """The predictors of an evaluation.
 
     run: folder of the evaluated run. against: folders of the runs to compare with, by their names in the result.
-    alone: folder of the run for TVs without a UV, if any.
+    alone: folder of the run for TVs without a UV, if any. with_lanes: whether the features of the evaluated run include
+    those of its lane.
     """
 
     run: Path
     against: Mapping[str, Path]
     alone: Path | None = None
+    with_lanes: bool = False
 
     def answering(self, truth: bool) -> tuple[Infer, dict[str, Answering]]:
         """Return the run, and the predictors' functions by name. truth: whether the run also answers true motion."""
         infer = _load(self.run)
         shape = infer.run.card.shape
-        answering = {RUN: run_answering(infer), RULE: rule_answering(infer.run.card.settings.windows, shape)}
+        by_run = run_answering(infer, self.with_lanes)
+        answering = {RUN: by_run, RULE: rule_answering(infer.run.card.settings.windows, shape)}
         if truth:
-            answering[TRUTH] = run_answering(infer)
+            answering[TRUTH] = by_run
         return infer, answering | {name: run_answering(_load(path)) for name, path in self.against.items()}
 
 

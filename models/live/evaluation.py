@@ -128,11 +128,15 @@ def evaluate_traffic(
     meta = describe(study.dataset, {where: scenario})
     cards = [compared.card.model_dump(mode="json") for compared in (run, *others)]
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
-    digest = fingerprint(answers_rest_on, [s.model_dump(mode="json") for s in meta.scenarios], cards)
+    with_lanes = study.live.background.lanes
+    # Without lanes, folders of earlier versions keep their fingerprint.
+    kept = ["lanes"] if with_lanes else []
+    digest = fingerprint(answers_rest_on, [s.model_dump(mode="json") for s in meta.scenarios], cards, *kept)
     predictors = Predictors(
         run.path.resolve(),
         {name: compared.path.resolve() for name, compared in _named(against).items()},
         None if alone is None else alone.path.resolve(),
+        with_lanes,
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study))

@@ -15,11 +15,11 @@ from isacsim.traffic.recording import Recording
 from labeling.generation.episode import report
 from labeling.generation.settings import DatasetStudy
 from models.data.lane_map import LaneMap
-from models.data.windows import OnMap, WindowSettings, in_frame
+from models.data.windows import OnMap, Windows, WindowSettings, in_frame
 from models.inference import Infer
 from models.live.sensed import Sensing, Track
 from models.predictors.protocol import WindowShape
-from models.predictors.rule import RulePredictor, RuleSettings
+from models.predictors.rule import RulePredictor, RuleSettings, in_lane
 
 BATCH = 128
 """Windows in one batch."""
@@ -54,12 +54,22 @@ Answering = Callable[[Array, Array, LaneMap], Answers]
 """Answers windows, given TV (n, 6, T) and UV (n, 6, U) in the scenario's plane, and the lanes of the network."""
 
 
-def run_answering(infer: Infer) -> Answering:
-    """Return the function by which a trained run answers, the same as on stored records."""
+def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
+    """Return the function by which a trained run answers, the same as on stored records.
+
+    with_lanes: whether the features of `in_lane` follow those of the run.
+    """
+    shape = infer.run.card.shape
 
     def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
         inference = infer(tv, uv, lanes)
-        parts = (inference.probabilities, inference.score, inference.features)
+        features = inference.features
+        if with_lanes:
+            on_map = _on_map(tv, uv, shape, lanes)
+            features = np.concatenate(
+                [features, in_lane(Windows(tv.astype(np.float32), uv.astype(np.float32), on_map))], axis=1
+            )
+        parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
     return answer
@@ -71,13 +81,16 @@ def rule_answering(windows: WindowSettings, shape: WindowShape) -> Answering:
 
     def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
         framed = in_frame(tv, uv, windows, shape.tv_rate_hz, shape.uv_rate_hz)
-        scenario = np.full(len(tv), "", dtype=object)
-        on_map = OnMap(tv, uv, shape.tv_rate_hz, scenario, lambda _: lanes)
-        logits = predictor(type(framed)(framed.tv, framed.uv, on_map)).logits
+        logits = predictor(Windows(framed.tv, framed.uv, _on_map(tv, uv, shape, lanes))).logits
         parts = (softmax(logits, axis=1), logits.max(axis=1), logits)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
     return answer
+
+
+def _on_map(tv: Array, uv: Array, shape: WindowShape, lanes: LaneMap) -> OnMap:
+    """Return windows in the scenario's plane, all on the same lanes."""
+    return OnMap(tv, uv, shape.tv_rate_hz, np.full(len(tv), "", dtype=object), lambda _: lanes)
 
 
 class Reports:

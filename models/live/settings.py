@@ -116,6 +116,12 @@ class ChoiceSettings(Settings):
 class BackgroundSettings(Settings):
     """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
+    lanes: bool = Field(
+        False,
+        description="whether the trees also take what the rule of the road takes from the window and the lanes: the "
+        "distances to the markings, the lateral speed, the greatest accelerations, the time until the TV is level with "
+        "the UV",
+    )
     background_every_s: float = Field(
         0.5, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
     )

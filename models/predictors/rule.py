@@ -34,6 +34,8 @@ HEADING_STEP_S = 0.2
 """Approximate time between the instants at which the direction of the lane is looked up."""
 LEAST = 1e-3
 """Distances and times are raised to this value before they divide anything, m or s."""
+LONGEST_S = 60.0
+"""Times until a TV is level with the UV end here where they are features, s."""
 LEAST_STRENGTH = 1e-2
 """Strengths are raised to this value before their logarithm is taken."""
 PARTS = ((slice(0, 2), 2), (slice(2, 4), 1))
@@ -164,6 +166,20 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
         level=level,
         lefthand=np.array([on_map.lane_maps(name).lefthand for name in on_map.scenario.tolist()], dtype=bool),
     )
+
+
+def in_lane(windows: Windows) -> Array:
+    """Return what the rule makes of n windows, as features for other predictors, (n, 13).
+
+    Greatest acceleration, deceleration and lateral acceleration (m/s2), distances to the left and the right marking
+    (m), lateral speed (m/s), time until level with the UV (s), and the logits of the rule with its default thresholds.
+    Raises InputError if the windows come without roads.
+    """
+    settings = RuleSettings()
+    seen = drive(windows, settings.smooth_s)
+    level = np.minimum(seen.level, LONGEST_S)
+    parts = np.stack([seen.accel, seen.brake, seen.swerve, seen.left, seen.right, seen.aside, level], axis=1)
+    return np.concatenate([parts, logits(seen, settings)], axis=1)
 
 
 def smoothed(values: Array, span: int, order: int, instants: tuple[int, ...]) -> Array:

@@ -70,6 +70,22 @@ def test_a_stream_is_answered_as_a_stored_record(
     np.testing.assert_allclose(live.features[first : first + 20], outputs.features, rtol=1e-5, atol=1e-5)
 
 
+def test_lanes_add_what_the_rule_sees_to_the_features(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
+    """The rule's own answers are its logits; without lanes, nothing but the features differs."""
+    shape, windows = trees_run.card.shape, trees_run.card.settings.windows
+    cutter = WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1)
+    tv, uv = next(cutter.batches(tracks[0]))
+    infer, lanes = Infer.load(trees_run.path), lanes_of(sensing.recording)
+    plain, more = (run_answering(infer, with_lanes)(tv, uv, lanes) for with_lanes in (False, True))
+    np.testing.assert_array_equal(more.probabilities, plain.probabilities)
+    width = plain.features.shape[1]
+    np.testing.assert_array_equal(more.features[:, :width], plain.features)
+    np.testing.assert_allclose(more.features[:, -6:], rule_answering(windows, shape)(tv, uv, lanes).features, rtol=1e-6)
+    left, right = more.features[:, width + 3], more.features[:, width + 4]
+    np.testing.assert_allclose(left + right, lanes.place(tv[:, :2, 0], tv[:, 2:4, 0]).width_m, rtol=1e-5)
+    assert np.ptp(left) > 0
+
+
 def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
     tracks: list[Track], sensing: Sensing, trees_run: Run
 ) -> None:
