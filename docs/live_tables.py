@@ -2,17 +2,18 @@
 
     python docs/live_tables.py FOLDER/metrics.json
 
-Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds.
+Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds. Of an evaluation with
+`--advisories`, these are the arms of the closed loop; of one with `--lanes`, the recall alone.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from isacsim.errors import InputError
-from isacsim.settings import read_json
+from models.closed_loop.results import ClosedLoopResult, Difference
 from models.live.results import (
     AlarmResult,
     Coverage,
@@ -31,11 +32,31 @@ RATES = (1.0, 3.0, 10.0)
 METHODS = {"reject": "unknown score", "background": "answer “none”"}
 TRUE_MOTION = "true motion"
 BASELINES = {"rule": "rule of the road"}
+SAFETY = {
+    "ttc_below_3_s": ("TTC < 3 s", 1),
+    "ttc_below_1_5_s": ("TTC < 1.5 s", 2),
+    "drac_above_3_4_s": ("DRAC > 3.4 m/s²", 2),
+    "travel_s_per_km": ("travel time, s/km", 2),
+}
+"""Figures of the closed loop, with the digits that are shown."""
+
+
+def read_result(path: Path) -> TrafficResult:
+    """Read a `metrics.json`, of an open or a closed loop."""
+    content = json.loads(path.read_bytes())
+    return (ClosedLoopResult if "arms" in content else TrafficResult).model_validate(content)
 
 
 def tables(result: TrafficResult) -> Iterator[str]:
     """Yield each table with its heading."""
     where, predictors = result.scenario, _predictors(result)
+    if isinstance(result, ClosedLoopResult):
+        yield _arms(f"Arms of the closed loop, {where}", result)
+        yield _against_none(f"Arms against none, {where}", result)
+        return
+    if result.made_by.study.live.background.lanes:
+        yield _recalls(f"Recall with lanes, {where}", predictors, "separate")
+        return
     yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
     yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
     sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
@@ -153,6 +174,45 @@ def _driving(title: str, coverage: Coverage) -> str:
     return _part(title, (f"of {coverage.driving_hours:.1f} hours", "share"), rows)
 
 
+def _arms(title: str, result: ClosedLoopResult) -> str:
+    """Return what each arm did, and what the vehicles near an alarm went through."""
+    head = ("arm", "alarms", "advisories", *(name for name, _ in SAFETY.values()), "collided")
+    rows = [
+        (
+            arm,
+            f"{measured.alarms}",
+            f"{measured.advisories}",
+            *(_number(measured.after_alarms[key], digits) for key, (_, digits) in SAFETY.items()),
+            f"{measured.collided}",
+        )
+        for arm, measured in result.arms.items()
+    ]
+    return _part(title, head, rows)
+
+
+def _against_none(title: str, result: ClosedLoopResult) -> str:
+    """Return by how much the figures of each arm with advisories differ from those without, in percent."""
+    head = ("arm", *(name for name, _ in SAFETY.values()), "TTC < 1.5 s, all traffic", "travel time, all traffic")
+    rows = [
+        (
+            arm,
+            *(_percent(measured.difference[key]) for key in SAFETY),
+            *(_percent(measured.difference_all_traffic[key]) for key in ("ttc_below_1_5_s", "travel_s_per_km")),
+        )
+        for arm, measured in result.arms.items()
+        if measured.advisories
+    ]
+    return _part(title, head, rows)
+
+
+def _percent(difference: Difference) -> str:
+    if difference.relative is None:
+        return ""
+    interval = difference.relative_interval
+    between = "" if interval is None else f" ({100 * interval.low:+.1f} to {100 * interval.high:+.1f} %)"
+    return f"{100 * difference.relative:+.1f} %{between}"
+
+
 def _quartiles(times: LeadTimes) -> str:
     if times.median is None:
         return ""
@@ -174,11 +234,7 @@ def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 def main() -> None:
     """Print the tables of the result that the command line names."""
-    path = Path(sys.argv[1])
-    result = read_json(TrafficResult, path)
-    if result is None:
-        raise InputError(f"{path}: not there; name the metrics.json of an evaluation in traffic")
-    for part in tables(result):
+    for part in tables(read_result(Path(sys.argv[1]))):
         print(part)
 
 
