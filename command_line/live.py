@@ -155,6 +155,10 @@ def arm_verdict(result: ClosedLoopResult) -> list[str]:
                 interval = difference.relative_interval
                 between = f" ({100 * interval.low:+.0f} to {100 * interval.high:+.0f} %)" if interval else ""
                 lines.append(f"ISAC against none: {text} {100 * difference.relative:+.1f} %{between}")
+        collided = result.arms["isac"].difference_collided
+        if collided is not None and collided.value is not None:
+            between = f" ({collided.interval.low:+.1f} to {collided.interval.high:+.1f})" if collided.interval else ""
+            lines.append(f"ISAC against none: {collided.value:+.1f}{between} vehicles collide in a seed")
     return lines
 
 

@@ -192,12 +192,13 @@ def _arms(title: str, result: ClosedLoopResult) -> str:
 
 def _against_none(title: str, result: ClosedLoopResult) -> str:
     """Return by how much the figures of each arm with advisories differ from those without, in percent."""
-    head = ("arm", *(name for name, _ in SAFETY.values()), "TTC < 1.5 s, all traffic", "travel time, all traffic")
+    head = ("arm", *(name for name, _ in SAFETY.values()), "TTC < 1.5 s, all traffic", "collided, in a seed")
     rows = [
         (
             arm,
             *(_percent(measured.difference[key]) for key in SAFETY),
-            *(_percent(measured.difference_all_traffic[key]) for key in ("ttc_below_1_5_s", "travel_s_per_km")),
+            _percent(measured.difference_all_traffic["ttc_below_1_5_s"]),
+            _vehicles(measured.difference_collided),
         )
         for arm, measured in result.arms.items()
         if measured.advisories
@@ -211,6 +212,14 @@ def _percent(difference: Difference) -> str:
     interval = difference.relative_interval
     between = "" if interval is None else f" ({100 * interval.low:+.1f} to {100 * interval.high:+.1f} %)"
     return f"{100 * difference.relative:+.1f} %{between}"
+
+
+def _vehicles(difference: Difference | None) -> str:
+    if difference is None or difference.value is None:
+        return ""
+    interval = difference.interval
+    between = "" if interval is None else f" ({interval.low:+.1f} to {interval.high:+.1f})"
+    return f"{difference.value:+.1f}{between}"
 
 
 def _quartiles(times: LeadTimes) -> str:

@@ -31,6 +31,7 @@ class ArmResult(Settings):
     when the first was sent, s of simulation time, by seed; until then, the traffic is that of `none`.
     after_alarms: figures of the vehicles near an alarm, for some time after it, the same vehicles and times in every
     arm. all_traffic: of all vehicles all the time. difference: from `none`, of `after_alarms`.
+    difference_collided: from `none`, of the number of vehicles that collide in a seed; None in earlier results.
     """
 
     what: str
@@ -44,6 +45,7 @@ class ArmResult(Settings):
     all_traffic: dict[str, float | None]
     difference: dict[str, Difference]
     difference_all_traffic: dict[str, Difference]
+    difference_collided: Difference | None = None
 
 
 class ClosedLoopLatency(Settings):

@@ -8,7 +8,7 @@ The same vehicles at the same times are scored in every arm.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -101,25 +101,44 @@ def arm_results(
             all_traffic=_shown(figures(everything[arm])),
             difference=differences(scored[arm], scored[REFERENCE]),
             difference_all_traffic=differences(everything[arm], everything[REFERENCE]),
+            difference_collided=collisions(rows, episodes[REFERENCE]),
         )
     return results, sum(totals.hours for totals in scored[REFERENCE])
 
 
 def differences(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str, Difference]:
     """Return by how much the figures of an arm differ from those of the reference, seed by seed the same traffic."""
-    whole = _difference(arm, reference)
-    left_out = []
-    for k in range(len(arm)):
-        others = [seed for seed in range(len(arm)) if seed != k]
-        left_out.append(_difference([arm[seed] for seed in others], [reference[seed] for seed in others]))
+
+    def measure(seeds: Sequence[int]) -> dict[str, tuple[float, float]]:
+        return _difference([arm[seed] for seed in seeds], [reference[seed] for seed in seeds])
+
+    return _with_intervals(measure, len(arm))
+
+
+def collisions(arm: Sequence[ArmEpisode], reference: Sequence[ArmEpisode]) -> Difference:
+    """Return by how much the number of vehicles that collide, in the mean over seeds, differs from the reference."""
+    numbers = np.array([[len(row.facts.collided) for row in rows] for rows in (arm, reference)], dtype=np.float64)
+
+    def measure(seeds: Sequence[int]) -> dict[str, tuple[float, float]]:
+        of_arm, base = numbers[:, list(seeds)].mean(axis=1).tolist() if seeds else (np.nan, np.nan)
+        return {"collided": (of_arm - base, (of_arm - base) / base if base else np.nan)}
+
+    return _with_intervals(measure, len(arm))["collided"]
+
+
+def _with_intervals(
+    measure: Callable[[Sequence[int]], Mapping[str, tuple[float, float]]], seeds: int
+) -> dict[str, Difference]:
+    """Return differences with jackknife intervals. measure: gives them, absolute and relative, on some of the seeds."""
+    left_out = [measure([other for other in range(seeds) if other != seed]) for seed in range(seeds)]
     result = {}
-    for name, (value, relative) in whole.items():
+    for name, (value, relative) in measure(range(seeds)).items():
         widths = jackknife_half_width(np.array([part[name] for part in left_out]))
         result[name] = Difference(
             value=_number(value),
-            interval=_interval(value, float(widths[0]), len(arm)),
+            interval=_interval(value, float(widths[0]), seeds),
             relative=_number(relative),
-            relative_interval=_interval(relative, float(widths[1]), len(arm)),
+            relative_interval=_interval(relative, float(widths[1]), seeds),
         )
     return result
 

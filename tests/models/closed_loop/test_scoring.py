@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import ttest_rel
 
 from labeling.road.straight_road import ScriptedVehicle, straight_road
 from models.closed_loop.episode import measured
 from models.closed_loop.safety import Totals
-from models.closed_loop.scoring import arm_results, differences, rows_within, spans_of
+from models.closed_loop.scoring import arm_results, collisions, differences, rows_within, spans_of
 from models.closed_loop.settings import ClosedLoopSettings
 from models.closed_loop.store import AlarmFacts, ArmEpisode
 from models.evaluation.intervals import jackknife_half_width
@@ -76,6 +77,23 @@ def test_differences_have_the_interval_of_the_jackknife_over_seeds() -> None:
     assert measured_difference.interval is not None
     half = (measured_difference.interval.high - measured_difference.interval.low) / 2
     assert half == pytest.approx(float(jackknife_half_width(left_out)))
+
+
+def test_collisions_differ_as_in_a_paired_t_test() -> None:
+    def collided(*counts: int) -> list[ArmEpisode]:
+        base = episode(90.0)
+        facts = (base.facts.model_copy(update={"collided": tuple(map(str, range(count)))}) for count in counts)
+        return [replace(base, facts=part) for part in facts]
+
+    arm, reference = (0, 4, 0, 0, 2), (6, 10, 2, 0, 6)
+    difference = collisions(collided(*arm), collided(*reference))
+    expected = ttest_rel(arm, reference).confidence_interval(0.95)
+    assert difference.value == pytest.approx(np.mean(arm) - np.mean(reference))
+    assert difference.relative == pytest.approx(6 / 24 - 1)
+    assert difference.interval is not None
+    assert (difference.interval.low, difference.interval.high) == pytest.approx((expected.low, expected.high))
+    assert collisions(collided(1), collided(2)).interval is None
+    assert collisions(collided(1, 0), collided(0, 0)).relative is None
 
 
 def test_a_single_seed_has_no_interval_and_no_danger_no_relative_difference() -> None:
