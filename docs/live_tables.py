@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from isacsim.errors import InputError
 from models.closed_loop.results import ClosedLoopResult, Difference
 from models.live.results import (
     AlarmResult,
@@ -42,7 +43,9 @@ SAFETY = {
 
 
 def read_result(path: Path) -> TrafficResult:
-    """Read a `metrics.json`, of an open or a closed loop."""
+    """Read a `metrics.json`, of an open or a closed loop. Raises InputError if it is not there."""
+    if not path.is_file():
+        raise InputError(f"{path}: not there; name the metrics.json of an evaluation in traffic")
     content = json.loads(path.read_bytes())
     return (ClosedLoopResult if "arms" in content else TrafficResult).model_validate(content)
 
@@ -207,19 +210,18 @@ def _against_none(title: str, result: ClosedLoopResult) -> str:
 
 
 def _percent(difference: Difference) -> str:
-    if difference.relative is None:
-        return ""
-    interval = difference.relative_interval
-    between = "" if interval is None else f" ({100 * interval.low:+.1f} to {100 * interval.high:+.1f} %)"
-    return f"{100 * difference.relative:+.1f} %{between}"
+    return _change(difference.relative, difference.relative_interval, 100.0, " %")
 
 
 def _vehicles(difference: Difference | None) -> str:
-    if difference is None or difference.value is None:
+    return "" if difference is None else _change(difference.value, difference.interval)
+
+
+def _change(value: float | None, interval: Interval | None, scale: float = 1.0, unit: str = "") -> str:
+    if value is None:
         return ""
-    interval = difference.interval
-    between = "" if interval is None else f" ({interval.low:+.1f} to {interval.high:+.1f})"
-    return f"{difference.value:+.1f}{between}"
+    between = "" if interval is None else f" ({scale * interval.low:+.1f} to {scale * interval.high:+.1f}{unit})"
+    return f"{scale * value:+.1f}{unit}{between}"
 
 
 def _quartiles(times: LeadTimes) -> str:

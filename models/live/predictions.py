@@ -65,10 +65,7 @@ def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
         inference = infer(tv, uv, lanes)
         features = inference.features
         if with_lanes:
-            on_map = _on_map(tv, uv, shape, lanes)
-            features = np.concatenate(
-                [features, in_lane(Windows(tv.astype(np.float32), uv.astype(np.float32), on_map))], axis=1
-            )
+            features = np.concatenate([features, in_lane(_on_map(tv, uv, shape, lanes))], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 

@@ -138,6 +138,11 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
     on_map = windows.on_map
     if on_map is None:
         raise InputError("the rule needs lane markings, but these windows come without roads: use those of a dataset")
+    return drive_on(on_map, smooth_s)
+
+
+def drive_on(on_map: OnMap, smooth_s: float) -> Drive:
+    """Return what the rule sees of n windows whose roads are known. smooth_s: span of the smoothing fits, s."""
     n_samples = on_map.tv.shape[2]
     span = min(2 * int(smooth_s * on_map.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2)
     count = 2 + round(n_samples / (HEADING_STEP_S * on_map.tv_rate_hz))
@@ -168,15 +173,14 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
     )
 
 
-def in_lane(windows: Windows) -> Array:
+def in_lane(on_map: OnMap) -> Array:
     """Return what the rule makes of n windows, as features for other predictors, (n, 13).
 
     Greatest acceleration, deceleration and lateral acceleration (m/s2), distances to the left and the right marking
     (m), lateral speed (m/s), time until level with the UV (s), and the logits of the rule with its default thresholds.
-    Raises InputError if the windows come without roads.
     """
     settings = RuleSettings()
-    seen = drive(windows, settings.smooth_s)
+    seen = drive_on(on_map, settings.smooth_s)
     level = np.minimum(seen.level, LONGEST_S)
     parts = np.stack([seen.accel, seen.brake, seen.swerve, seen.left, seen.right, seen.aside, level], axis=1)
     return np.concatenate([parts, logits(seen, settings)], axis=1)
