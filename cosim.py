@@ -251,7 +251,7 @@ def evaluate(
     duration: opt.Duration = None,
     false_alarms: opt.FalseAlarms = None,
     truth: opt.TrueMotion = False,
-    lanes: opt.InLane = False,
+    lanes: opt.InLane = None,
     alone: opt.AloneRun = None,
     natural: opt.NaturalTraffic = False,
     advisories: opt.Advisories = False,

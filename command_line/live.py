@@ -107,7 +107,7 @@ def live_settings(arguments: LiveArguments) -> LiveSettings:
     content = {
         "choice": choice,
         "streams": {"truth": bool(arguments.truth)},
-        "background": {"lanes": bool(arguments.lanes)},
+        "background": {} if arguments.lanes is None else {"lanes": arguments.lanes},
     }
     return checked(LiveSettings, content, "arguments")
 

@@ -84,10 +84,11 @@ TrueMotion = Annotated[
     typer.Option("--truth", help="With --traffic: also predict from true motion, to measure what sensing costs."),
 ]
 InLane = Annotated[
-    bool,
+    bool | None,
     typer.Option(
-        "--lanes",
-        help="With --traffic: the trees with the answer 'none' also see where in its lane the vehicle is.",
+        "--lanes/--no-lanes",
+        help="With --traffic: the trees with the answer 'none' also see where in its lane a vehicle is. Default: yes.",
+        show_default=False,
     ),
 ]
 AloneRun = Annotated[

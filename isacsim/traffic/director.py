@@ -33,7 +33,13 @@ from isacsim.traffic.command_settings import (
 )
 from isacsim.traffic.driver_model import DriverSettings
 from isacsim.traffic.hazards import Debris, VehicleAhead
-from isacsim.traffic.maneuvers import ClosedRampEndCommand, CutInCommand, ManeuverCommand, stopping_m
+from isacsim.traffic.maneuvers import (
+    ClosedRampEndCommand,
+    CutInCommand,
+    ManeuverCommand,
+    OvertakeCommand,
+    stopping_m,
+)
 from isacsim.traffic.reactions import BrakeCommand, Evasion, Reaction
 from isacsim.traffic.recording import Command
 from isacsim.traffic.vehicle_control import Steps, restore
@@ -180,6 +186,12 @@ class Director:
     def commanded(self) -> Set[str]:
         """The vehicles that the next step may command."""
         return self._active.keys()
+
+    @property
+    def steered(self) -> Set[str]:
+        """The vehicles whose desired speed the director sets: those that it commands, and those that they overtake."""
+        maneuvers = (active.maneuver for active in self._active.values())
+        return self.commanded | {maneuver.other for maneuver in maneuvers if isinstance(maneuver, OvertakeCommand)}
 
     def finish(self, time: float) -> None:
         """End the maneuvers that are still under way when the simulation ends; SUMO must still be running."""

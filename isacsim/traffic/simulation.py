@@ -21,6 +21,7 @@ from isacsim.settings import Settings
 from isacsim.traffic.director import Director, ManeuverSettings
 from isacsim.traffic.recording import Incidents, Recording
 from isacsim.traffic.sampled_log import SampledLog
+from isacsim.traffic.speed_wander import SpeedWander, SpeedWanderSettings
 from isacsim.traffic.state_log import EveryStepLog, StateLog
 from isacsim.traffic.sway import SwaySettings, add_sway
 
@@ -50,10 +51,13 @@ class TrafficSettings(Settings):
         "are taken",
     )
     action_step_s: float = Field(0.1, gt=0.0, le=1.0, description="interval between a driver's decisions, s")
-    lateral_resolution_m: float = Field(0.8, gt=0.0, le=3.0, description="width of a sublane, m")
+    lateral_resolution_m: float = Field(
+        5.0, gt=0.0, le=10.0, description="width of a sublane, m; wider than a lane: one a lane"
+    )
     run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
     sway: SwaySettings = SwaySettings()
+    speed_wander: SpeedWanderSettings = SpeedWanderSettings()
 
 
 class TrafficError(RunError):
@@ -107,10 +111,13 @@ def record_stepwise(
     with session(scenario, seed, traffic, messages, log) as sumo:
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
+        lasts_s = (last - begin) * traffic.step_s
+        wander = SpeedWander(traffic.speed_wander, traffic.step_s, lasts_s, scenario.name, seed)
         try:
             for step in range(begin, last):
                 moment = Moment(sumo, director, step * traffic.step_s, step >= first)
                 yield moment
+                wander.step(sumo, director.steered | moment.steered)
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
                 log.step(sumo, director.commanded | moment.steered)

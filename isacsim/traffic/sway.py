@@ -53,6 +53,11 @@ class SwaySettings(Settings):
         le=60.0,
     )
 
+    @property
+    def lags_s(self) -> tuple[float, float]:
+        """The two lags of `wandering`, s."""
+        return self.wander_s, self.steering_s
+
 
 def add_sway(
     tracks: Iterable[Track],
@@ -90,16 +95,16 @@ def sway(track: Track, lane_width_m: float, step_s: float, settings: SwaySetting
     # A slow vehicle goes through its sway slowly; one that stands keeps its place.
     passed_s = np.cumsum(np.clip(track.speed / settings.full_mps, 0.0, 1.0)) * step_s
     grid = np.arange(0.0, passed_s[-1] + 2.0 * GRID_S, GRID_S)
-    path = CubicSpline(grid, sd * wandering(len(grid), GRID_S, settings, rng))(passed_s)
+    path = CubicSpline(grid, sd * wandering(len(grid), GRID_S, settings.lags_s, rng))(passed_s)
     return np.asarray(path * _away_from_markings(track, step_s, settings.change_s))
 
 
-def wandering(count: int, step_s: float, settings: SwaySettings, rng: np.random.Generator) -> Array:
-    """Return a stationary process of unit variance, shape (count,): noise through the two lags."""
+def wandering(count: int, step_s: float, lags_s: tuple[float, float], rng: np.random.Generator) -> Array:
+    """Return a stationary process of unit variance, shape (count,): noise through two lags, s, that differ."""
     from scipy.signal import lfilter  # loaded only here, because it takes a second
 
-    slow, fast = (float(np.exp(-step_s / lag)) for lag in (settings.wander_s, settings.steering_s))
-    settled = round(10.0 * (settings.wander_s + settings.steering_s) / step_s)
+    slow, fast = (float(np.exp(-step_s / lag)) for lag in lags_s)
+    settled = round(10.0 * sum(lags_s) / step_s)
     noise = rng.standard_normal(settled + count)
     wander = lfilter([np.sqrt(1.0 - slow**2)], [1.0, -slow], noise)
     steered = lfilter([1.0 - fast], [1.0, -fast], wander)[settled:]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -104,3 +104,15 @@ class DatasetStudy(Settings):
     def unit(self) -> str:
         """What the progress bar of its generation counts."""
         return "samples" if self.selection.windows else "episodes"
+
+
+def as_stored(study: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the dataset section of a study that a file holds, with what an earlier version did not store.
+
+    A study that is stored has all settings. One without `traffic.speed_wander` is of a version whose drivers held their
+    desired speed, which is not the default any more.
+    """
+    traffic = study.get("traffic")
+    if not isinstance(traffic, Mapping) or "speed_wander" in traffic:
+        return dict(study)
+    return {**study, "traffic": {**traffic, "speed_wander": {"sd_share": (0.0, 0.0)}}}

@@ -193,7 +193,7 @@ class _Sway:
         room = max(0.0, (lane_width_m - width_m) / 2.0)
         sd = min(float(rng.uniform(*settings.sd_m)), ROOM_SHARE * room)
         grid = np.arange(0.0, longest_s + 2.0 * GRID_S, GRID_S)
-        return cls(CubicSpline(grid, wandering(len(grid), GRID_S, settings, rng)), sd)
+        return cls(CubicSpline(grid, wandering(len(grid), GRID_S, settings.lags_s, rng)), sd)
 
     def offsets(self, rows: Array, lane_width_m: float, step_s: float, settings: SwaySettings) -> Array:
         """Return the offsets at the next rows, m, (n,), left positive."""

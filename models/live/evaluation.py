@@ -28,7 +28,7 @@ from isacsim.traffic.motion_sources import MotionSource, motion_source
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.folder import fingerprint
 from labeling.generation.generate import describe
-from labeling.generation.settings import DatasetStudy, SeedRange
+from labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from models.inference import Infer
 from models.live.episode import EpisodeTask, Predictors, Spent, timing_of
 from models.live.results import METRICS_FILE, TrafficResult
@@ -76,7 +76,7 @@ def study_of(
     Raises InputError if an argument is wrong.
     """
     try:
-        base = DatasetStudy.model_validate(card.dataset.get("study", {}))
+        base = DatasetStudy.model_validate(as_stored(card.dataset.get("study", {})))
     except ValidationError:
         base = DatasetStudy()
     content = base.model_dump()

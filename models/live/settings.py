@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from isacsim.arrays import Array
 from isacsim.settings import Settings
-from labeling.generation.settings import DatasetStudy, SeedRange
+from labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from labeling.intentions import KNOWN
 
 Method = Literal["reject", "background"]
@@ -117,7 +117,7 @@ class BackgroundSettings(Settings):
     """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
     lanes: bool = Field(
-        False,
+        True,
         description="whether the trees also take what the rule of the road takes from the window and the lanes: the "
         "distances to the markings, the lateral speed, the greatest accelerations, the time until the TV is level with "
         "the UV",
@@ -174,6 +174,12 @@ class LiveStudy(Settings):
     dataset: DatasetStudy
     development: SeedRange
     live: LiveSettings = LiveSettings()
+
+    @field_validator("dataset", mode="before")
+    @classmethod
+    def _of_any_version(cls, dataset: object) -> object:
+        """Read what earlier versions wrote as they meant it."""
+        return as_stored(dataset) if isinstance(dataset, Mapping) else dataset
 
     @model_validator(mode="after")
     def _apart(self) -> Self:

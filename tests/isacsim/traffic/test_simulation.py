@@ -15,12 +15,14 @@ from isacsim.traffic.director import Director, ManeuverSettings
 from isacsim.traffic.motion import condition
 from isacsim.traffic.recording import COLUMNS, Recording
 from isacsim.traffic.simulation import LOG_FILE, WARNING, TrafficSettings, record, session
+from isacsim.traffic.speed_wander import SpeedWanderSettings
 from isacsim.traffic.state_log import EveryStepLog
 from isacsim.traffic.sway import SwaySettings
 from tests.support.roads import straight_road, vehicle
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
-SHORT = TrafficSettings(sample_s=0.01, run_in_s=40.0, duration_s=15.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
+STEADY = {"sway": SwaySettings(sd_m=(0.0, 0.0)), "speed_wander": SpeedWanderSettings(sd_share=(0.0, 0.0))}
+SHORT = TrafficSettings(sample_s=0.01, run_in_s=40.0, duration_s=15.0, **STEADY)
 HARD = BrakeCommandSettings(peak_mps2=(6.0, 8.0), drop_mps=(10.0, 14.0))
 BRAKING = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, hard_brake=HARD, rest_s=1.0)
 

@@ -37,7 +37,7 @@ def track(speed: np.ndarray, change_row: int | None = None, width_m: float = 1.8
 def test_the_process_has_unit_variance_and_the_correlation_of_two_lags() -> None:
     """The autocorrelation of noise through two lags a and b is (a e^(-t/a) - b e^(-t/b)) / (a - b)."""
     settings = SwaySettings()
-    values = wandering(400_000, 0.1, settings, np.random.default_rng(1))
+    values = wandering(400_000, 0.1, settings.lags_s, np.random.default_rng(1))
     assert values.std() == pytest.approx(1.0, rel=0.05)
     slow, fast = settings.wander_s, settings.steering_s
     for lag_s in (0.5, 2.0, 5.0):

@@ -9,6 +9,7 @@ import pytest
 from isacsim.settings import Settings
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings
+from isacsim.traffic.speed_wander import SpeedWanderSettings
 from isacsim.traffic.sway import SwaySettings
 from labeling.events import LabelSettings
 
@@ -93,10 +94,12 @@ def test_the_text_gives_the_defaults_of_the_simulation(setting: str) -> None:
     assert re.search(rf"`traffic\.{setting}` \({re.escape(value)} {unit(setting)}\)", PAGE)
 
 
-def test_the_table_of_the_sway_is_its_settings() -> None:
-    table = {name.removeprefix("sway."): cells for name, cells in rows(PAGE).items() if name.startswith("sway.")}
-    assert list(table) == list(SwaySettings.model_fields)
-    for key, field in SwaySettings.model_fields.items():
+@pytest.mark.parametrize(("section", "settings"), [("sway", SwaySettings), ("speed_wander", SpeedWanderSettings)])
+def test_the_table_of_what_drivers_do_at_random_is_its_settings(section: str, settings: type[Settings]) -> None:
+    prefix = f"{section}."
+    table = {name.removeprefix(prefix): cells for name, cells in rows(PAGE).items() if name.startswith(prefix)}
+    assert list(table) == list(settings.model_fields)
+    for key, field in settings.model_fields.items():
         assert isinstance(field.json_schema_extra, dict)
         assert table[key][:2] == [written(field.default), unit(key)], key
         assert table[key][3] == field.json_schema_extra["source"], key

@@ -11,13 +11,19 @@ from isacsim.scenarios.scenario import Scenario, load
 from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import TrafficSettings, record_stepwise
+from isacsim.traffic.speed_wander import SpeedWanderSettings
 from isacsim.traffic.sway import SwaySettings
 from models.closed_loop.advising import Advisor
 from models.closed_loop.policy import Advisory, Instruction
 from models.closed_loop.settings import AdvisorySettings
 from tests.support.roads import straight_road, vehicle
 
-TRAFFIC = TrafficSettings(run_in_s=2.0, duration_s=18.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
+TRAFFIC = TrafficSettings(
+    run_in_s=2.0,
+    duration_s=18.0,
+    sway=SwaySettings(sd_m=(0.0, 0.0)),
+    speed_wander=SpeedWanderSettings(sd_share=(0.0, 0.0)),
+)
 PROMPT = AdvisorySettings(network_delay_s=0.1, reaction_s=(0.5, 0.5))
 
 
