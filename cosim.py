@@ -265,6 +265,7 @@ def evaluate(
 
     An evaluation in traffic that was interrupted is continued by the same command.
     """
+    from command_line import evaluation
     from command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
@@ -281,22 +282,13 @@ def evaluate(
         cluster,
         lanes,
     )
+    console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
-        console = output.console_of(quiet)
-        output.print_json(as_json, evaluate_and_show(run, str(traffic), live, out, against or (), console))
-        return
-    assert data is not None
-    from labeling.dataset.dataset import Dataset
-    from models.evaluation.evaluation import evaluate as evaluate_run
-    from models.report import report
-    from models.run import load_run
-
-    console, loaded, dataset = output.console_of(quiet), load_run(run), Dataset.open(data)
-    folder = out or run / "evaluation"
-    evaluation = evaluate_run(loaded, dataset, folder, against=[load_run(path) for path in against or ()])
-    page = report.write_report(evaluation, dataset, folder)
-    output.show_metrics(evaluation.result, page, console)
-    output.print_json(as_json, {"report": str(folder), **evaluation.result.model_dump(mode="json")})
+        result = evaluate_and_show(run, str(traffic), live, out, others, console)
+    else:
+        assert data is not None
+        result = evaluation.evaluate_and_show(run, data, out, others, console)
+    output.print_json(as_json, result)
 
 
 @app.command(

@@ -38,7 +38,7 @@ class RunCard(Settings):
 
     classes: the intentions, in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training
     records per class. tv_length, uv_length: samples per window. dataset: its digest and study. best_epoch, parameters,
-    validation_macro_f1: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the one that best
+    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the one that best
     separated `following` from the known intentions on the validation seeds; validation_auroc has the AUROC of each.
     unknown_threshold: windows that score below it are rejected; 95 % of the known validation windows score above it.
     temperature: logits are divided by it for calibrated probabilities; it is fitted on the validation seeds.
@@ -59,6 +59,7 @@ class RunCard(Settings):
     best_epoch: int | None = None
     parameters: int | None = None
     validation_macro_f1: float | None = None
+    lstm_precision: str | None = None
     unknown_score: str = "msp"
     unknown_threshold: float | None = None
     temperature: float = 1.0

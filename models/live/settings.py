@@ -177,9 +177,17 @@ class LiveStudy(Settings):
 
     @field_validator("dataset", mode="before")
     @classmethod
-    def _of_any_version(cls, dataset: object) -> object:
+    def _dataset_of_any_version(cls, dataset: object) -> object:
         """Read what earlier versions wrote as they meant it."""
         return as_stored(dataset) if isinstance(dataset, Mapping) else dataset
+
+    @field_validator("live", mode="before")
+    @classmethod
+    def _live_of_any_version(cls, live: object) -> object:
+        """Read results of versions whose trees did not see the lanes, and did not store that, as they were."""
+        if not isinstance(live, Mapping) or not isinstance(live.get("background"), Mapping):
+            return live
+        return {**live, "background": {"lanes": False, **live["background"]}}
 
     @model_validator(mode="after")
     def _apart(self) -> Self:

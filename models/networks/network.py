@@ -90,6 +90,11 @@ class WindowNetwork(nn.Module):
         """How many numbers are trained."""
         return sum(parameter.numel() for parameter in self.parameters())
 
+    @property
+    def lstm_precision(self) -> str | None:
+        """In which precision LSTMs are trained where the network is now; None if that is no setting of the network."""
+        return None
+
 
 def linear_head(width: int, n_classes: int, dropout: float) -> nn.Module:
     """Return a head of dropout and one linear layer."""

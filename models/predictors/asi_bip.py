@@ -97,6 +97,11 @@ class AsiBip(WindowNetwork):
         self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
 
+    @property
+    def lstm_precision(self) -> str:
+        """In which precision the LSTMs are trained where the network is now."""
+        return "bfloat16" if is_coarse(self.settings.lstm_bfloat16, self.class_token.device) else "float32"
+
     def fit_scale(self, tv: Tensor, uv: Tensor) -> None:
         """Set the scale of streams and statistics to that of training windows (n, 6, T) and (n, 6, U)."""
         super().fit_scale(tv, uv)
@@ -219,11 +224,15 @@ class Branch(nn.Module):
 def tokens_of(branches: Sequence[Branch], streams: Sequence[Tensor]) -> list[Tensor]:
     """Return the tokens of each branch, (B, tokens, width), of its standardised stream (B, 6, T)."""
     steps = [branch.steps(x) for branch, x in zip(branches, streams, strict=True)]
-    # Elsewhere, PyTorch would emulate bfloat16, which is slow.
-    coarse = branches[0].coarse and branches[0].training and has_bfloat16()
+    coarse = branches[0].training and is_coarse(branches[0].coarse, streams[0].device)
     with torch.autocast("cpu", torch.bfloat16, enabled=coarse):
         outs = outputs([branch.lstm for branch in branches], steps)
     return [branch(out.to(x.dtype)) for branch, out, x in zip(branches, outs, streams, strict=True)]
+
+
+def is_coarse(wanted: bool, device: torch.device) -> bool:
+    """Return whether LSTMs are trained in bfloat16: where PyTorch would have to emulate it, they are not."""
+    return wanted and device.type == "cpu" and has_bfloat16()
 
 
 def patches(x: Tensor, size: int) -> Tensor:

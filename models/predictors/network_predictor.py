@@ -54,7 +54,8 @@ class NetworkPredictor(Predictor):
         network = cls.build(task.settings, task.shape)
         fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback)
         network.eval().to(answering_device(task.settings.optimiser.accelerator))
-        return cls(network, FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1))
+        summary = FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1, network.lstm_precision)
+        return cls(network, summary)
 
     def save(self, folder: Path) -> None:
         tensors = {name: value.cpu().clone() for name, value in self.network.state_dict().items()}

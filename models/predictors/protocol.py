@@ -102,12 +102,13 @@ class FitSummary:
     """What a run's card says of a training in epochs; all None for predictors that are trained at once.
 
     best_epoch: the epoch whose weights are kept, from 0. parameters: trained numbers. validation_macro_f1: of that
-    epoch.
+    epoch. lstm_precision: in which the LSTMs of ASI-BIP were trained, "bfloat16" or "float32".
     """
 
     best_epoch: int | None = None
     parameters: int | None = None
     validation_macro_f1: float | None = None
+    lstm_precision: str | None = None
 
 
 class Predictor(ABC):

@@ -220,14 +220,17 @@ def test_a_run_of_other_windows_cannot_be_compared(
 
 
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
-    """They hold no alarms for each rate, intervals without the number of seeds, and bootstrap settings."""
+    """They hold no alarms for each rate, intervals without the number of seeds, and bootstrap settings.
+
+    Nor do they say that speeds do not wander, and that trees do not see the lanes, which was so.
+    """
 
     def former(content: Any) -> Any:
         if isinstance(content, list):
             return [former(item) for item in content]
         if not isinstance(content, dict):
             return content
-        left_out = {"frozen_at"} | ({"seeds"} if "low" in content else set())
+        left_out = {"frozen_at", "speed_wander", "lanes"} | ({"seeds"} if "low" in content else set())
         kept = {key: former(value) for key, value in content.items() if key not in left_out}
         if "choice" in kept:
             kept["choice"] = {k: v for k, v in kept["choice"].items() if k not in ("threshold", "least_events")}
@@ -238,7 +241,10 @@ def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, f
     opened = TrafficResult.model_validate(former(stored))
     assert opened.over_all.recall == evaluation.result.over_all.recall
     assert opened.frozen_at == {}
-    assert opened.made_by.study.live.scoring == evaluation.result.made_by.study.live.scoring
+    study = opened.made_by.study
+    assert study.live.scoring == evaluation.result.made_by.study.live.scoring
+    assert study.dataset.traffic.speed_wander.sd_share == (0.0, 0.0)
+    assert not study.live.background.lanes
 
 
 def test_a_folder_of_another_evaluation_is_refused(

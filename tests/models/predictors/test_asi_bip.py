@@ -214,6 +214,9 @@ def test_lstms_train_in_float32_where_the_processor_lacks_bfloat16(monkeypatch: 
     plain, coarse = in_both_precisions()
     tv, uv = torch.randn(2, 6, 80), torch.randn(2, 6, 20)
     assert torch.equal(coarse.train()(tv, uv), plain.train()(tv, uv))
+    assert [plain.lstm_precision, coarse.lstm_precision] == ["float32", "float32"]
+    monkeypatch.setattr(asi_bip, "has_bfloat16", lambda: True)
+    assert [plain.lstm_precision, coarse.lstm_precision] == ["float32", "bfloat16"]
 
 
 def in_both_precisions() -> list[AsiBip]:

@@ -1,0 +1,28 @@
+"""The evaluation of a run on a dataset, as the command line shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from command_line import output
+
+
+def evaluate_and_show(
+    run: Path, data: Path, out: Path | None, against: Sequence[Path], console: Console
+) -> dict[str, Any]:
+    """Evaluate a run on a dataset, write the report and show the scores. Returns what `--json` prints."""
+    from labeling.dataset.dataset import Dataset
+    from models.evaluation.evaluation import evaluate
+    from models.report import report
+    from models.run import load_run
+
+    loaded, dataset = load_run(run), Dataset.open(data)
+    folder = out or run / "evaluation"
+    evaluation = evaluate(loaded, dataset, folder, against=[load_run(path) for path in against])
+    page = report.write_report(evaluation, dataset, folder)
+    output.show_metrics(evaluation.result, page, console)
+    return {"report": str(folder), **evaluation.result.model_dump(mode="json")}
