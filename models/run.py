@@ -38,8 +38,9 @@ class RunCard(Settings):
 
     classes: the intentions, in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training
     records per class. tv_length, uv_length: samples per window. dataset: its digest and study. best_epoch, parameters,
-    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the one that best
-    separated `following` from the known intentions on the validation seeds; validation_auroc has the AUROC of each.
+    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the
+    one that best separated `following` from the known intentions on the validation seeds; validation_auroc has the
+    AUROC of each.
     unknown_threshold: windows that score below it are rejected; 95 % of the known validation windows score above it.
     temperature: logits are divided by it for calibrated probabilities; it is fitted on the validation seeds.
     """
