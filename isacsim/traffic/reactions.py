@@ -96,8 +96,8 @@ class Evasion(Reaction):
             if self._needed(sumo):
                 if self.ttc_s is None or self.ttc_s > self.plan.steer_ttc_s:
                     hands = None
-                if self.plan.brakes or hands is None:
-                    foot = foot or Foot(sumo, self.vehicle, self.driver, step_s, self.rng)
+                # SUMO's driver would brake for everybody in the next lane once the vehicle is across the marking.
+                foot = foot or Foot(sumo, self.vehicle, self.driver, step_s, self.rng)
                 yield from self._evade(sumo, foot, hands, step_s)
         sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
         if foot is not None:
@@ -116,7 +116,7 @@ class Evasion(Reaction):
         self.ttc_s = ttc if np.isfinite(ttc) else None
         return True
 
-    def _evade(self, sumo: Any, foot: Foot | None, hands: Hands | None, step_s: float) -> Steps:
+    def _evade(self, sumo: Any, foot: Foot, hands: Hands | None, step_s: float) -> Steps:
         time_s = max((self.ttc_s or CALM_TTC_S) - 0.3, 0.6)
         # Out and to rest within the time takes 4 x / t^2; a driver in an emergency takes more.
         limit = float(np.clip(self.driver.effort_gain * 4.0 * abs(self.plan.aside_m) / time_s**2, *STEERING_MPS2))
@@ -125,16 +125,14 @@ class Evasion(Reaction):
         for _ in range(round(LONGEST_S / step_s)):
             if not past and self._past(sumo):
                 past = True
-                if foot is not None:
-                    foot.limb.decide_now()
-            if foot is not None:
-                across = 0.0 if hands is None else hands.limb.acceleration
-                foot.push(lambda: -min(self._braking(sumo, pass_mps), pedal_limit(across)))  # noqa: B023 - called now
+                foot.limb.decide_now()
+            across = 0.0 if hands is None else hands.limb.acceleration
+            foot.push(lambda: -min(self._braking(sumo, pass_mps), pedal_limit(across)))  # noqa: B023 - called now
             if hands is not None:
                 back = past and not self.plan.stays
                 hands.steer(0.0 if back else self.plan.aside_m, BACK_SHARE * limit if back else limit)
             yield
-            if past and (hands is None or hands.still) and (foot is None or foot.limb.acceleration > -0.3):
+            if past and (hands is None or hands.still) and foot.limb.acceleration > -0.3:
                 return
 
     def _past(self, sumo: Any) -> bool:
@@ -150,7 +148,7 @@ class Evasion(Reaction):
     def _braking(self, sumo: Any, pass_mps: float) -> float:
         """The deceleration that the driver means now, m/s2."""
         speed = float(sumo.vehicle.getSpeed(self.vehicle))
-        others = self._braking_for_leader(sumo, speed)
+        others = _braking_for_leader(sumo, self.vehicle, speed)
         gap = self.hazard.gap_m(sumo, self.vehicle)
         if not self.plan.brakes or not 0.0 < gap < np.inf:
             return others
@@ -160,14 +158,15 @@ class Evasion(Reaction):
             needed = braking_mps2(gap, speed, *self.hazard.motion(sumo), STANDSTILL_M)
         return max(self.driver.effort_gain * needed, others)
 
-    def _braking_for_leader(self, sumo: Any, speed: float) -> float:
-        """The deceleration that keeps the vehicle off whoever is ahead in its lane, m/s2."""
-        leader = sumo.vehicle.getLeader(self.vehicle, LEADER_M)
-        if not leader or leader[1] > LEADER_S * speed:
-            return 0.0
-        name, gap = leader
-        hazard_speed, hazard_mps2 = float(sumo.vehicle.getSpeed(name)), float(sumo.vehicle.getAcceleration(name))
-        return braking_mps2(float(gap), speed, hazard_speed, hazard_mps2, STANDSTILL_M)
+
+def _braking_for_leader(sumo: Any, vehicle: str, speed: float) -> float:
+    """The deceleration that keeps a vehicle off whoever is ahead in its lane, m/s2."""
+    leader = sumo.vehicle.getLeader(vehicle, LEADER_M)
+    if not leader or leader[1] > LEADER_S * speed:
+        return 0.0
+    name, gap = leader
+    leader_speed, leader_mps2 = float(sumo.vehicle.getSpeed(name)), float(sumo.vehicle.getAcceleration(name))
+    return braking_mps2(float(gap), speed, leader_speed, leader_mps2, STANDSTILL_M)
 
 
 def _roll(foot: Foot | None, duration_s: float, step_s: float) -> Steps:
@@ -265,16 +264,21 @@ class SwerveCommand:
     def steps(self, sumo: Any, step_s: float) -> Steps:
         hands = Hands(sumo, self.vehicle, self.driver, step_s, self.rng)
         yield from wait(MODE_S, step_s)
+        foot = Foot(sumo, self.vehicle, self.driver, step_s, self.rng)
         reached_s = 0.0
         for _ in range(round(LONGEST_S / step_s)):
             if abs(hands.moved_m) > 0.85 * abs(self.offset_m) or reached_s:
                 reached_s += step_s
             out = reached_s <= self.hold_s
+            limit = pedal_limit(hands.limb.acceleration)
+            foot.push(lambda: -min(_braking_for_leader(sumo, self.vehicle, foot.speed), limit))  # noqa: B023 - called now
             hands.steer(self.offset_m if out else 0.0, self.peak_mps2 if out else BACK_SHARE * self.peak_mps2)
             yield
             if not out and hands.still:
                 break
         sumo.vehicle.setLaneChangeMode(self.vehicle, DEFAULT_LANE_CHANGE_MODE)
+        yield from foot.lift()
+        yield from release(sumo, self.vehicle, step_s)
 
 
 @dataclass

@@ -220,7 +220,7 @@ def test_reactions_are_noted_with_their_cause() -> None:
     busy = only(
         debris_per_vehicle_hour=200.0, surge_per_vehicle_hour=1000.0, hard_brake_per_vehicle_hour=200.0, rest_s=4.0
     )
-    recording = record(load("motorway"), 4, TrafficSettings(run_in_s=40.0, duration_s=25.0), busy)
+    recording = record(load("motorway"), 4, TrafficSettings(run_in_s=40.0, duration_s=60.0), busy)
     causes = Counter(command.cause for command in recording.commands)
     assert causes["debris"] >= 10
     assert causes["gap_ahead"] > 5
