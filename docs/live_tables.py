@@ -3,7 +3,7 @@
     python docs/live_tables.py FOLDER/metrics.json
 
 Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds. Of an evaluation with
-`--advisories`, these are the arms of the closed loop; of one with `--lanes`, the recall alone.
+`--advisories`, these are the arms of the closed loop.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from isacsim.errors import InputError
 from models.closed_loop.results import ClosedLoopResult, Difference
 from models.live.results import (
     AlarmResult,
-    Coverage,
+    AloneResult,
     EventScores,
     Interval,
     LeadTimes,
@@ -57,9 +57,6 @@ def tables(result: TrafficResult) -> Iterator[str]:
         yield _arms(f"Arms of the closed loop, {where}", result)
         yield _against_none(f"Arms against none, {where}", result)
         return
-    if result.made_by.study.live.background.lanes:
-        yield _recalls(f"Recall with lanes, {where}", predictors, "separate")
-        return
     yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
     yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
     sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
@@ -71,7 +68,9 @@ def tables(result: TrafficResult) -> Iterator[str]:
         yield _sensing_costs(f"What sensing costs, {where}", result.truth.lost)
     yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
     yield _origins(f"Events by origin, {where}", result)
-    yield _driving(f"Driving time, {where}", result.coverage)
+    yield _driving(f"Driving time, {where}", result)
+    if result.alone is not None:
+        yield _recalls(f"Driving without a UV, {where}", _alone(result.alone), "separate")
 
 
 def _predictors(result: TrafficResult) -> dict[str, AlarmResult]:
@@ -85,6 +84,13 @@ def _predictors(result: TrafficResult) -> dict[str, AlarmResult]:
 
 def _named(result: TrafficResult) -> str:
     return PREDICTORS[result.model].display_name
+
+
+def _alone(alone: AloneResult) -> dict[str, AlarmResult]:
+    """Return what is compared where a vehicle has no UV."""
+    name = PREDICTORS[alone.model].display_name
+    of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in alone.methods.items()}
+    return {**of_run, **_baselines(alone.baselines)}
 
 
 def _baselines(baselines: Mapping[str, AlarmResult]) -> dict[str, AlarmResult]:
@@ -171,8 +177,11 @@ def _origins(title: str, result: AlarmResult) -> str:
     return _part(title, ("origin", "events", "recall", "false alarms", "vehicle-hours"), rows)
 
 
-def _driving(title: str, coverage: Coverage) -> str:
+def _driving(title: str, result: TrafficResult) -> str:
+    coverage = result.coverage
     shares = {"predicted": coverage.share or 0.0, **coverage.uncovered}
+    if result.alone is not None:
+        shares["of the rest, predicted from the TV alone"] = result.alone.share or 0.0
     rows = [(spoken(name), f"{100.0 * share:.1f} %") for name, share in shares.items()]
     return _part(title, (f"of {coverage.driving_hours:.1f} hours", "share"), rows)
 
