@@ -223,7 +223,7 @@ def test_a_site_on_top_of_the_road_sees_what_it_sees(tmp_path: Path) -> None:
 
 def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_path: Path) -> None:
     """The first of them reach the end of the road, at 3 km, while they are recorded."""
-    dataset = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=4)
+    dataset = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=8)
     dataset.verify()
     left_out = dataset.meta.left_out()
     assert left_out.get("tv_outside_track", 0) + left_out.get("uv_outside_track", 0) > 0
