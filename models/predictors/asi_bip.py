@@ -231,7 +231,7 @@ def tokens_of(branches: Sequence[Branch], streams: Sequence[Tensor]) -> list[Ten
 
 
 def is_coarse(wanted: bool, device: torch.device) -> bool:
-    """Return whether LSTMs are trained in bfloat16: where PyTorch would have to emulate it, they are not."""
+    """Return whether LSTMs are trained in bfloat16: elsewhere, PyTorch emulates it or refuses."""
     return wanted and device.type == "cpu" and has_bfloat16()
 
 
