@@ -54,9 +54,11 @@ def excursions(track: Track, step_s: float) -> Iterator[Excursion]:
 
 def traffic_left_alone(scenario: str, seed: int, duration_s: float, sublane_m: float) -> Recording:
     """Return a recording of drivers that do nothing but what SUMO lets them do."""
-    steady = SwaySettings(sd_m=(0.0, 0.0)), SpeedWanderSettings(sd_share=(0.0, 0.0))
     traffic = TrafficSettings(
-        duration_s=duration_s, lateral_resolution_m=sublane_m, sway=steady[0], speed_wander=steady[1]
+        duration_s=duration_s,
+        lateral_resolution_m=sublane_m,
+        sway=SwaySettings(sd_m=(0.0, 0.0)),
+        speed_wander=SpeedWanderSettings(sd_share=(0.0, 0.0)),
     )
     return record(load(scenario), seed, traffic, ManeuverSettings(**LEFT_ALONE))
 
