@@ -211,9 +211,11 @@ class NetworkModule(lightning.LightningModule):
     def configure_optimizers(self) -> Any:
         """Return AdamW and its schedule, in the form that Lightning expects."""
         settings = self.settings.optimiser
+        # One call for all parameters. In mixed precision, Lightning does not clip the gradients of a fused optimiser.
         adam = torch.optim.AdamW(
-            self.parameters(), settings.learning_rate, settings.betas, weight_decay=settings.weight_decay
-        )
+            self.parameters(), settings.learning_rate, settings.betas, weight_decay=settings.weight_decay,
+            fused=settings.precision == "32-true",
+        )  # fmt: skip
         if settings.schedule == "constant":
             return adam
         total = int(self.trainer.estimated_stepping_batches)

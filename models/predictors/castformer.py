@@ -133,6 +133,8 @@ class CastformerCore(nn.Module):
         self.stages = nn.ModuleList(
             _stage(name, settings, n_classes, token="cpe" in names[:k], speed=speed) for k, name in enumerate(names)
         )
+        self.last_reader = max((k for k, name in enumerate(names) if name != "fsn"), default=0)
+        """Number of the last module in which a frame reads others."""
         self.features_width = width * (3 if settings.fsn or settings.cpe else 2)
         self.head: nn.Module = (
             Confidence(width, n_classes, settings.dropout)
@@ -140,11 +142,14 @@ class CastformerCore(nn.Module):
             else linear_head(self.features_width, n_classes, settings.dropout)
         )
 
-    def states(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> State:
-        """Return the state after the last module, at every frame."""
+    def states(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None, last: bool = False) -> State:
+        """Return the state after the last module, at every frame; last: at the last frame only, (B, 1, ...)."""
         state = State(self.inner(inner), self.outer(outer), speed)
-        for stage in self.stages:
-            state = stage(state)
+        for k, stage in enumerate(self.stages):
+            past = state
+            if last and k >= self.last_reader:
+                state = state.last()
+            state = stage(state, past)
         return state
 
     def features(self, state: State) -> Tensor:
@@ -158,7 +163,7 @@ class CastformerCore(nn.Module):
 
     def training_logits(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> dict[str, Tensor]:
         """Return logits (B, M) by name: `joint`; with FSN `in`, `out` and `context`; with CPE `intent`."""
-        state = self.states(inner, outer, speed)
+        state = self.states(inner, outer, speed, last=True)
         features = self.features(state)
         if isinstance(self.head, Confidence):
             logits, weight = self.head.branches(features)
@@ -172,7 +177,7 @@ class CastformerCore(nn.Module):
 
     def forward(self, inner: Tensor, outer: Tensor, speed: Tensor | None = None) -> Tensor:
         """Return the joint logits, (B, M)."""
-        return torch.as_tensor(self.head(self.features(self.states(inner, outer, speed))))
+        return torch.as_tensor(self.head(self.features(self.states(inner, outer, speed, last=True))))
 
 
 def _stage(name: str, settings: CastformerSettings, n_classes: int, token: bool, speed: bool) -> nn.Module:
@@ -217,7 +222,7 @@ class Castformer(WindowNetwork):
 
     def encode(self, tv: Tensor, uv: Tensor) -> Tensor:
         """Return features (B, features_width) of standardised streams (B, 6, T) and (B, 6, U)."""
-        return self.core.features(self.core.states(*self.frames(tv, uv)))
+        return self.core.features(self.core.states(*self.frames(tv, uv), last=True))
 
     def classify(self, features: Tensor) -> Tensor:
         """Return the joint logits (B, n_classes) of features."""

@@ -1,7 +1,8 @@
 """The three modules of CaSTFormer: reciprocal shift fusion, causal pattern extraction, feature synthesis.
 
 All of them map whole sequences (B, T, D) to sequences, and none lets a frame see a later one, so they can follow each
-other in any order. CaSTFormer reads the last frame. `inner` and `outer` are the paper's `in` and `out` streams.
+other in any order. CaSTFormer reads the last frame, so only that one is computed once no later module reads the others.
+`inner` and `outer` are the paper's `in` and `out` streams.
 """
 
 from __future__ import annotations
@@ -35,6 +36,11 @@ class State:
     context: Tensor | None = None
     intent: Tensor | None = None
     token: Tensor | None = None
+
+    def last(self) -> State:
+        """Return the state at the last frame only: sequences (B, 1, D)."""
+        optional = (self.speed, self.context, self.intent, self.token)
+        return State(self.inner[:, -1:], self.outer[:, -1:], *(None if x is None else x[:, -1:] for x in optional))
 
 
 def shifted(x: Tensor, frames: int) -> Tensor:
@@ -72,8 +78,8 @@ class DelayedAttention(nn.Module):
         self.attention = nn.MultiheadAttention(width, heads, dropout, batch_first=True)
 
     def forward(self, query: Tensor, *streams: Tensor) -> Tensor:
-        """Return (B, T, D) for queries (B, T, D) and one or more streams of keys of the same shape."""
-        mask = delayed_mask(query.shape[1], self.frames, query.device)
+        """Return (B, Q, D) for queries (B, Q, D) of the last Q frames, and one or more streams of keys (B, T, D)."""
+        mask = delayed_mask(streams[0].shape[1], self.frames, query.device)[-query.shape[1] :]
         keys = torch.cat([shifted(x, self.frames) for x in streams], dim=1)
         out = self.attention(query, keys, keys, attn_mask=mask.repeat(1, len(streams)), need_weights=False)[0]
         return torch.as_tensor(out)
@@ -115,16 +121,17 @@ class ReciprocalShiftFusion(nn.Module):
         self.attend = nn.ModuleList(DelayedAttention(width, heads, dropout, frames) for _ in range(2))
         self.gate = nn.ModuleList(ChannelGate(width, dropout) for _ in range(2))
 
-    def forward(self, state: State) -> State:
-        """Return the state with both streams fused."""
+    def forward(self, state: State, past: State) -> State:
+        """Return the state with both streams fused. past: all frames; those of `state` are the last of them."""
         fused = []
-        for k, (stream, other) in enumerate(((state.inner, state.outer), (state.outer, state.inner))):
-            x = self.gate[k](self.attend[k](stream, *self._keys(k, stream, other)))
+        for k, stream in enumerate((state.inner, state.outer)):
+            x = self.gate[k](self.attend[k](stream, *self._keys(k, past)))
             fused.append(stream + x if self.residual else x)
         return State(fused[0], fused[1], state.speed, state.context, state.intent, state.token)
 
-    def _keys(self, k: int, stream: Tensor, other: Tensor) -> tuple[Tensor, ...]:
+    def _keys(self, k: int, past: State) -> tuple[Tensor, ...]:
         """Return the streams that the k-th stream attends to; 0 is `inner`, 1 is `outer`."""
+        stream, other = (past.inner, past.outer) if k == 0 else (past.outer, past.inner)
         if self.design == "joint":
             return stream, other
         to_itself = self.design == "self" or (self.design == "one_way" and k == 1)
@@ -151,13 +158,13 @@ class CausalResidual(nn.Module):
         self.gate = nn.Linear(width, 1)
 
     def forward(self, stream: Tensor, other: Tensor) -> Tensor:
-        """Return a stream with its gated residual, (B, T, D)."""
+        """Return the last Q frames of a stream, (B, Q, D), with their gated residuals; other: (B, T, D)."""
         residual = self.residual(stream, other)
         return stream + torch.sigmoid(self.gate(residual)) * residual
 
     def residual(self, stream: Tensor, other: Tensor) -> Tensor:
-        """Return observed minus counterfactual attention, made orthogonal to the other stream's mean, (B, T, D)."""
-        mean = self.mean(other)
+        """Return observed minus counterfactual attention, made orthogonal to the other stream's mean, (B, Q, D)."""
+        mean = self.mean(other)[:, -stream.shape[1] :]
         delta = self.attend(stream, other) - self.counterfactual(mean)
         share = (delta * mean).sum(dim=-1, keepdim=True) / (mean.square().sum(dim=-1, keepdim=True) + EPSILON)
         return torch.as_tensor(delta - share * mean)
@@ -193,9 +200,9 @@ class CausalPatternExtraction(nn.Module):
         self.classify = nn.Linear(width, n_classes, bias=False)
         self.embed = nn.Linear(n_classes, width, bias=False)
 
-    def forward(self, state: State) -> State:
-        """Return the state with causal streams, coarse intention and token."""
-        inner, outer = self.inner(state.inner, state.outer), self.outer(state.outer, state.inner)
+    def forward(self, state: State, past: State) -> State:
+        """Return the state with causal streams, coarse intention and token. past: all frames, as in RSF."""
+        inner, outer = self.inner(state.inner, past.outer), self.outer(state.outer, past.inner)
         intent = self.classify(inner if self.source == "in" else outer)
         token = self.embed(intent.softmax(dim=-1))
         context = None if state.context is None else state.context + token
@@ -216,8 +223,8 @@ class FeatureSynthesis(nn.Module):
             nn.Sequential(nn.Linear(n, hidden), nn.ReLU(), nn.Linear(hidden, width)) for n in widths
         )
 
-    def forward(self, state: State) -> State:
-        """Return the state with the three branches of synthesised features."""
+    def forward(self, state: State, _: State) -> State:
+        """Return the state with the three branches of synthesised features, frame by frame."""
         token = [state.token] if self.token and state.token is not None else []
         speed = [state.speed] if self.speed and state.speed is not None else []
         inner, outer = state.inner, state.outer
