@@ -29,7 +29,7 @@ from labeling.intentions import KNOWN
 from labeling.road.straight_road import ScriptedVehicle, straight_road
 from labeling.road.surroundings import Surroundings
 from models.data.windows import WindowSettings, in_frame
-from models.live.predictions import Reports, WindowCutter, lanes_of, rule_answering
+from models.live.predictions import LiveWindows, Reports, WindowCutter, lanes_of, rule_answer
 from models.live.sensed import Sensing, Track
 from models.live.stretches import Timing, watched
 from models.predictors.protocol import WindowShape
@@ -122,13 +122,12 @@ def measured(folder: Path) -> Spent:
         pass
     cutting_s = time.process_time() - begin
     trees, lanes = _trees(batches[0]), lanes_of(recording)
-    rule = rule_answering(WindowSettings(), SHAPE)
     begin = time.process_time()
     for tv, uv in batches:
         trees(in_frame(tv, uv, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
     predicted = time.process_time()
     for tv, uv in batches:
-        rule(tv, uv, lanes)
+        rule_answer(LiveWindows(tv, uv, SHAPE.tv_rate_hz, lanes))
     ruled = time.process_time()
     count = sum(len(track.stretch.decision_s) for track in tracks)
     panels = float(np.mean([track.fixes.n_sites for track in tracks]))

@@ -18,7 +18,7 @@ from labeling.samples.uv_choice import Pair, choose_uv, may_be_tv
 from models.closed_loop.sensors import Sensor
 from models.closed_loop.world import Piece
 from models.data.lane_map import LaneMap
-from models.live.predictions import Answering, Answers
+from models.live.predictions import Answering, Answers, LiveWindows
 from models.live.stretches import Timing
 from models.predictors.protocol import WindowShape
 
@@ -84,7 +84,9 @@ class Network:
         }
         tv, uv = self._ready()
         windows = self._windows(tv, uv)
-        answers = self.answering(*windows, self._lanes) if self.answering and tv else None
+        answers = None
+        if self.answering and tv:
+            answers = self.answering(LiveWindows(*windows, self.shape.tv_rate_hz, self._lanes))
         reported = {
             name: states[:, -1 - self._delay] for name, states in self._uv.items() if states.shape[1] > self._delay
         }

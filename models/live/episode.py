@@ -25,11 +25,12 @@ from models.live.events import events_of, groups_at
 from models.live.predictions import (
     Answering,
     Answers,
+    LiveWindows,
     NoReports,
     Reports,
     WindowCutter,
     lanes_of,
-    rule_answering,
+    rule_answer,
     run_answering,
 )
 from models.live.sensed import Sensing, Track
@@ -56,9 +57,8 @@ class Predictors:
     def answering(self, truth: bool) -> tuple[Infer, dict[str, Answering]]:
         """Return the run, and the predictors' functions by name. truth: whether the run also answers true motion."""
         infer = _load(self.run)
-        shape = infer.run.card.shape
         by_run = run_answering(infer, self.with_lanes)
-        answering = {RUN: by_run, RULE: rule_answering(infer.run.card.settings.windows, shape)}
+        answering: dict[str, Answering] = {RUN: by_run, RULE: rule_answer}
         if truth:
             answering[TRUTH] = by_run
         return infer, answering | {name: run_answering(_load(path)) for name, path in self.against.items()}
@@ -166,10 +166,11 @@ class _Collected:
         self.covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * cutter.decision_s
         sensed, true = ([name for name in answering if (name == TRUTH) is of_truth] for of_truth in (False, True))
         for known, names in ((track, sensed), (track.true, true)):
-            for windows in cutter.batches(known) if names else ():
+            for tv, uv in cutter.batches(known) if names else ():
+                windows = LiveWindows(tv, uv, cutter.shape.tv_rate_hz, lanes)
                 for name in names:
                     began = time.process_time()
-                    self.answers[name].append(answering[name](*windows, lanes))
+                    self.answers[name].append(answering[name](windows))
                     spent_s = time.process_time() - began
                     self.answering_s += spent_s
                     self.predicting_s += spent_s if name == RUN else 0.0

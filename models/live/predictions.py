@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -15,11 +15,11 @@ from isacsim.traffic.recording import Recording
 from labeling.generation.episode import report
 from labeling.generation.settings import DatasetStudy
 from models.data.lane_map import LaneMap
-from models.data.windows import OnMap, Windows, WindowSettings, in_frame
+from models.data.windows import OnMap
 from models.inference import Infer
 from models.live.sensed import Sensing, Track
 from models.predictors.protocol import WindowShape
-from models.predictors.rule import RulePredictor, RuleSettings, in_lane
+from models.predictors.rule import Drive, RuleSettings, drive_on, in_lane, logits
 
 BATCH = 128
 """Windows in one batch."""
@@ -50,8 +50,25 @@ class Answers:
         return Answers(self.probabilities[rows], self.score[rows], self.features[rows])
 
 
-Answering = Callable[[Array, Array, LaneMap], Answers]
-"""Answers windows, given TV (n, 6, T) and UV (n, 6, U) in the scenario's plane, and the lanes of the network."""
+@dataclass(frozen=True)
+class LiveWindows:
+    """Windows in the scenario's plane, tv (n, 6, T) and uv (n, 6, U), and the lanes of the network."""
+
+    tv: Array
+    uv: Array
+    tv_rate_hz: float
+    lanes: LaneMap
+
+    @cached_property
+    def drive(self) -> Drive:
+        """What the rule of the road sees of the windows; several predictors use it."""
+        scenario = np.full(len(self.tv), "", dtype=object)
+        on_map = OnMap(self.tv, self.uv, self.tv_rate_hz, scenario, lambda _: self.lanes)
+        return drive_on(on_map, RuleSettings().smooth_s)
+
+
+Answering = Callable[[LiveWindows], Answers]
+"""Answers a batch of windows."""
 
 
 def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
@@ -59,35 +76,23 @@ def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
 
     with_lanes: whether the features of `in_lane` follow those of the run.
     """
-    shape = infer.run.card.shape
 
-    def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
-        inference = infer(tv, uv, lanes)
+    def answer(windows: LiveWindows) -> Answers:
+        inference = infer(windows.tv, windows.uv, windows.lanes)
         features = inference.features
         if with_lanes:
-            features = np.concatenate([features, in_lane(_on_map(tv, uv, shape, lanes))], axis=1)
+            features = np.concatenate([features, in_lane(windows.drive)], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
     return answer
 
 
-def rule_answering(windows: WindowSettings, shape: WindowShape) -> Answering:
-    """Return the function by which the rule of the road answers; its score is that of the strongest intention."""
-    predictor = RulePredictor(RuleSettings())
-
-    def answer(tv: Array, uv: Array, lanes: LaneMap) -> Answers:
-        framed = in_frame(tv, uv, windows, shape.tv_rate_hz, shape.uv_rate_hz)
-        logits = predictor(Windows(framed.tv, framed.uv, _on_map(tv, uv, shape, lanes))).logits
-        parts = (softmax(logits, axis=1), logits.max(axis=1), logits)
-        return Answers(*(np.asarray(part, np.float32) for part in parts))
-
-    return answer
-
-
-def _on_map(tv: Array, uv: Array, shape: WindowShape, lanes: LaneMap) -> OnMap:
-    """Return windows in the scenario's plane, all on the same lanes."""
-    return OnMap(tv, uv, shape.tv_rate_hz, np.full(len(tv), "", dtype=object), lambda _: lanes)
+def rule_answer(windows: LiveWindows) -> Answers:
+    """Answer as the rule of the road does; its score is that of the strongest intention."""
+    strength = logits(windows.drive, RuleSettings())
+    parts = (softmax(strength, axis=1), strength.max(axis=1), strength)
+    return Answers(*(np.asarray(part, np.float32) for part in parts))
 
 
 class Reports:

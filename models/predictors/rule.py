@@ -173,17 +173,15 @@ def drive_on(on_map: OnMap, smooth_s: float) -> Drive:
     )
 
 
-def in_lane(on_map: OnMap) -> Array:
+def in_lane(drives: Drive) -> Array:
     """Return what the rule makes of n windows, as features for other predictors, (n, 13).
 
     Greatest acceleration, deceleration and lateral acceleration (m/s2), distances to the left and the right marking
     (m), lateral speed (m/s), time until level with the UV (s), and the logits of the rule with its default thresholds.
     """
-    settings = RuleSettings()
-    seen = drive_on(on_map, settings.smooth_s)
-    level = np.minimum(seen.level, LONGEST_S)
-    parts = np.stack([seen.accel, seen.brake, seen.swerve, seen.left, seen.right, seen.aside, level], axis=1)
-    return np.concatenate([parts, logits(seen, settings)], axis=1)
+    level = np.minimum(drives.level, LONGEST_S)
+    motion = drives.accel, drives.brake, drives.swerve, drives.left, drives.right, drives.aside
+    return np.concatenate([np.stack([*motion, level], axis=1), logits(drives, RuleSettings())], axis=1)
 
 
 def smoothed(values: Array, span: int, order: int, instants: tuple[int, ...]) -> Array:

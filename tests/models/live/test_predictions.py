@@ -17,7 +17,7 @@ from labeling.road.surroundings import Surroundings
 from models.data.windows import Ends, Records, WindowSettings, cut
 from models.inference import Infer
 from models.live.episode import timing_of
-from models.live.predictions import Answers, Reports, WindowCutter, lanes_of, rule_answering, run_answering
+from models.live.predictions import Answers, LiveWindows, Reports, WindowCutter, lanes_of, rule_answer, run_answering
 from models.live.sensed import Sensing, Track
 from models.live.settings import LiveStudy
 from models.live.stretches import watched
@@ -41,7 +41,7 @@ def tracks(sensing: Sensing, study: LiveStudy, recording: Recording, trees_run: 
 def answers(track: Track, sensing: Sensing, run: Run, delay_s: float = 0.0) -> Answers:
     cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s, 0.1)
     answer, lanes = run_answering(Infer.load(run.path)), lanes_of(sensing.recording)
-    return Answers.joined([answer(tv, uv, lanes) for tv, uv in cutter.batches(track)])
+    return Answers.joined([answer(LiveWindows(tv, uv, 400.0, lanes)) for tv, uv in cutter.batches(track)])
 
 
 @pytest.mark.parametrize("kind", ["trees_run", "network_run"])
@@ -72,15 +72,15 @@ def test_a_stream_is_answered_as_a_stored_record(
 
 def test_lanes_add_what_the_rule_sees_to_the_features(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
     """The rule's own answers are its logits; without lanes, nothing but the features differs."""
-    shape, windows = trees_run.card.shape, trees_run.card.settings.windows
-    cutter = WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1)
-    tv, uv = next(cutter.batches(tracks[0]))
+    shape = trees_run.card.shape
+    tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     infer, lanes = Infer.load(trees_run.path), lanes_of(sensing.recording)
-    plain, more = (run_answering(infer, with_lanes)(tv, uv, lanes) for with_lanes in (False, True))
+    live = LiveWindows(tv, uv, shape.tv_rate_hz, lanes)
+    plain, more = (run_answering(infer, with_lanes)(live) for with_lanes in (False, True))
     np.testing.assert_array_equal(more.probabilities, plain.probabilities)
     width = plain.features.shape[1]
     np.testing.assert_array_equal(more.features[:, :width], plain.features)
-    np.testing.assert_allclose(more.features[:, -6:], rule_answering(windows, shape)(tv, uv, lanes).features, rtol=1e-6)
+    np.testing.assert_array_equal(more.features[:, -6:], rule_answer(live).features)
     left, right = more.features[:, width + 3], more.features[:, width + 4]
     np.testing.assert_allclose(left + right, lanes.place(tv[:, :2, 0], tv[:, 2:4, 0]).width_m, rtol=1e-5)
     assert np.ptp(left) > 0
@@ -126,7 +126,7 @@ def test_the_rule_answers_as_on_a_dataset_with_roads(tracks: list[Track], sensin
     shape, windows = trees_run.card.shape, WindowSettings(window_s=1.2)
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     lanes = lanes_of(sensing.recording)
-    answered = rule_answering(windows, shape)(tv, uv, lanes)
+    answered = rule_answer(LiveWindows(tv, uv, shape.tv_rate_hz, lanes))
     columns = ["sample_id", "scenario", "seed", "label", "t_start", "t_onset", "t_commit", "snr_db"]
     table = pd.DataFrame([("live-0", "road", 1, 0, 0.0, 0.0, 0.0, 0.0)] * len(tv), columns=columns)
     longer = [np.concatenate([x[..., :1], x], axis=2).astype(np.float32) for x in (tv, uv)]
