@@ -77,14 +77,17 @@ def test_shares_of_origins_are_as_wanted(rows: Rows) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("other", ["reaction", "commanded"])
 @pytest.mark.parametrize(
-    "intention",
+    ("intention", "other"),
     [
-        pytest.param(Intention.HARD_BRAKE, marks=NOT_REACHED),
-        pytest.param(Intention.LEFT_LANE_CHANGE, marks=NOT_REACHED),
-        pytest.param(Intention.RIGHT_LANE_CHANGE, marks=NOT_REACHED),
-        Intention.OVERTAKE,
+        pytest.param(Intention.HARD_BRAKE, "reaction", marks=NOT_REACHED),
+        pytest.param(Intention.HARD_BRAKE, "commanded", marks=NOT_REACHED),
+        pytest.param(Intention.LEFT_LANE_CHANGE, "reaction", marks=NOT_REACHED),
+        (Intention.LEFT_LANE_CHANGE, "commanded"),
+        pytest.param(Intention.RIGHT_LANE_CHANGE, "reaction", marks=NOT_REACHED),
+        pytest.param(Intention.RIGHT_LANE_CHANGE, "commanded", marks=NOT_REACHED),
+        (Intention.OVERTAKE, "reaction"),
+        (Intention.OVERTAKE, "commanded"),
     ],
 )
 def test_trees_hardly_tell_natural_events_from_others(rows: Rows, intention: Intention, other: str) -> None:
