@@ -201,11 +201,12 @@ def test_speed_does_not_step_where_a_lane_is_longer_than_its_shape() -> None:
 @settings(max_examples=20, deadline=None)
 @given(turns=CORNERS, speed=st.floats(8.0, 38.0), stretch=st.floats(0.97, 1.03))
 def test_the_quick_look_at_a_line_never_changes_the_result(turns: list[float], speed: float, stretch: float) -> None:
-    """Roads that clearly need no rounding are told from the others by a cheap estimate."""
+    """Roads that clearly need no rounding are told from the others by a cheap estimate, and by a closer look."""
     recording, track = drive(polygon(turns), speed, 0.3, stretch)
     quick = moved_rows(recording, track, MotionSettings())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reference_line, "is_gentle", lambda values, *_: np.zeros(len(values), bool))
+        patch.setattr(reference_line, "_may_be_sharp", lambda *arguments: np.ones(len(arguments[-1]), bool))
         patch.setattr(reference_line, "NARROW", len(reference_line.WIDTHS_M))
         full = moved_rows(recording, track, MotionSettings())
     positions = [RoundedTrack.of(track, moved) for moved in (quick, full)]
