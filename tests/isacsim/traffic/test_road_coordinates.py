@@ -213,8 +213,10 @@ def test_the_quick_look_at_a_line_never_changes_the_result(turns: list[float], s
     assert np.hypot(positions[0].x - positions[1].x, positions[0].y - positions[1].y).max() < 1e-6
 
 
-def test_the_quick_look_spares_gentle_bends() -> None:
-    vertices = 1200.0 * np.exp(1j * np.radians(np.arange(0.0, 60.0, 0.2)))
+@pytest.mark.parametrize("radius_m", [1200.0, 300.0])
+def test_the_quick_looks_spare_gentle_bends(radius_m: float) -> None:
+    """The first one spares a bend that takes 0.2 of the limit, the closer one a bend that takes 0.86."""
+    vertices = radius_m * np.exp(1j * np.radians(np.arange(0.0, 60.0, 240.0 / radius_m)))
     recording, track = drive(vertices, 30.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reference_line, "acceleration", None)

@@ -41,7 +41,8 @@ def tracks(sensing: Sensing, study: LiveStudy, recording: Recording, trees_run: 
 def answers(track: Track, sensing: Sensing, run: Run, delay_s: float = 0.0) -> Answers:
     cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s, 0.1)
     answer, lanes = run_answering(Infer.load(run.path)), lanes_of(sensing.recording)
-    return Answers.joined([answer(LiveWindows(tv, uv, 400.0, lanes)) for tv, uv in cutter.batches(track)])
+    rate_hz = run.card.shape.tv_rate_hz
+    return Answers.joined([answer(LiveWindows(tv, uv, rate_hz, lanes)) for tv, uv in cutter.batches(track)])
 
 
 @pytest.mark.parametrize("kind", ["trees_run", "network_run"])
