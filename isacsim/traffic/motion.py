@@ -9,7 +9,9 @@ acceleration are the filter's derivatives, so the three agree at every instant, 
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -53,33 +55,47 @@ def condition(
     Beyond its ends the signal is continued by point reflection, which keeps value and slope there.
     Returns shape (m,).
     """
-    sigma = width_s / step_s
-    reach = int(np.ceil(REACH * sigma))
-    base = float(values[0])
-    padded = np.pad(values - base, reach, mode="reflect", reflect_type="odd")
-    if at_rows is None:
-        smooth = gaussian_filter1d(padded, sigma, order=order, radius=reach)[reach : reach + len(values)]
-    else:
-        smooth = _at_rows(padded, np.asarray(at_rows), sigma, reach, order)
+    if at_rows is not None:
+        return np.asarray(condition_at(values, step_s, width_s, (order,), at_rows)[0])
+    padded, base, sigma, reach = _padded(values, step_s, width_s)
+    smooth = gaussian_filter1d(padded, sigma, order=order, radius=reach)[reach : reach + len(values)]
     return np.asarray(smooth / step_s**order + (base if order == 0 else 0.0))
 
 
-def _at_rows(padded: Array, at_rows: Array, sigma: float, reach: int, order: int) -> Array:
-    """Return padded values or their derivatives, smoothed, at fractions of rows (m,), per row; sigma, reach: in rows.
+def condition_at(
+    values: Array, step_s: float, width_s: float, orders: Sequence[int], at_rows: Array | IntArray
+) -> Array:
+    """Return what `condition` returns for each of several orders, shape (k, m).
 
     Instants at a fixed rate have few different places between two rows, and those of one place share their weights.
     """
+    padded, base, sigma, reach = _padded(values, step_s, width_s)
     nearest = np.rint(at_rows).astype(np.int64)
     phases, phase_of = np.unique(np.rint((at_rows - nearest) / SAME_PHASE), return_inverse=True)
     windows = sliding_window_view(padded, 2 * reach + 1)
-    smooth = np.empty(len(at_rows))
-    for k, phase in enumerate(phases):
+    smooth = np.empty((len(orders), len(at_rows)))
+    for k, phase in enumerate(phases.tolist()):
         mask = phase_of == k
-        weights = _weights(float(phase) * SAME_PHASE, sigma, reach, order)
-        smooth[mask] = np.einsum("mk,k->m", windows[nearest[mask]], weights)
+        around = windows[nearest[mask]]
+        for row, order in zip(smooth, orders, strict=True):
+            row[mask] = np.einsum("mk,k->m", around, _weights(phase * SAME_PHASE, sigma, reach, order))
+    for row, order in zip(smooth, orders, strict=True):
+        row /= step_s**order
+        row += base if order == 0 else 0.0
     return smooth
 
 
+def _padded(values: Array, step_s: float, width_s: float) -> tuple[Array, float, float, int]:
+    """Return a signal less its first value, continued beyond its ends, and that value; the kernel's sigma and reach.
+
+    sigma, reach: standard deviation and half-width of the kernel, rows.
+    """
+    sigma, base = width_s / step_s, float(values[0])
+    reach = int(np.ceil(REACH * sigma))
+    return np.pad(values - base, reach, mode="reflect", reflect_type="odd"), base, sigma, reach
+
+
+@lru_cache(maxsize=64)
 def _weights(phase: float, sigma: float, reach: int, order: int) -> Array:
     """Return the weights of a Gaussian kernel or its derivatives, centred `phase` rows after the middle one."""
     u = (phase - np.arange(-reach, reach + 1)) / sigma
@@ -89,6 +105,7 @@ def _weights(phase: float, sigma: float, reach: int, order: int) -> Array:
         weights *= -u / sigma
     elif order == 2:
         weights *= (u**2 - 1.0) / sigma**2
+    weights.flags.writeable = False
     return np.asarray(weights)
 
 
@@ -106,13 +123,10 @@ def states(recording: Recording, track: Track, times: Array, settings: MotionSet
         raise ValueError(f"vehicle {track.vehicle} has no state at some of {times.min():.2f}..{times.max():.2f} s")
     rows = np.clip(rows, 0, len(track) - 1)
     rounded = on_rounded_road(recording, track, settings)
-    return np.stack(
-        [
-            condition(values, recording.step_s, settings.width_s, order, rows)
-            for order in (0, 1, 2)
-            for values in (rounded.x, rounded.y)
-        ]
+    x, y = (
+        condition_at(values, recording.step_s, settings.width_s, (0, 1, 2), rows) for values in (rounded.x, rounded.y)
     )
+    return np.stack([x, y], axis=1).reshape(6, -1)
 
 
 def positions(recording: Recording, track: Track, steps: IntArray, settings: MotionSettings) -> Array:
@@ -151,7 +165,7 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
     rows = _around(suspect, every, len(track))
     beyond = rows[:0]
     if len(rows):
-        acceleration = _derivative(rounded, step_s, width_s, 2, rows)
+        (acceleration,) = _derivatives(rounded, step_s, width_s, (2,), rows)
         exceeds = np.hypot(*acceleration) > CAR_MPS2
         next_row = np.diff(rows) == 1
         exceeds[1:] |= next_row & (np.hypot(*np.diff(acceleration, axis=1)) > CAR_MPS3 * step_s)
@@ -160,7 +174,7 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
     limit = np.inf if across_mps2 is None else across_mps2
     rows = _around(total > ALMOST * limit, every, len(track))
     if len(rows):
-        velocity, acceleration = (_derivative(rounded, step_s, width_s, order, rows) for order in (1, 2))
+        velocity, acceleration = _derivatives(rounded, step_s, width_s, (1, 2), rows)
         across = rows[np.abs(across_travel(velocity, acceleration)) > limit]
     times = recording.times(track)
     return Excess(times[beyond], times[across])
@@ -182,9 +196,9 @@ def across_travel(velocity: Array, acceleration: Array) -> Array:
     return np.asarray(np.where(speed > LEAST_MPS, turning, 0.0) / np.maximum(speed, LEAST_MPS))
 
 
-def _derivative(rounded: RoundedTrack, step_s: float, width_s: float, order: int, rows: IntArray) -> Array:
-    """Return a derivative in time of the smoothed positions at some rows, shape (2, n)."""
-    return np.stack([condition(values, step_s, width_s, order, rows) for values in (rounded.x, rounded.y)])
+def _derivatives(rounded: RoundedTrack, step_s: float, width_s: float, orders: Sequence[int], rows: IntArray) -> Array:
+    """Return derivatives in time of the smoothed positions at some rows, shape (k, 2, n)."""
+    return np.stack([condition_at(values, step_s, width_s, orders, rows) for values in (rounded.x, rounded.y)], axis=1)
 
 
 def _coarse_acceleration(rounded: RoundedTrack, sigma: float, every: int) -> Array:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -25,6 +24,19 @@ class Leader:
 
     vehicle: str
     gap_m: float
+
+
+@dataclass(frozen=True)
+class VehiclesInLanes:
+    """The vehicles on the road at one step, sorted by lane and then by position along it.
+
+    positions: along the lane, m. numbers: of their tracks. spans: first vehicle of each lane, and the one after its
+    last.
+    """
+
+    positions: Sequence[float]
+    numbers: Sequence[int]
+    spans: Mapping[int, tuple[int, int]]
 
 
 class Surroundings:
@@ -91,11 +103,11 @@ class Surroundings:
         seen = {lane}
         while ahead:
             k, start = ahead.pop()
-            vehicles = in_lanes.get(k, [])
-            first = bisect_right(vehicles, -start, key=itemgetter(0))
-            if first < len(vehicles):
-                other = self._tracks[vehicles[first][1]]
-                gap = start + vehicles[first][0] - other.length_m
+            begin, after = in_lanes.spans.get(k, (0, 0))
+            first = bisect_right(in_lanes.positions, -start, begin, after)
+            if first < after:
+                other = self._tracks[in_lanes.numbers[first]]
+                gap = start + in_lanes.positions[first] - other.length_m
                 if gap <= within_m and (best is None or gap < best.gap_m):
                     best = Leader(other.vehicle, gap)
             else:
@@ -167,12 +179,13 @@ class Surroundings:
         driven = [s for s in successors if self.graph.lanes[s].edge in self._driven(vehicle)]
         return driven or successors
 
-    def _sorted_into_lanes(self, step: int) -> dict[int, list[tuple[float, int]]]:
+    def _sorted_into_lanes(self, step: int) -> VehiclesInLanes:
         numbers = self._on_road(step)
         rows = self._row_of_step_0[numbers] + step
         lanes, positions = self._lane_of[rows], self._pos_of[rows]
         order = np.lexsort((positions, lanes))
-        in_lanes: dict[int, list[tuple[float, int]]] = defaultdict(list)
-        for lane, pos, k in zip(*(column[order].tolist() for column in (lanes, positions, numbers)), strict=True):
-            in_lanes[lane].append((pos, k))
-        return in_lanes
+        lanes = lanes[order]
+        starts = np.flatnonzero(np.diff(lanes, prepend=-1))
+        ends = [*starts[1:].tolist(), len(lanes)]
+        spans = dict(zip(lanes[starts].tolist(), zip(starts.tolist(), ends, strict=True), strict=True))
+        return VehiclesInLanes(positions[order].tolist(), numbers[order].tolist(), spans)

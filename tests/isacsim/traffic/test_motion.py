@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 
-from isacsim.traffic.motion import MotionSettings, condition, states
+from isacsim.traffic.motion import MotionSettings, condition, condition_at, states
 from isacsim.traffic.recording import Recording, Track
 
 STEP = 0.01
@@ -46,6 +47,15 @@ def test_fractional_evaluation_agrees_with_the_grid(order: int) -> None:
     on_grid = condition(values, STEP, 0.15, order)
     at_rows = condition(values, STEP, 0.15, order, np.arange(600.0))
     np.testing.assert_allclose(at_rows, on_grid, atol=1e-9 * np.abs(on_grid).max())
+
+
+def test_several_orders_at_once_are_those_of_the_whole_signal_filtered_by_scipy() -> None:
+    values = 100.0 + np.cumsum(np.random.default_rng(2).normal(size=600))
+    sigma, inner = 0.15 / STEP, np.arange(200.0, 400.0)
+    together = condition_at(values, STEP, 0.15, (2, 0, 1), inner)
+    for row, order in zip(together, (2, 0, 1), strict=True):
+        expected = gaussian_filter1d(values, sigma, order=order, truncate=8.0)[200:400] / STEP**order
+        np.testing.assert_allclose(row, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @settings(max_examples=25, deadline=None)
