@@ -54,8 +54,8 @@ def test_ten_seeds_have_the_same_labels(scenario: str) -> None:
         rms_by_seed_m.append(rms_m)
     lost = events - matched
     print(
-        f"\n{scenario}: {events.total()} events, {lost.total()} lost, {lost['evasive_swerve']} of "
-        f"{events['evasive_swerve']} swerves, "
+        f"\n{scenario}: {events.total()} events, {lost.total()} lost, "
+        f"{lost['evasive_swerve']} of {events['evasive_swerve']} swerves, "
         f"{surplus.total()} surplus, rms {1e3 * min(rms_by_seed_m):.2g} to {1e3 * max(rms_by_seed_m):.2g} mm"
     )
     assert fmean(rms_m**2 for rms_m in rms_by_seed_m) < 1e-3**2
