@@ -51,7 +51,8 @@ def compare(still: Sequence[Event], swaying: Sequence[Event], comparisons: dict[
         comparison.still += len(before)
         comparison.swaying += len(after)
         commits, others = (np.array([commit for commit, _ in times]) for times in (before, after))
-        partners = match(others, commits - SAME_WITHIN_S, commits + SAME_WITHIN_S)
+        latest = commits + SAME_WITHIN_S
+        partners = match(others, commits - SAME_WITHIN_S, latest, latest)
         comparison.shifts_s += [
             after[partner][1] - onset for (_, onset), partner in zip(before, partners, strict=True) if partner >= 0
         ]

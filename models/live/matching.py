@@ -33,10 +33,12 @@ class Matching:
     false: IntArray
 
 
-def match(times: Array, earliest: Array, latest: Array) -> IntArray:
-    """Match as many alarms to events as possible, one to one; where there is a choice, the earliest alarms.
+def match(times: Array, earliest: Array, latest: Array, commit: Array) -> IntArray:
+    """Match as many alarms to events as possible, one to one; of these, as many as possible by the commit.
 
-    times: of the alarms, s, (a,). earliest, latest: when an alarm for each event may come, s, (e,).
+    Where there still is a choice, the earliest alarms are matched.
+    times: of the alarms, s, (a,). earliest, latest: when an alarm for each event may come, s, (e,). commit: of each
+    event, s, (e,).
     Returns the number of each event's alarm, -1 if it has none, (e,).
     """
     event_alarm = np.full(len(earliest), -1, dtype=np.int64)
@@ -48,9 +50,10 @@ def match(times: Array, earliest: Array, latest: Array) -> IntArray:
         if len(fitting):
             event_alarm[0] = fitting[times[fitting].argmin()]
         return event_alarm
-    # The bonus for an early alarm stays below one match, all events together.
+    # The bonus of all alarms by the commit together stays below one match, that of all early alarms below one of these.
+    share = 1.0 / (len(earliest) + 1)
     late = (times - times.min()) / max(float(np.ptp(times)), 1e-9)
-    bonus = (1 - late) / (len(earliest) + 1)
+    bonus = share * ((times <= commit[:, None] + 1e-9) + share * (1 - late))
     rows, columns = linear_sum_assignment(np.where(fits, -1.0 - bonus, 0.0))
     matched = fits[rows, columns]
     event_alarm[rows[matched]] = columns[matched]
@@ -61,14 +64,15 @@ def match(times: Array, earliest: Array, latest: Array) -> IntArray:
 class EventTable:
     """The events of one episode as arrays: those that count, in the order given, and the neutral ones.
 
-    vehicle, intention: numbers, (e,). earliest, latest: when an alarm may come, s, (e,). neutral_*: the same of neutral
-    events, with a row for each intention that an alarm for the event may name.
+    vehicle, intention: numbers, (e,). earliest, latest: when an alarm may come, s, (e,). commit: s, (e,). neutral_*:
+    the same of neutral events, with a row for each intention that an alarm for the event may name.
     """
 
     vehicle: IntArray
     intention: IntArray
     earliest: Array
     latest: Array
+    commit: Array
     neutral_vehicle: IntArray
     neutral_intention: IntArray
     neutral_earliest: Array
@@ -86,18 +90,16 @@ class EventTable:
         neutral: list[tuple[float, ...]] = []
         for event in events:
             intention = Intention[event.intention.upper()]
-            times = (event.onset - before_onset_s, event.end)
+            times = (event.onset - before_onset_s, event.end, event.commit)
             vehicle = number.get(event.vehicle, -1)
             if event.left_out is None:
                 counted.append((vehicle, KNOWN.index(intention), *times))
             else:
                 may_be = (intention, *ALSO.get(intention, ()))
                 neutral += [(vehicle, KNOWN.index(other), *times) for other in may_be]
-        columns = [np.array(rows, np.float64).reshape(-1, 4) for rows in (counted, neutral)]
-        arrays = [
-            (table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3]) for table in columns
-        ]
-        return cls(*arrays[0], *arrays[1])
+        columns = [np.array(rows, np.float64).reshape(-1, 5) for rows in (counted, neutral)]
+        arrays = [(*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns]
+        return cls(*arrays[0], *arrays[1][:-1])
 
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""
@@ -106,7 +108,8 @@ class EventTable:
         order, slices = _by_key(alarms, self._keys)
         for key, (begin, end) in slices.items():
             events, candidates = self._events[key], order[begin:end]
-            matched = match(alarms.time_s[candidates], self.earliest[events], self.latest[events])
+            spans = (self.earliest[events], self.latest[events], self.commit[events])
+            matched = match(alarms.time_s[candidates], *spans)
             hit = matched >= 0
             event_alarm[events[hit]] = candidates[matched[hit]]
             used[candidates[matched[hit]]] = True

@@ -17,25 +17,36 @@ from models.live.matching import EventTable, match
 times = st.lists(st.integers(0, 40).map(lambda k: k / 4), max_size=6).map(lambda values: np.array(sorted(values)))
 
 
-def most_matches(alarms: np.ndarray, earliest: np.ndarray, latest: np.ndarray) -> int:
-    """The greatest number of pairs, by trying every order of the alarms."""
+def most_matches(
+    alarms: np.ndarray, earliest: np.ndarray, latest: np.ndarray, commit: np.ndarray
+) -> tuple[int, int, float]:
+    """The best matching, by trying every order of the alarms: pairs, those by the commit, and how early they come."""
     padded = [*alarms.tolist(), *[np.nan] * len(earliest)]
-    return max(
-        sum(low <= time <= high for time, low, high in zip(order, earliest, latest, strict=False))
-        for order in permutations(padded, len(earliest))
-    )
+    best = (0, 0, 0.0)
+    for order in permutations(padded, len(earliest)):
+        rows = zip(order, earliest, latest, commit, strict=False)
+        pairs = [(time, at) for time, low, high, at in rows if low <= time <= high]
+        best = max(best, (len(pairs), sum(time <= at for time, at in pairs), -sum(time for time, _ in pairs)))
+    return best
 
 
-@given(times, st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), max_size=3))
-def test_as_many_alarms_as_possible_are_matched(alarms: np.ndarray, spans: list[tuple[int, int]]) -> None:
-    earliest = np.array([start / 4 for start, _ in spans])
-    latest = np.array([(start + length) / 4 for start, length in spans])
-    matched = match(alarms, earliest, latest)
+@given(times, st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12), st.integers(0, 12)), max_size=3))
+def test_as_many_alarms_as_possible_are_matched_and_of_these_by_the_commit(
+    alarms: np.ndarray, spans: list[tuple[int, int, int]]
+) -> None:
+    earliest = np.array([start / 4 for start, _, _ in spans])
+    latest = np.array([(start + length) / 4 for start, length, _ in spans])
+    commit = np.array([(start + min(length, late)) / 4 for start, length, late in spans])
+    matched = match(alarms, earliest, latest, commit)
     hits = matched[matched >= 0]
     assert len(set(hits.tolist())) == len(hits)
     for event in np.flatnonzero(matched >= 0):
         assert earliest[event] <= alarms[matched[event]] <= latest[event]
-    assert len(hits) == (most_matches(alarms, earliest, latest) if len(earliest) else 0)
+    timely = int((alarms[hits] <= commit[matched >= 0]).sum())
+    if len(earliest):
+        assert (len(hits), timely, -alarms[hits].sum()) == most_matches(alarms, earliest, latest, commit)
+    else:
+        assert not len(hits)
 
 
 def test_mir_eval_matches_as_many_within_a_symmetric_window() -> None:
@@ -44,17 +55,23 @@ def test_mir_eval_matches_as_many_within_a_symmetric_window() -> None:
         onsets = np.sort(rng.uniform(0, 30, rng.integers(1, 12)))
         alarms = np.sort(rng.uniform(0, 30, rng.integers(1, 15)))
         window = float(rng.uniform(0.1, 3))
-        matched = match(alarms, onsets - window, onsets + window)
+        matched = match(alarms, onsets - window, onsets + window, onsets)
         assert (matched >= 0).sum() == len(mir_eval.util.match_events(onsets, alarms, window))
 
 
 def test_of_two_alarms_for_an_event_the_earlier_one_counts() -> None:
-    assert match(np.array([3.0, 4.0]), np.array([2.0]), np.array([5.0])).tolist() == [0]
+    assert match(np.array([3.0, 4.0]), np.array([2.0]), np.array([5.0]), np.array([4.5])).tolist() == [0]
+
+
+def test_an_alarm_that_fits_two_events_predicts_the_second_one_rather_than_coming_late_for_the_first() -> None:
+    times, earliest, latest = np.array([19.5]), np.array([8.0, 19.0]), np.array([20.0, 25.0])
+    assert match(times, earliest, latest, np.array([12.0, 23.0])).tolist() == [-1, 0]
 
 
 def test_two_events_share_two_alarms_that_both_fit() -> None:
     """The first alarm fits both events, the second one only the first event."""
-    assert match(np.array([2.0, 1.0]), np.array([0.0, 1.5]), np.array([2.5, 3.0])).tolist() == [1, 0]
+    latest = np.array([2.5, 3.0])
+    assert match(np.array([2.0, 1.0]), np.array([0.0, 1.5]), latest, latest).tolist() == [1, 0]
 
 
 def event(vehicle: str, intention: Intention, onset: float, left_out: str | None = None) -> LiveEvent:
