@@ -167,13 +167,14 @@ class Provenance:
 def provenance(recording: Recording, event: Event) -> Provenance:
     """Return what made a vehicle drive an event: the last of the commands and reactions that it was under.
 
-    Those count that were under way at any time from 1 s before onset to the end. The label plays no part.
+    Those count that were under way at any time from 1 s before onset to the end of the motion that belongs to the
+    event: of an overtake, that is the pulling-out and not the return. The label plays no part.
     """
     earliest = event.onset - COMMAND_REACH_S
     commands = [
         command
         for command in recording.commands_to.get(event.vehicle, [])
-        if command.start <= event.end and command.end >= earliest
+        if command.start <= event.busy_until and command.end >= earliest
     ]
     if not commands:
         return Provenance("natural")

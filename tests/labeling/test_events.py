@@ -108,6 +108,14 @@ def test_origin_reaches_from_a_second_before_onset_to_the_end(start: float, end:
     assert provenance(recording, Event("v", Intention.HARD_BRAKE, 20.0, 20.5, 22.0, -6.0)).origin == expected
 
 
+def test_what_follows_the_pulling_out_does_not_make_an_overtake() -> None:
+    """An overtake ends with the return, half a minute later; its record ends long before."""
+    overtake = Event("v", Intention.OVERTAKE, 20.0, 22.0, 45.0, 1.0, motion_end=25.0)
+    for start, expected in ((24.9, "commanded"), (25.1, "natural")):
+        recording = replace(busy(), commands=(Command("v", "m", start, 40.0),))
+        assert provenance(recording, overtake).origin == expected
+
+
 def test_thinned_to_20_hz_the_events_are_the_same() -> None:
     events_at_100_hz = label(busy(), SETTINGS).events
     events_at_20_hz = label(thinned(busy(), 5), SETTINGS).events
