@@ -28,6 +28,10 @@ CHANGE_M, CHANGE_S, CHANGE_SD_S = 3.4, 5.6, 2.1
 Olsen and Wierwille 2004 (naturalistic driving), 4.0 and 2.3 in the NGSIM recordings."""
 
 
+SHORTEST_M = 200.0
+"""Shortest corridor that traffic is made along, where there are longer ones, m."""
+
+
 class DemandSettings(Settings):
     """How much traffic there is, and where."""
 
@@ -120,19 +124,22 @@ def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
     if not edges:
         raise InputError(f"{network} has no road for cars: give another network")
     edges.sort(key=lambda e: (-e.getLaneNumber() * e.getSpeed(), -e.getLength(), rng.random()))
-    lines = drivers(rng)
-    expected, covered, number = 0.0, set[str](), 0
+    corridors, covered = [], set[str]()
     for core in edges:
+        if core.getID() not in covered:
+            corridors.append(_corridor(core, settings.corridor_m, covered))
+            covered |= {edge.getID() for edge in corridors[-1]}
+    # Where all corridors are short, the longest one has to do.
+    lengths = [sum(edge.getLength() for edge in corridor) for corridor in corridors]
+    enough = min(SHORTEST_M, max(lengths))
+    lines = drivers(rng)
+    expected, number = 0.0, 0
+    for corridor, length in zip(corridors, lengths, strict=True):
         if expected >= settings.vehicles:
             break
-        if core.getID() in covered:
+        if length < enough:
             continue
-        corridor = _corridor(core, settings.corridor_m, covered)
-        covered |= {edge.getID() for edge in corridor}
-        length = sum(edge.getLength() for edge in corridor)
         speed = sum(edge.getSpeed() * edge.getLength() for edge in corridor) / length
-        if length < 200.0:
-            continue
         volume = settings.per_lane_h(speed) * min(edge.getLaneNumber() for edge in corridor)
         for name, route, per_hour in _routes(corridor, volume, settings.ramp_share):
             lines += _flows(f"c{number}{name}", route, per_hour, settings.truck_share)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 from isacsim.errors import InputError
 from isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
@@ -145,7 +146,7 @@ def _complete(
         "begin": f"{scenario.begin_s:g}",
         **scenario.kept,
     }
-    lines = [f'    <{name} value="{value}"/>' for name, value in options.items() if value]
+    lines = [f"    <{name} value={quoteattr(value)}/>" for name, value in options.items() if value]
     write_lines(folder / f"{out.name}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
     limits = speed_limits(scenario.network)
     corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)

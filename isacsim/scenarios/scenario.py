@@ -25,6 +25,7 @@ from isacsim.scenarios.sumo_files import (
     read_config,
     refuse_document_type,
     refuse_outputs,
+    with_includes,
 )
 
 SITE_TYPE = "isac_site"
@@ -108,7 +109,8 @@ def load_without_sites(where: str | Path) -> Scenario:
     network_alone = path.name.endswith(NETWORK_ENDINGS)
     inputs = Inputs(path, (), (), 0.0, {}, ()) if network_alone else read_config(path)
     for file in (inputs.network, *inputs.demand):
-        refuse_document_type(file)
+        for path in with_includes(file):
+            refuse_document_type(path)
         refuse_outputs(file)
     lanes, origin = read_network(inputs.network)
     sites = tuple(_read_sites(inputs.additional, origin))
@@ -203,7 +205,7 @@ def _config_in(folder: Path) -> Path:
 
 def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
     """The sites among the points of interest (POIs) of additional files."""
-    for file in additional:
+    for file in (path for named in additional for path in with_includes(named)):
         for poi in parse(file).iter("poi"):
             if poi.get("type") != SITE_TYPE:
                 continue

@@ -1,7 +1,7 @@
 """Reading SUMO's input files: configurations, and additional files made safe to load.
 
-Input files may come from anyone. A file with a document type is refused, so that no entity is expanded and no other
-file is read. Whatever would make SUMO write a file is removed or refused.
+Input files may come from anyone. A file with a document type is refused, so that no entity is expanded. Files that a
+file includes are read as SUMO reads them. Whatever would make SUMO write a file is removed or refused.
 """
 
 from __future__ import annotations
@@ -51,11 +51,20 @@ KEPT = (
 XML_FAULTS = (ET.ParseError, EOFError, LookupError, OSError, ValueError, zlib.error)
 """What the readers of XML and gzip raise on other files."""
 OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
-OUTPUT_ELEMENTS = (
-    "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector", "e3Detector",
-    "entryExitDetector", "edgeData", "laneData", "edgedata", "lanedata", "meandata-edge", "meandata-lane",
-    "routeProbe", "vTypeProbe", "timedEvent", "calibrator",
+PURE_OUTPUTS = (
+    "edgeData", "laneData", "edgedata", "lanedata", "meandata-edge", "meandata-lane", "vTypeProbe", "timedEvent",
 )  # fmt: skip
+"""Elements that do nothing else than make SUMO write a file."""
+OUTPUT_ELEMENTS = (
+    *PURE_OUTPUTS, "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector",
+    "e3Detector", "entryExitDetector", "routeProbe", "calibrator",
+)  # fmt: skip
+"""Elements that make SUMO write a file. Traffic lights and calibrators may need the others for what they measure."""
+NOWHERE = "NUL"
+"""A file name with which SUMO writes nothing, on every system."""
+INPUT_ATTRIBUTES = ("file", "href", "imgFile")
+"""Attributes that may name a file that SUMO reads; its place is relative to the file that names it."""
+INCLUDE = "include"
 OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
 """Parameters of vehicles and traffic lights that make SUMO write a file."""
 TRUE = ("1", "true", "yes", "on", "x", "t")
@@ -63,6 +72,8 @@ TRUE = ("1", "true", "yes", "on", "x", "t")
 NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
 MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
 """Found in every file that makes SUMO write another. Character references and wide encodings may hide the words."""
+MAY_INCLUDE = re.compile(rb"<\s*include|\x00")
+"""Found in every file that includes another."""
 STEMS = (b"ssm", b"toc", b"file", b"output", b"dest", b"&#", b"\x00")
 """Each match of MAY_WRITE contains one of them. They are searched first, because that is ten times as fast."""
 BLOCK, OVERLAP = 1 << 20, 64
@@ -111,51 +122,89 @@ def read_config(config: Path) -> Inputs:
 
 
 def has_demand(file: Path) -> bool:
-    """Whether a file puts vehicles on the road. It is read up to the first one."""
-    with _reading(file) as stream:
-        return any(node.tag in ("vehicle", "flow", "trip") for node in _elements(stream))
+    """Whether a file, or one that it includes, puts vehicles on the road. It is read up to the first one."""
+    for path in with_includes(file):
+        with _reading(path) as stream:
+            if any(node.tag in ("vehicle", "flow", "trip") for node in _elements(stream)):
+                return True
+    return False
+
+
+def with_includes(file: Path) -> list[Path]:
+    """Return a file and the files that it includes, and those that they include, each once.
+
+    Raises InputError where one of them does not exist or cannot be read.
+    """
+    files = [file]
+    for path in files:  # grows while it is read
+        with _reading(path) as stream:
+            if not _holds(stream, (INCLUDE.encode(), b"\x00"), MAY_INCLUDE):
+                continue
+            stream.seek(0)
+            names = [node.get("href", "") for node in _elements(stream) if node.tag == INCLUDE]
+        for name in names:
+            included = path.parent / os.path.expandvars(name)
+            if not included.is_file():
+                raise InputError(f"{path} includes {name!r}, which does not exist: add the file or remove the element")
+            if included.resolve() not in [known.resolve() for known in files]:
+                files.append(included)
+    return files
 
 
 def without_outputs(file: Path, folder: Path) -> Path:
-    """Return the path of an additional file without the elements that would make SUMO write a file.
+    """Return the path of an additional file with which SUMO writes no file.
 
-    That is the file itself where it has none, and a copy in the folder otherwise.
+    That is the file itself where SUMO writes none, and a copy in the folder otherwise, with what it includes.
     """
-    root = parse(file)
-    removed = 0
+    files = with_includes(file)
+    roots = [parse(path) for path in files]
+    if not any(_makes_output(node) for root in roots for node in root.iter()):
+        return file
+    first = len(list(folder.iterdir()))
+    copies = {path.resolve(): folder / f"{first + k}-{path.name.removesuffix('.gz')}" for k, path in enumerate(files)}
+    for path, root in zip(files, roots, strict=True):
+        _silence(root)
+        for node in root.iter():
+            for name in INPUT_ATTRIBUTES:
+                read = (path.parent / os.path.expandvars(node.get(name, ""))).resolve()
+                if read.is_file():
+                    node.set(name, str(copies.get(read, read)))
+        ET.ElementTree(root).write(copies[path.resolve()], encoding="utf-8")
+    return copies[file.resolve()]
+
+
+def _silence(root: ET.Element) -> None:
+    """Remove the elements and parameters that do nothing but write a file; the others write nowhere."""
     for parent in list(root.iter()):
         for child in list(parent):
-            if _makes_output(child):
-                if child.tag == "calibrator":  # it shapes the traffic too
-                    child.attrib.pop("output", None)
-                else:
-                    parent.remove(child)
-                removed += 1
-    if not removed:
-        return file
-    copy = folder / f"{len(list(folder.iterdir()))}-{file.name.removesuffix('.gz')}"
-    ET.ElementTree(root).write(copy, encoding="utf-8")
-    return copy
+            if not _makes_output(child):
+                continue
+            if child.tag == "param" or child.tag in PURE_OUTPUTS:
+                parent.remove(child)
+            for name in OUTPUT_ATTRIBUTES:
+                if name in child.attrib:
+                    child.set(name, NOWHERE)
 
 
 def refuse_outputs(file: Path) -> None:
-    """Raise InputError where a network or route file would make SUMO write a file."""
-    with _reading(file) as stream:
-        if not _may_write(stream):
-            return
-        stream.seek(0)
-        for node in _elements(stream):
-            if _makes_output(node):
-                name = node.get("key", node.get("id", ""))
-                raise InputError(f"{file}: {node.tag} {name!r} makes SUMO write a file: remove it")
+    """Raise InputError where a network or route file, or one that it includes, would make SUMO write a file."""
+    for path in with_includes(file):
+        with _reading(path) as stream:
+            if not _holds(stream, STEMS, MAY_WRITE):
+                continue
+            stream.seek(0)
+            for node in _elements(stream):
+                if _makes_output(node):
+                    name = node.get("key", node.get("id", ""))
+                    raise InputError(f"{path}: {node.tag} {name!r} makes SUMO write a file: remove it")
 
 
-def _may_write(stream: IO[bytes]) -> bool:
-    """Whether a file has to be read as XML to decide whether it makes SUMO write a file."""
+def _holds(stream: IO[bytes], stems: tuple[bytes, ...], pattern: re.Pattern[bytes]) -> bool:
+    """Whether a file has to be read as XML, because a pattern is in it. Each match contains one of the stems."""
     before = b""
     while block := stream.read(BLOCK):
         text = before + block
-        if any(stem in text for stem in STEMS) and MAY_WRITE.search(text):
+        if any(stem in text for stem in stems) and pattern.search(text):
             return True
         before = block[-OVERLAP:]
     return False
@@ -165,7 +214,9 @@ def _makes_output(node: ET.Element) -> bool:
     """Whether an element, by its own attributes, makes SUMO write a file."""
     if node.tag == "param":
         return node.get("key") in OUTPUT_PARAMS and node.get("value", "").strip().lower() not in NO_OUTPUT
-    return node.tag in OUTPUT_ELEMENTS and any(node.get(name) for name in OUTPUT_ATTRIBUTES)
+    return node.tag in OUTPUT_ELEMENTS and any(
+        node.get(name, "").strip().lower() not in NO_OUTPUT for name in OUTPUT_ATTRIBUTES
+    )
 
 
 def parse(file: Path) -> ET.Element:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from isacsim.arrays import Array
 from isacsim.scenarios.lane import Lane
@@ -77,7 +78,8 @@ def add_sway(
     for track in tracks:
         if len(track) < 2:
             continue
-        offset = sway(track, lanes[int(track.lane[0])].width_m, step_s, settings, stream("sway", *key, track.vehicle))
+        widths_m = np.array([lane.width_m for lane in lanes])[track.lane]
+        offset = sway(track, widths_m, step_s, settings, stream("sway", *key, track.vehicle))
         if lefthand:
             offset = -offset
         sideways = 1j * lane_headings(lanes, track.lane, track.lane_pos) * offset
@@ -86,17 +88,24 @@ def add_sway(
         track.lane_lat[:] += offset
 
 
-def sway(track: Track, lane_width_m: float, step_s: float, settings: SwaySettings, rng: np.random.Generator) -> Array:
-    """Return the offset of a vehicle at each row of its track, m, shape (n,), left positive."""
+def sway(track: Track, widths_m: Array, step_s: float, settings: SwaySettings, rng: np.random.Generator) -> Array:
+    """Return the offset of a vehicle at each row of its track, m, shape (n,), left positive.
+
+    widths_m: of the lane that it drives in, m, shape (n,).
+    """
     from scipy.interpolate import CubicSpline  # loaded only here, because it takes a second
 
-    room = max(0.0, (lane_width_m - track.width_m) / 2.0)
-    sd = min(float(rng.uniform(*settings.sd_m)), ROOM_SHARE * room)
+    room = np.maximum(0.0, (widths_m - track.width_m) / 2.0)
+    sd = np.minimum(float(rng.uniform(*settings.sd_m)), ROOM_SHARE * room)
+    if np.ptp(sd) > 0.0:
+        # Before a narrow lane, a driver has come to sway less, and after it sways more only by and by.
+        reach = 2 * round(settings.change_s / step_s) + 1
+        sd = uniform_filter1d(minimum_filter1d(sd, reach, mode="nearest"), reach, mode="nearest")
     # A slow vehicle goes through its sway slowly; one that stands keeps its place.
     passed_s = np.cumsum(np.clip(track.speed / settings.full_mps, 0.0, 1.0)) * step_s
     grid = np.arange(0.0, passed_s[-1] + 2.0 * GRID_S, GRID_S)
-    path = CubicSpline(grid, sd * wandering(len(grid), GRID_S, settings.lags_s, rng))(passed_s)
-    return np.asarray(path * _away_from_markings(track, step_s, settings.change_s))
+    path = CubicSpline(grid, wandering(len(grid), GRID_S, settings.lags_s, rng))(passed_s)
+    return np.asarray(sd * path * _away_from_markings(track, step_s, settings.change_s))
 
 
 def wandering(count: int, step_s: float, lags_s: tuple[float, float], rng: np.random.Generator) -> Array:

@@ -251,7 +251,7 @@ class Dataset:
         yield from (f"{path}: {fault}" for fault in _row_faults(rows, shard, self.meta.resensed is None))
         digest, dropped = pull_outs_digest(path), self.path / DROPPED_PULL_OUTS / shard.file
         if digest is not None and (not dropped.is_file() or file_digest(dropped) != digest):
-            yield f"{path}: its shard of dropped pull-outs, {dropped}, is missing or damaged"
+            yield f"{path}: delete this one too: its shard of dropped pull-outs, {dropped}, is missing or damaged"
 
 
 def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:

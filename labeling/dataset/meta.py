@@ -29,7 +29,8 @@ class SiteMeta(Settings):
 class ScenarioMeta(Settings):
     """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
 
-    source: the scenario as the user named it. sha256: digest of its input files. origin: the origin of its plane in
+    source: the scenario as the user named it. sha256: digest of its input files, and of
+    its begin and its options that shape the traffic. origin: the origin of its plane in
     SUMO's coordinates, m.
     """
 

@@ -294,11 +294,19 @@ def _try(task: Callable[[Item], Result], item: Item) -> _Attempt:
     """Run a task in a worker. Return its error as text, because not every exception can be pickled."""
     begin, final = time.monotonic(), False
     try:
-        result, error = task(item), None
+        result, error = _bare(task(item)), None
     except Exception as raised:
         # Our own errors, such as a TrafficError, come again with the same scenario and seed.
         result, error, final = None, describe(raised), isinstance(raised, (RunError, InputError))
     return _Attempt(result, error, round(time.monotonic() - begin, 3), final)
+
+
+def _bare(result: Result) -> Result:
+    """Return a result as it is; an error without what else was raised on its way, which may not be pickled."""
+    if isinstance(result, BaseException):
+        result.__context__ = result.__cause__ = None
+        return result.with_traceback(None)
+    return result
 
 
 def _read(future: Future[Any]) -> tuple[int, _Attempt]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
@@ -15,6 +16,7 @@ from pydantic import ValidationError
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.scenarios.scenario import Scenario
+from isacsim.scenarios.sumo_files import with_includes
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
@@ -189,8 +191,11 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
     """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it."""
     digest = hashlib.sha256()
     for path in (scenario.network, *scenario.demand, *scenario.additional):
-        digest.update(f"{path.name} {path.stat().st_size}\n".encode())
-        digest.update(path.read_bytes())
+        for part in with_includes(path):
+            digest.update(f"{part.name} {part.stat().st_size}\n".encode())
+            digest.update(part.read_bytes())
+    if scenario.begin_s or scenario.kept:
+        digest.update(json.dumps([scenario.begin_s, dict(scenario.kept)], sort_keys=True).encode())
     sites = tuple(
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites

@@ -39,7 +39,12 @@ class RecordSettings(Settings):
     alone_before_s: float = Field(
         0.5, ge=0.0, le=30.0, description="no other event of the TV from this long before onset, s"
     )
-    alone_after_s: float = Field(2.4, ge=0.0, le=30.0, description="no other event of the TV until this long after, s")
+    alone_after_s: float = Field(
+        2.4,
+        ge=0.0,
+        le=30.0,
+        description="no other event of the TV until this long after, s, or until the record ends if that is later",
+    )
     across_mps2: float | None = Field(
         4.0,
         gt=0.0,
@@ -189,6 +194,10 @@ def _candidate(
     span = (start - record.margin_s, start + record.duration_s + record.margin_s)
     if not surroundings.has(event.vehicle, *span):
         return "tv_outside_track"
+    if event.intention is Intention.FOLLOWING and not _follows_throughout(
+        surroundings, labels, event, start, pairs, record
+    ):
+        return "ambiguous"
     pair = choose_uv(surroundings, event.vehicle, event.onset, pairs)
     if pair is None:
         return "no_uv"
@@ -218,6 +227,28 @@ def _candidate(
     )
 
 
+def _follows_throughout(
+    surroundings: Surroundings,
+    labels: Labels,
+    event: Event,
+    start: float,
+    pairs: PairSettings,
+    record: RecordSettings,
+) -> bool:
+    """Return whether a vehicle has the same leader in all of the record of its following.
+
+    The detector has made sure of that for a record of the usual length; only what lies beyond is looked at.
+    """
+    following = labels.settings.following
+    end = start + record.duration_s
+    beyond = [
+        *np.arange(start, event.onset - following.before_s - record.jitter_s, following.check_s),
+        *np.arange(end, event.onset + following.after_s + record.jitter_s, -following.check_s),
+    ]
+    leaders = (surroundings.leader(event.vehicle, float(time), pairs.range_m) for time in beyond)
+    return all(leader is not None and leader.vehicle == event.other for leader in leaders)
+
+
 def for_pair(surroundings: Surroundings, labels: Labels, event: Event, uv: str) -> Event:
     """Return an event as what it is for a UV: a change to the faster side may overtake one vehicle and not another.
 
@@ -243,7 +274,8 @@ def ambiguous(event: Event, vehicle_events: Sequence[Event], record: RecordSetti
 
     An event is under way from its onset to the end of its motion; an overtake only while it pulls out.
     """
-    start, end = event.onset - record.alone_before_s, event.onset + record.alone_after_s
+    after_s = max(record.alone_after_s, record.duration_s - record.before_onset_s)
+    start, end = event.onset - record.alone_before_s, event.onset + after_s
     return any(other is not event and other.onset <= end and other.busy_until >= start for other in vehicle_events)
 
 

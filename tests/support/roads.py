@@ -20,17 +20,18 @@ def straight_road(
     ending: bool = False,
     lefthand: bool = False,
     additional: str = "",
+    edge_m: float = 1500.0,
 ) -> Path:
-    """Make a scenario: a straight road of 3 km in two edges. Returns its folder.
+    """Make a scenario: a straight road in two edges, 3 km long in all by default. Returns its folder.
 
     folder: gives the scenario its name, on which all random draws depend. pytest numbers the folders that it makes, in
     the order in which tests ask for them: give a folder inside such a one.
     vehicles, sites, additional: XML. shift: of the road's start from SUMO's origin, m, in x and y.
     ending: the right lane of the first edge ends there, and the second edge has one lane fewer.
-    lefthand: traffic keeps left; the road is then the mirror image.
+    lefthand: traffic keeps left; the road is then the mirror image. edge_m: length of an edge, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    nodes = "".join(f'<node id="n{k}" x="{shift + 1500.0 * k}" y="{shift}"/>' for k in range(3))
+    nodes = "".join(f'<node id="n{k}" x="{shift + edge_m * k}" y="{shift}"/>' for k in range(3))
     edges = "".join(
         f'<edge id="e{k}" from="n{k}" to="n{k + 1}" numLanes="{lanes - k * ending}" speed="36.11" width="3.6"/>'
         for k in range(2)

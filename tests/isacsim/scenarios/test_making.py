@@ -65,17 +65,65 @@ def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
 def test_additional_files_keep_everything_but_outputs(tmp_path: Path) -> None:
     file = tmp_path / "a.add.xml"
     file.write_text(
-        '<additional><e1Detector id="d" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
+        '<additional><edgeData id="m" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
         '<vType id="t"><param key="has.ssm.device" value="true"/><param key="color" value="red"/></vType></additional>'
     )
     (folder := tmp_path / "copies").mkdir()
     copy = without_outputs(file, folder)
     assert [node.tag for node in parse(copy)] == ["busStop", "calibrator", "vType"]
-    assert [node.attrib for node in parse(copy).iter("calibrator")] == [{"id": "c", "freq": "1"}]
+    assert [node.attrib for node in parse(copy).iter("calibrator")] == [{"id": "c", "freq": "1", "output": "NUL"}]
     assert [node.get("key") for node in parse(copy).iter("param")] == ["color"]
     harmless = tmp_path / "b.add.xml"
     harmless.write_text('<additional><busStop id="b"/></additional>')
     assert without_outputs(harmless, folder) == harmless
+
+
+OF_USERS = {
+    "calibrator": '<routeProbe id="p" edge="e0" freq="10" file="probe.xml"/>'
+    '<calibrator id="c" edge="e0" pos="0" freq="10" output="c.xml" routeProbe="p"/>',
+    "nowhere": '<inductionLoop id="d" lane="e0_1" pos="100" freq="10" file="NUL"/>',
+    "speed sign": '<e1Detector id="d" lane="e0_1" pos="100" freq="10" file="e1.xml"/>'
+    '<variableSpeedSign id="s" lanes="e1_0" file="steps.xml"/>',
+    "include": '<include href="more/detectors.add.xml"/>',
+}
+
+
+@pytest.mark.parametrize("kind", OF_USERS)
+def test_what_a_users_files_measure_or_include_is_loaded_and_nothing_is_written(tmp_path: Path, kind: str) -> None:
+    folder = straight_road(tmp_path / "users", vehicle("a"), additional=OF_USERS[kind])
+    (folder / "steps.xml").write_text('<vss><step time="0" speed="10"/></vss>')
+    (folder / "more").mkdir()
+    (folder / "more/detectors.add.xml").write_text(
+        '<additional><e1Detector id="d" lane="e0_1" pos="100" freq="10" file="e1.xml"/>'
+        '<include href="stop.add.xml"/></additional>'
+    )
+    (folder / "more/stop.add.xml").write_text('<additional><busStop id="b" lane="e1_0"/></additional>')
+    before = sorted(path.relative_to(folder) for path in folder.rglob("*"))
+    recording = record(load(folder), 1, TrafficSettings(run_in_s=2.0, duration_s=20.0), ManeuverSettings())
+    assert "a" in recording.tracks
+    assert sorted(path.relative_to(folder) for path in folder.rglob("*")) == before
+
+
+def test_demand_may_be_included_and_a_missing_file_is_named(tmp_path: Path) -> None:
+    folder = straight_road(tmp_path / "users", vehicle("a"))
+    (folder / "r.rou.xml").rename(folder / "all.rou.xml")
+    (folder / "r.rou.xml").write_text('<routes><include href="all.rou.xml"/></routes>')
+    assert "a" in record(load(folder), 1, TrafficSettings(run_in_s=2.0, duration_s=3.0), ManeuverSettings()).tracks
+    (folder / "all.rou.xml").unlink()
+    with pytest.raises(InputError, match=r"r\.rou\.xml includes 'all\.rou\.xml', which does not exist: add the file"):
+        load(folder)
+
+
+def test_a_short_road_gets_demand_and_names_may_hold_any_character(tmp_path: Path) -> None:
+    folder = straight_road(tmp_path / "R&D", vehicle("a"))
+    text = make_demand(
+        straight_road(tmp_path / "short", vehicle("a"), edge_m=60.0) / "r.net.xml", DemandSettings(), seed=1
+    )
+    assert "<flow" in text
+    for path in folder.glob("r.rou.xml"):
+        path.unlink()
+    add_sites(str(folder / "r.net.xml"), tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=30))
+    assert load(tmp_path / "new").network.samefile(folder / "r.net.xml")
 
 
 def test_a_bare_network_gets_demand_and_sites(tmp_path: Path) -> None:

@@ -50,17 +50,34 @@ def test_the_process_has_unit_variance_and_the_correlation_of_two_lags() -> None
 def test_each_driver_sways_by_its_own_measure_within_the_lane() -> None:
     spreads, slow_spreads = [], []
     for seed in range(60):
-        values = sway(track(np.full(12_000, 25.0)), 3.6, STEP, SwaySettings(), stream("test", seed))
+        values = sway(track(np.full(12_000, 25.0)), np.full(12_000, 3.6), STEP, SwaySettings(), stream("test", seed))
         spreads.append(values.std())
         truck = track(np.full(12_000, 25.0), width_m=2.5)
-        slow_spreads.append(sway(truck, 3.2, STEP, SwaySettings(), stream("test", seed)).std())
+        slow_spreads.append(sway(truck, np.full(12_000, 3.2), STEP, SwaySettings(), stream("test", seed)).std())
     assert 0.14 < np.sqrt(np.mean(np.square(spreads))) < 0.24
     assert max(slow_spreads) < 0.4 * 0.35 * 2.0
 
 
+def test_in_a_narrow_lane_a_driver_sways_by_what_room_there_is() -> None:
+    """A truck of 2.5 m comes into a lane of 2.75 m, and out of it: beside it are 12.5 cm, of which it uses 5 cm."""
+    widths_m = np.full(36_000, 3.75)
+    widths_m[12_000:24_000] = 2.75
+    truck = track(np.full(36_000, 25.0), width_m=2.5)
+    narrow, before, after = [], [], []
+    for seed in range(30):
+        values = sway(truck, widths_m, STEP, SwaySettings(), stream("narrow", seed))
+        wide = sway(truck, np.full(36_000, 3.75), STEP, SwaySettings(), stream("narrow", seed))
+        narrow.append(values[12_000:24_000].std())
+        before.append(np.ptp((values - wide)[:11_000]))
+        after.append(np.ptp((values - wide)[25_000:]))
+        assert np.abs(np.diff(values)).max() / STEP < 0.6
+    assert np.sqrt(np.mean(np.square(narrow))) < 0.06
+    assert max(*before, *after) < 1e-12
+
+
 def test_a_vehicle_that_stands_keeps_its_place() -> None:
     speed = np.concatenate([np.full(2000, 20.0), np.zeros(2000)])
-    values = sway(track(speed), 3.6, STEP, SwaySettings(), stream("test", 1))
+    values = sway(track(speed), np.full(4000, 3.6), STEP, SwaySettings(), stream("test", 1))
     assert np.ptp(values[:2000]) > 0.1
     assert np.ptp(values[2000:]) == 0.0
 

@@ -27,6 +27,7 @@ from labeling.dataset.summary import faults, summary
 from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
 from labeling.generation.kept_workers import KeptWorkers
+from labeling.generation.settings import DatasetStudy
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -174,6 +175,20 @@ def masts(first: tuple[float, float]) -> str:
     )
 
 
+def again(folder: Path) -> Dataset:
+    """Generate what `on_road` generates, with the scenario as it is now."""
+    return generate(_road_study(folder / "r", 1), folder / "data", INLINE)
+
+
+def _road_study(scenario: Path, seeds: int) -> DatasetStudy:
+    return small_study(
+        scenarios=[str(scenario)],
+        seeds={"first": 1, "last": seeds},
+        traffic={"run_in_s": 30.0, "duration_s": 40.0},
+        maneuvers={"rest_s": 1.0},
+    )
+
+
 def on_road(
     folder: Path,
     cars: str,
@@ -184,13 +199,7 @@ def on_road(
 ) -> Dataset:
     """A dataset of 40 s of SUMO's traffic on a straight road."""
     scenario = straight_road(folder / "r", cars, masts(first), lanes=lanes)
-    study = small_study(
-        scenarios=[str(scenario)],
-        seeds={"first": 1, "last": seeds},
-        traffic={"run_in_s": 30.0, "duration_s": 40.0},
-        maneuvers={"rest_s": 1.0},
-    )
-    return generate(study, folder / "data", engine)
+    return generate(_road_study(scenario, seeds), folder / "data", engine)
 
 
 def convoy(lane: int, position: float = 10.0) -> str:
@@ -242,6 +251,26 @@ def test_what_sumo_says_of_a_lost_episode_is_shown_as_it_is(tmp_path: Path, one_
     assert str(caught.value).startswith("all 1 episodes failed, the first with: r, seed 1: Departure speed for vehicle")
     (line,) = (tmp_path / "data/log.jsonl").read_text().splitlines()
     assert (json.loads(line)["outcome"], json.loads(line)["retries"]) == ("lost", 0)
+
+
+def test_a_scenario_that_sumo_refuses_ends_the_command_from_a_worker_process(
+    tmp_path: Path, one_worker: KeptWorkers
+) -> None:
+    """The error comes with libsumo's own in its context, which no process can send to another."""
+    with pytest.raises(InputError, match=r"^SUMO refuses scenario r \(.*nowhere.*\): fix its files$"):
+        on_road(tmp_path, vehicle("a").replace('route="all"', 'route="nowhere"'), 1, engine=one_worker)
+
+
+@pytest.mark.parametrize("option", ['<begin value="1"/>', '<scale value="3"/>'])
+def test_a_dataset_does_not_go_on_after_its_configuration_has_changed(tmp_path: Path, option: str) -> None:
+    on_road(tmp_path, convoy(0), 1)
+    for path in (tmp_path / "data/shards").iterdir():
+        path.unlink()
+    config = tmp_path / "r/r.sumocfg"
+    text = config.read_text().replace("</configuration>", f"{option}</configuration>")
+    config.write_text(text)
+    with pytest.raises(InputError, match=r"holds the dataset of another study \(inputs\.r\.sha256 is"):
+        again(tmp_path)
 
 
 BACKWARDS = """

@@ -142,6 +142,25 @@ def test_ambiguity_is_another_event_under_way_from_half_a_second_before_to_the_e
     assert ambiguous(event, [event, other], RECORD) is expected
 
 
+def test_a_longer_record_excludes_other_events_until_its_end() -> None:
+    event = Event("tv", Intention.HARD_BRAKE, 10.0, 10.3, 12.0, -6.0)
+    other = Event("tv", Intention.RIGHT_LANE_CHANGE, 15.0, 15.0, 16.0, 1.0)
+    assert not ambiguous(event, [event, other], RECORD)
+    assert ambiguous(event, [event, other], RecordSettings(duration_s=10.0))
+
+
+@pytest.mark.parametrize("duration_s", [5.0, 10.0])
+def test_following_has_one_leader_in_all_of_its_record(duration_s: float) -> None:
+    """After half a minute another vehicle moves in between, so that the leader changes."""
+    between = Drive("other", start_m=30.0, kind="truck", lateral=lambda t: WIDTH_M + sweep(32.0, 4.0, -WIDTH_M)(t))
+    recording = record(ROAD, Drive("tv"), lead(), between)
+    samples = offered(recording, record_settings=RecordSettings(duration_s=duration_s)).samples
+    starts = [sample.t_start for sample in samples if sample.intention is Intention.FOLLOWING]
+    assert any(start < 25.0 for start in starts)
+    assert any(start > 35.0 for start in starts)
+    assert not any(start < 33.5 and start + duration_s > 34.5 for start in starts)
+
+
 def test_an_overtake_is_under_way_only_while_it_pulls_out() -> None:
     event = Event("tv", Intention.HARD_BRAKE, 10.0, 10.3, 12.0, -6.0)
     overtake = Event("tv", Intention.OVERTAKE, 2.0, 4.0, 20.0, 1.0, motion_end=6.0)
