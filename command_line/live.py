@@ -194,7 +194,9 @@ def verdict(result: TrafficResult) -> list[str]:
         if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
             interval = point.recall_interval
             between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
-            lines.append(f"recall at 1 false alarm per vehicle-hour: {point.recall:.2f}{between}")
+            lines.append(
+                f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
+            )
     for cost in result.truth.lost if result.truth else ():
         if cost.false_alarms_per_vehicle_hour == 1.0:
             between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""

@@ -11,6 +11,9 @@ OF_DATASETS = ("isac-cosim", "libsumo", "numpy", "pyarrow", "scipy")
 OF_RUNS = ("aeon", "isac-cosim", "lightning", "numpy", "scikit-learn", "torch")
 """Packages whose version can change a trained predictor or its scores."""
 
+OF_EPISODES = (*OF_RUNS, "libsumo", "scipy")
+"""Packages whose version can change what an evaluation in traffic sees and answers."""
+
 
 def versions(packages: Sequence[str]) -> dict[str, str]:
     """Return the versions of the named packages, by name, leaving out those that are not installed.

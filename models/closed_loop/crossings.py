@@ -1,8 +1,9 @@
 """Post-encroachment times where paths cross inside a junction, from a recording alone, for all vehicles at once.
 
-Two lanes inside a junction that come from different edges and cross have a conflict point. The post-encroachment time
-is from the instant when the rear of one vehicle has passed that point to the instant when the front of the next one on
-the other lane gets there. Paths that part or merge do not cross: where they merge, vehicles follow each other.
+Two lanes inside a junction that come from different edges, lead into different lanes and cross have a conflict point.
+The post-encroachment time is from the instant when the rear of one vehicle has passed that point to the instant when
+the front of the next one on the other lane gets there. Paths that part or merge do not cross: where they merge,
+vehicles follow each other.
 
 Source: Allen, Shin and Cooper 1978.
 """
@@ -10,7 +11,7 @@ Source: Allen, Shin and Cooper 1978.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -19,6 +20,7 @@ import numpy as np
 from isacsim.arrays import Array
 from isacsim.scenarios.lane import Lane
 from isacsim.traffic.recording import Recording
+from labeling.road.lane_graph import LaneGraph
 from models.closed_loop.safety import LONGEST_PET_S, Encroachments, arrival
 
 END_M = 1.0
@@ -70,12 +72,27 @@ def conflict_points(lanes: Sequence[Lane]) -> list[Crossing]:
     for number, lane in enumerate(lanes):
         if lane.edge.startswith(":"):
             inside[lane.edge.rpartition("_")[0]].append(number)
-    points = []
+    graph, points = LaneGraph(lanes), []
     for numbers in inside.values():
+        origins = {k: {lanes[out].edge for out in _outside(k, lanes, graph.predecessors)} for k in numbers}
+        goals = {k: _outside(k, lanes, graph.successors) for k in numbers}
         for first, second in combinations(numbers, 2):
-            if lanes[first].edge != lanes[second].edge:
+            if origins[first].isdisjoint(origins[second]) and goals[first].isdisjoint(goals[second]):
                 points += [Crossing((first, second), places) for places in _intersections(lanes[first], lanes[second])]
     return points
+
+
+def _outside(lane: int, lanes: Sequence[Lane], onward: Sequence[Iterable[int]]) -> set[int]:
+    """Return the lanes outside the junction to which a lane inside it leads, or from which it comes."""
+    found, seen, open_ = set(), {lane}, [lane]
+    while open_:
+        for k in onward[open_.pop()]:
+            if not lanes[k].edge.startswith(":"):
+                found.add(k)
+            elif k not in seen:
+                seen.add(k)
+                open_.append(k)
+    return found
 
 
 def _intersections(one: Lane, other: Lane) -> Iterator[tuple[float, float]]:

@@ -83,9 +83,10 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         self._study = _study(scenario, infer, duration_s, run_in_s, natural)
         self._settings = checked(ClosedLoopSettings, settings or {}, "settings")
         self._scenario = load(scenario)
-        self._decisions_per_step = round(every_s / self._study.live.streams.decision_s)
-        if self._decisions_per_step < 1:
-            raise InputError(f"every_s {every_s:g} s is shorter than the network's time between decisions")
+        decision_s = self._study.live.streams.decision_s
+        self._decisions_per_step = round(every_s / decision_s)
+        if self._decisions_per_step < 1 or abs(self._decisions_per_step * decision_s - every_s) > 1e-6:
+            raise InputError(f"every_s {every_s:g} s: give a multiple of the {decision_s:g} s between two decisions")
         self._slots, self._cost, self._sensor = slots, advisory_cost, sensor
         self.observation_space = spaces.Box(-np.inf, np.inf, (slots, len(FEATURES)), np.float32)
         self.action_space = spaces.MultiDiscrete(np.full(slots, len(INSTRUCTIONS) + 1))

@@ -55,7 +55,8 @@ class Alarming:
 class ArmTask:
     """Runs the arms of an evaluation; it is sent to worker processes.
 
-    where: path or bundled name of the scenario. run: folder of the predictor. folder: where episodes are written.
+    where: path or bundled name of the scenario. run: folder of the predictor. fingerprints: of what each arm rests on.
+    folder: where episodes are written.
     """
 
     study: LiveStudy
@@ -64,7 +65,7 @@ class ArmTask:
     where: str
     run: Path
     alarming: Alarming
-    fingerprint: str
+    fingerprints: Mapping[Arm, str]
     folder: Path
 
     def __call__(self, item: tuple[int, Arm]) -> str | InputError | OutputError:
@@ -73,7 +74,7 @@ class ArmTask:
         try:
             scenario = self.source.load(self.where)
             episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
-            facts = episode.facts.model_copy(update={"fingerprint": self.fingerprint})
+            facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
             write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
             return arm
         except (InputError, OutputError) as error:

@@ -39,11 +39,15 @@ from models.run import Run
 ARMS_FILE, ARMS_FOLDER = "arms.json", "arms"
 
 
-class _Begun(Settings):
-    """The content of ARMS_FILE."""
+SCORED_AFTERWARDS = {"arms", "near_m", "after_s"}
+"""The settings that an arm does not depend on."""
 
-    fingerprint: str
+
+class _Begun(Settings):
+    """The content of ARMS_FILE. fingerprint: of earlier versions, which had one for all arms."""
+
     settings: ClosedLoopSettings
+    fingerprint: str | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,7 @@ def evaluate_advisories(
     if study.dataset.source != "sumo":
         raise InputError(f"source {study.dataset.source}: a closed loop needs traffic that is simulated; use sumo")
     engine = engine or LocalEngine(1)
+    _check_settings(out, settings)
     opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
     source = source or motion_source(study.dataset)
     where = study.dataset.scenarios[0]
@@ -84,14 +89,12 @@ def evaluate_advisories(
     settings = settings.model_copy(update={"arms": tuple(arms)})
     begun = read_json(Begun, out / STUDY_FILE)
     assert begun is not None, "the open loop marks its folder"
-    identity = settings.model_dump(mode="json", exclude={"arms", "near_m", "after_s"})
-    # Alarms depend on all of the study, of which the fingerprint of the open loop covers what its answers rest on.
-    digest = fingerprint(begun.fingerprint, study.model_dump(mode="json"), identity)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, _Begun(fingerprint=digest, settings=settings))
+        _begin(out, _Begun(settings=settings))
         alarming = alarming_of(opened, study, scenario, out)
+        digests = _fingerprints(begun, settings, alarming)
         task = ArmTask(
-            study, settings, source, where, run.path.resolve(), alarming, digest, (out / ARMS_FOLDER).resolve()
+            study, settings, source, where, run.path.resolve(), alarming, digests, (out / ARMS_FOLDER).resolve()
         )
         items = [(seed, arm) for seed in study.dataset.seeds for arm in arms]
         _run_missing(task, scenario, items, engine, feedback)
@@ -122,11 +125,33 @@ def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out:
     return Alarming(settings, background, rates)
 
 
-def _begin(out: Path, begun: _Begun) -> None:
-    """Mark the folder of a closed loop. Raises InputError if it holds another one."""
+def _check_settings(out: Path, settings: ClosedLoopSettings) -> None:
+    """Raise InputError if a folder holds a closed loop with other settings."""
     before = read_json(_Begun, out / ARMS_FILE)
-    if before is not None and before.fingerprint != begun.fingerprint:
+    if before is None:
+        return
+    if before.settings.model_dump(exclude=SCORED_AFTERWARDS) != settings.model_dump(exclude=SCORED_AFTERWARDS):
         raise InputError(f"{out}: holds a closed loop with other settings; choose a new folder")
+
+
+def _fingerprints(begun: Begun, settings: ClosedLoopSettings, alarming: Alarming) -> dict[Arm, str]:
+    """Return a digest of what each arm rests on: where it changes, the arm is driven again.
+
+    `none` rests on the traffic, `random` on the rates of alarms too, and the others on how alarms are chosen.
+    """
+    base = fingerprint(begun.fingerprint, settings.model_dump(mode="json", exclude=SCORED_AFTERWARDS))
+    study = begun.study
+    chosen = None if alarming.settings is None else alarming.settings.model_dump(mode="json")
+    background = (
+        None if alarming.background is None else study.live.model_dump(mode="json", include={"background", "scoring"})
+    )
+    raised = fingerprint(base, chosen, background, study.development.model_dump(mode="json"))
+    special = {"none": base, "random": fingerprint(base, dict(alarming.random_per_hour))}
+    return {arm: special.get(arm, raised) for arm in ARMS}
+
+
+def _begin(out: Path, begun: _Begun) -> None:
+    """Mark the folder of a closed loop."""
     write_json(out / ARMS_FILE, begun.model_dump(mode="json"))
     (out / ARMS_FOLDER).mkdir(exist_ok=True)
     remove_partial(out / ARMS_FOLDER, "*.parquet")
@@ -139,7 +164,7 @@ def _run_missing(
 
     def finished(item: tuple[int, Arm]) -> bool:
         facts = read_facts(task.folder / file_name(scenario, *item))
-        return facts is not None and facts.fingerprint == task.fingerprint
+        return facts is not None and facts.fingerprint == task.fingerprints[item[1]]
 
     arms = Episodes(items, finished, "driving with advisories", "arms", lambda item: f"seed {item[0]}, arm {item[1]}")
     run_missing(task, arms, engine, feedback)

@@ -72,7 +72,7 @@ class ClosedLoop:
         sensor: Sensor
         if arm == "radar":
             sensor = RadarSensor(scenario, seed, settings.radar, dataset.report, shape.tv_rate_hz)
-        elif arm in ("truth", "random"):
+        elif arm == "truth":
             sensor = TruthSensor()
         else:
             sensor = IsacSensor(scenario, seed, dataset.sensing, shape.tv_rate_hz, world.vehicles)

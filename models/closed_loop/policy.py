@@ -15,9 +15,11 @@ Where traffic keeps left, left and right change places.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from labeling.road.lane_graph import LaneGraph
 from labeling.road.surroundings import Surroundings
 from labeling.samples.uv_choice import PairSettings, connected
 from models.closed_loop.alarms import Alarm
@@ -88,16 +90,37 @@ def vehicle_at(surroundings: Surroundings, tv: str, place: Place, time_s: float,
 
 
 def _beside(surroundings: Surroundings, tv: str, leftward: int, time_s: float, range_m: float) -> str | None:
-    """Return the first vehicle alongside or behind in the lane to the left (1) or right (-1) on the same edge."""
+    """Return the first vehicle alongside or behind in the lane to the left (1) or right (-1), or that leads into it.
+
+    Lanes that lead into the TV's own lane as well are not searched: who drives there is behind the TV.
+    """
     recording, graph = surroundings.recording, surroundings.graph
     track, step = recording.tracks[tv], surroundings.step(time_s)
     lane, place = int(track.lane[step - track.first_step]), float(track.lane_pos[step - track.first_step])
-    lanes = [k for k in graph.on_edge[graph.lanes[lane].edge] if graph.levels(lane, k) == leftward]
+    beside = [k for k in graph.on_edge[graph.lanes[lane].edge] if graph.levels(lane, k) == leftward]
+    own = _upstream(graph, [lane], place, range_m)
+    starts = {k: start for k, start in _upstream(graph, beside, place, range_m).items() if k not in own}
     behind = {}
     for other in surroundings.present(time_s):
         row = step - other.first_step
-        if int(other.lane[row]) in lanes:
-            back_m = place - float(other.lane_pos[row])
-            if -track.length_m < back_m <= range_m:
-                behind[other.vehicle] = back_m
+        start = starts.get(int(other.lane[row]))
+        if start is not None and -track.length_m < start - float(other.lane_pos[row]) <= range_m:
+            behind[other.vehicle] = start - float(other.lane_pos[row])
     return min(behind, key=lambda name: (behind[name], name), default=None)
+
+
+def _upstream(graph: LaneGraph, lanes: Iterable[int], place_m: float, range_m: float) -> dict[int, float]:
+    """Return some lanes and those that lead into them, each with the way from its start to a place in the former, m.
+
+    place_m: along the former, m. range_m: lanes that end farther from the place are left out, m.
+    """
+    starts = dict.fromkeys(lanes, place_m)
+    open_ = list(starts)
+    while open_:
+        k = open_.pop()
+        for before in graph.predecessors[k]:
+            start_m = starts[k] + graph.lanes[before].length_m
+            if starts[k] < range_m and start_m < starts.get(before, float("inf")):
+                starts[before] = start_m
+                open_.append(before)
+    return starts

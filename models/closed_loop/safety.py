@@ -296,7 +296,7 @@ def figures(totals: Sequence[Totals]) -> dict[str, float]:
         return float(sum(getattr(part, name) for part in totals)) / hours if hours else np.nan
 
     def mean(name: str) -> float:
-        return float(np.mean([getattr(part, name) for part in totals])) if hours else np.nan
+        return float(np.mean([getattr(part, name) for part in totals if part.hours])) if hours else np.nan
 
     rates = ("ttc_below_3_s", "ttc_below_1_5_s", "drac_above_3_4_s", "entries_below_1_5", "crossings_below_1_5")
     return {

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
@@ -25,6 +25,7 @@ from isacsim.seeding import stream
 from isacsim.settings import Settings, checked, read_json
 from isacsim.traffic.director import LEFT_ALONE
 from isacsim.traffic.motion_sources import MotionSource, motion_source
+from isacsim.versions import OF_EPISODES, versions
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.folder import fingerprint
 from labeling.generation.generate import describe
@@ -53,10 +54,11 @@ SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
 
 
 class Begun(Settings):
-    """The content of STUDY_FILE."""
+    """The content of STUDY_FILE. versions: with which its episodes are run, none in folders of earlier versions."""
 
     fingerprint: str
     study: LiveStudy
+    versions: dict[str, str] = Field(default_factory=dict)
 
 
 def study_of(
@@ -71,8 +73,9 @@ def study_of(
     """Return the study of an evaluation, with the settings of the dataset that the run was trained on.
 
     Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known. Sensing uses
-    the link budget, at the rates of the run. seeds, development: first and last seed. duration_s: of an episode, s.
-    natural: if true, drivers are left alone: no causes, commands or disturbances.
+    the link budget, at the rates of the run; predictions and delays wait for whole samples of these.
+    seeds, development: first and last seed. duration_s: of an episode, s. natural: if true, drivers are left alone: no
+    causes, commands or disturbances.
     Raises InputError if an argument is wrong.
     """
     try:
@@ -88,11 +91,13 @@ def study_of(
         content["maneuvers"] |= LEFT_ALONE
     if duration_s is not None:
         content["traffic"] |= {"duration_s": duration_s}
+    live = live or LiveSettings()
+    streams = live.streams.fitting(card.tv_rate_hz, card.uv_rate_hz)
     chosen_on = development or DEVELOPMENT
     whole = {
         "dataset": content,
         "development": SeedRange(first=chosen_on[0], last=chosen_on[1]).model_dump(),
-        "live": (live or LiveSettings()).model_dump(),
+        "live": live.model_copy(update={"streams": streams}).model_dump(),
     }
     return checked(LiveStudy, whole, "arguments")
 
@@ -126,24 +131,29 @@ def evaluate_traffic(
         _check_alone(alone)
     timing_of(study, run.card.shape)
     meta = describe(study.dataset, {where: scenario})
-    cards = [compared.card.model_dump(mode="json") for compared in (run, *others)]
+    named = _named(against)
+    cards = {
+        "run": run.card.model_dump(mode="json"),
+        "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
+        "alone": None if alone is None else alone.card.model_dump(mode="json"),
+    }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
-    # Without lanes, folders of earlier versions keep their fingerprint.
-    kept = ["lanes"] if with_lanes else []
-    digest = fingerprint(answers_rest_on, [s.model_dump(mode="json") for s in meta.scenarios], cards, *kept)
+    installed = versions(OF_EPISODES)
+    described = [described.model_dump(mode="json") for described in meta.scenarios]
+    digest = fingerprint(answers_rest_on, described, cards, with_lanes, installed)
     predictors = Predictors(
         run.path.resolve(),
-        {name: compared.path.resolve() for name, compared in _named(against).items()},
+        {name: compared.path.resolve() for name, compared in named.items()},
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, Begun(fingerprint=digest, study=study))
+        _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, meta.scenarios[0].model_dump(mode="json"), feedback)
+        evaluation = summarise(evaluated, described[0], feedback)
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)
@@ -160,6 +170,11 @@ def warnings(result: TrafficResult) -> list[str]:
         )
     elif not result.over_all.events:
         lines.append("warning: no event counts, so recall is undefined; simulate longer, or more seeds")
+    elif result.alarms is None:
+        lines.append(
+            "warning: no alarm could be chosen, because no vehicle was predicted on the development seeds; give more "
+            "of them, or longer ones (--development, --duration)"
+        )
     elif not result.alarms_keep_to_rate:
         rate = result.made_by.study.live.choice.false_alarms_per_vehicle_hour
         lines.append(
@@ -225,6 +240,13 @@ def _begin(out: Path, begun: Begun) -> None:
     """Mark a folder as that of this evaluation. Raises InputError if it holds another evaluation."""
     before = read_json(Begun, out / STUDY_FILE)
     if before is not None and before.fingerprint != begun.fingerprint:
+        differing = sorted(
+            name
+            for name in before.versions.keys() | begun.versions.keys()
+            if before.versions.get(name) != begun.versions.get(name)
+        )
+        if differing:
+            raise InputError(f"{out}: was begun with other versions of {', '.join(differing)}; choose a new folder")
         raise InputError(f"{out}: holds an evaluation of another run or other settings; choose a new folder")
     write_json(out / STUDY_FILE, begun.model_dump(mode="json"))
     (out / EPISODES).mkdir(exist_ok=True)

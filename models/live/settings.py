@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil
 from typing import Literal, Self
 
 import numpy as np
@@ -17,6 +18,17 @@ Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
 Sharing = Literal["shared", "separate"]
 """Whether all intentions share a threshold, or each has its own."""
+
+
+def _whole(seconds: float, *rates_hz: float) -> float:
+    """Return the shortest time, s, not shorter than `seconds`, that is a whole number of samples at all rates.
+
+    That is `seconds` itself where no such time is near.
+    """
+    slowest = min(rates_hz)
+    first = ceil(seconds * slowest - 1e-6)
+    times = (k / slowest for k in range(first, first + 100))
+    return next((t for t in times if all(abs(t * rate - round(t * rate)) < 1e-6 for rate in rates_hz)), seconds)
 
 
 class StreamSettings(Settings):
@@ -37,6 +49,15 @@ class StreamSettings(Settings):
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
+
+    def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
+        """Return these settings with times that are whole numbers of samples, as little longer as possible."""
+        return self.model_copy(
+            update={
+                "decision_s": _whole(self.decision_s, tv_rate_hz, uv_rate_hz),
+                "report_delay_s": _whole(self.report_delay_s, uv_rate_hz),
+            }
+        )
 
 
 class AlarmSettings(Settings):

@@ -11,7 +11,7 @@ from typing import Any
 
 from isacsim.feedback import SILENT, Feedback
 from isacsim.traffic.motion import REACH
-from isacsim.versions import OF_RUNS, versions
+from isacsim.versions import OF_EPISODES, versions
 from labeling.generation.settings import SeedRange
 from models.live import measuring
 from models.live.curves import recall_lost
@@ -121,7 +121,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
             development=[f"{evaluated.scenario}-{seed}" for seed in study.development],
             seeds=[f"{evaluated.scenario}-{seed}" for seed in study.dataset.seeds],
             run=run.card,
-            versions=versions((*OF_RUNS, "libsumo", "scipy")),
+            versions=versions(OF_EPISODES),
         ),
     )
     return TrafficEvaluation(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,6 +75,26 @@ def test_paths_that_merge_do_not_cross() -> None:
     tracks = (drive("a", 0, 10.0, 0.0), drive("b", 2, 10.0, 1.0))
     passage = crossings(Recording("junction", 0, STEP_S, lanes, {t.vehicle: t for t in tracks}))
     assert len(passage.pet_s) == len(joined(passage).pet_s) == 0
+
+
+@pytest.mark.parametrize(
+    ("ways_in", "ways_out", "crosses"), [((0, 1), (0, 1), True), ((0, 0), (0, 1), False), ((0, 1), (0, 0), False)]
+)
+def test_paths_from_one_edge_or_into_one_lane_do_not_cross(
+    ways_in: tuple[int, int], ways_out: tuple[int, int], crosses: bool
+) -> None:
+    """Through a second lane inside the junction, as where vehicles wait in its middle."""
+    first, second, _ = junction(1.5)
+    away = np.array([[500.0, 0.0], [600.0, 0.0]])
+    inside = [replace(lane, successors=(f":j_{k + 7}_0",)) for k, lane in enumerate((first, second))]
+    waiting = [Lane(f":j_{k + 7}_0", f":j_{k + 7}", 0, 3.2, 100.0, away, (f"out{ways_out[k]}_0",)) for k in range(2)]
+    before = [
+        Lane(f"in{n}_0", f"in{n}", 0, 3.2, 100.0, away, tuple(f":j_{k}_0" for k in range(2) if ways_in[k] == n))
+        for n in range(2)
+    ]
+    after = [Lane(f"out{n}_0", f"out{n}", 0, 3.2, 100.0, away, ()) for n in range(2)]
+    points = conflict_points((*inside, *waiting, *before, *after))
+    assert [point.lanes for point in points] == ([(0, 1)] if crosses else [])
 
 
 @pytest.mark.parametrize(("name", "crosses"), [("urban", True), ("city", True), ("motorway", False)])

@@ -81,7 +81,7 @@ def test_one_environment_a_process(environment: AdvisoryEnv, settings: dict[str,
 
 
 def test_a_time_between_actions_below_the_networks_is_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="shorter than the network's"):
+    with pytest.raises(InputError, match=r"give a multiple of the 0\.1 s between two decisions"):
         AdvisoryEnv(**settings, every_s=0.01)
 
 

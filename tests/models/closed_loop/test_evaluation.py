@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,53 @@ def test_other_settings_of_the_loop_need_another_folder(
     other = SETTINGS.model_copy(update={"conditioning": "causal"})
     with pytest.raises(InputError, match="holds a closed loop with other settings"):
         evaluate_advisories(trees_run, study, other, folder, InlineEngine())
+
+
+def test_more_seeds_and_other_alarms_continue_in_the_same_folder(
+    evaluation: ClosedLoopEvaluation,
+    trees_run: Run,
+    study: LiveStudy,
+    folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Only what rests on the change is driven again: not the traffic without advisories."""
+    out = tmp_path / "copy"
+    shutil.copytree(folder, out)
+    run_arms: list[tuple[int, str]] = []
+    run_arm = episode.run_arm
+
+    def noted(*arguments: object) -> object:
+        run_arms.append((arguments[3], arguments[4]))  # type: ignore[arg-type]
+        return run_arm(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(episode, "run_arm", noted)
+    fewer = study.model_copy(
+        update={
+            "dataset": study.dataset.model_copy(update={"seeds": study.dataset.seeds.model_copy(update={"last": 1})})
+        }
+    )
+    evaluate_advisories(trees_run, fewer, SETTINGS, out, InlineEngine())
+    evaluate_advisories(trees_run, study, SETTINGS, out, InlineEngine())
+    assert {arm for _, arm in run_arms} <= {"random"}
+    run_arms.clear()
+    choice = study.live.choice.model_copy(update={"false_alarms_per_vehicle_hour": 100.0})
+    other = study.model_copy(update={"live": study.live.model_copy(update={"choice": choice})})
+    result = evaluate_advisories(trees_run, other, SETTINGS, out, InlineEngine()).result
+    assert result.made_by.study.live.choice.false_alarms_per_vehicle_hour == 100.0
+    assert "none" not in {arm for _, arm in run_arms}
+
+
+def test_a_refused_closed_loop_leaves_the_result_as_it_was(
+    evaluation: ClosedLoopEvaluation, trees_run: Run, study: LiveStudy, folder: Path
+) -> None:
+    before = {name: (folder / name).read_bytes() for name in ("metrics.json", "study.json", "arms.json")}
+    choice = study.live.choice.model_copy(update={"false_alarms_per_vehicle_hour": 100.0})
+    other = study.model_copy(update={"live": study.live.model_copy(update={"choice": choice})})
+    causal = SETTINGS.model_copy(update={"conditioning": "causal"})
+    with pytest.raises(InputError, match="holds a closed loop with other settings"):
+        evaluate_advisories(trees_run, other, causal, folder, InlineEngine())
+    assert before == {name: (folder / name).read_bytes() for name in before}
 
 
 def test_the_arms_are_drawn(evaluation: ClosedLoopEvaluation, tmp_path: Path) -> None:

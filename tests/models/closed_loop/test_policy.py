@@ -13,24 +13,26 @@ from labeling.road.surroundings import Surroundings
 from labeling.samples.uv_choice import PairSettings
 from models.closed_loop.alarms import Alarm
 from models.closed_loop.policy import POLICY, advisories
+from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record
 
 TIME_S = 2.0
 
 
+PLACES = {
+    "tv": (100.0, 1), "ahead": (140.0, 1), "far_ahead": (190.0, 1), "behind": (60.0, 1), "far_behind": (20.0, 1),
+    "left": (97.0, 2), "left_behind": (50.0, 2), "left_ahead": (160.0, 2), "right": (70.0, 0),
+}  # fmt: skip
+"""The places along the road, m, and the lanes of a TV in the middle and of vehicles all around it."""
+
+
 @pytest.fixture(scope="module")
 def surroundings() -> Surroundings:
-    """A TV in the middle lane with vehicles all around it; the nearest ones are named after their place."""
-    middle, width = 3.2, 3.2
-    places = {
-        "tv": (100.0, middle), "ahead": (140.0, middle), "far_ahead": (190.0, middle), "behind": (60.0, middle),
-        "far_behind": (20.0, middle), "left": (97.0, middle + width), "left_behind": (50.0, middle + width),
-        "left_ahead": (160.0, middle + width), "right": (70.0, middle - width),
-    }  # fmt: skip
+    """A TV with vehicles all around it; the nearest ones are named after their place."""
     return Surroundings(
         straight_road(
             *(
-                ScriptedVehicle(name, 25.0, lateral=side, start_m=along, duration_s=4.0)
-                for name, (along, side) in places.items()
+                ScriptedVehicle(name, 25.0, lateral=3.2 * lane, start_m=along, duration_s=4.0)
+                for name, (along, lane) in PLACES.items()
             )
         )
     )
@@ -58,6 +60,33 @@ def test_those_whom_the_maneuver_endangers_are_told(
     surroundings: Surroundings, intention: str, expected: set[tuple[str, str]]
 ) -> None:
     assert sent(surroundings, intention, PairSettings()) == expected
+
+
+@pytest.mark.parametrize("intention", sorted(POLICY))
+@pytest.mark.parametrize("passed_m", [2.0, 4.0, 30.0, 60.0])
+def test_where_the_road_is_divided_into_edges_changes_nothing(
+    surroundings: Surroundings, intention: str, passed_m: float
+) -> None:
+    """The TV has passed the beginning of an edge; whoever is farther behind is on the edges before it."""
+    begin_m = PLACES["tv"][0] + 25.0 * TIME_S - passed_m
+    road = Road((Stretch(begin_m - 8.0), Stretch(8.0, internal=True), Stretch(2000.0)))
+    drives = (
+        Drive(name, along, 25.0, lane * WIDTH_M, duration_s=4.0, length_m=4.0) for name, (along, lane) in PLACES.items()
+    )
+    divided = Surroundings(record(road, *drives))
+    assert sent(divided, intention, PairSettings()) == sent(surroundings, intention, PairSettings())
+
+
+def test_behind_a_lane_that_begins_a_vehicle_is_behind_the_tv_and_not_beside_it() -> None:
+    """The left lane begins 15 m behind the TV, as a branch of the TV's own lane."""
+    road = Road((Stretch(135.0, slots=(1,)), Stretch(2000.0, slots=(1, 2))))
+    lanes = list(road.lanes())
+    lanes[0] = replace(lanes[0], successors=(lanes[1].id, lanes[2].id))
+    recording = record(
+        road, *(Drive(name, PLACES[name][0], 25.0, WIDTH_M, duration_s=4.0) for name in ("tv", "behind"))
+    )
+    around = Surroundings(replace(recording, lanes=tuple(lanes)))
+    assert sent(around, "left_lane_change", PairSettings()) == {("behind", "hold_lane")}
 
 
 def in_mirror(recording: Recording) -> Recording:

@@ -15,6 +15,7 @@ from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
 from labeling.generation.engine import LocalEngine
 from models.data.windows import Records
+from models.live import evaluation as of_traffic
 from models.live.episode import Predictors, predicted
 from models.live.evaluation import evaluate_traffic, study_of, warnings
 from models.live.results import TrafficResult
@@ -294,6 +295,34 @@ def test_a_run_of_other_rates_says_what_does_not_fit(
     odd = study.model_copy(update={"live": study.live.model_copy(update={"streams": streams})})
     with pytest.raises(InputError, match="is not a whole number of samples at the run's 100 Hz"):
         evaluate_traffic(trees_run, odd, tmp_path, InlineEngine(), source=source)
+
+
+@pytest.mark.parametrize(
+    ("uv_rate_hz", "decision_s", "report_delay_s"), [(100.0, 0.1, 0.02), (10.0, 0.1, 0.1), (25.0, 0.12, 0.04)]
+)
+def test_predictions_wait_for_whole_samples_of_the_run(
+    trees_run: Run, uv_rate_hz: float, decision_s: float, report_delay_s: float
+) -> None:
+    card = trees_run.card.model_copy(update={"uv_rate_hz": uv_rate_hz})
+    streams = study_of(card, "road").live.streams
+    assert (streams.decision_s, streams.report_delay_s) == (decision_s, report_delay_s)
+
+
+def test_an_evaluation_does_not_go_on_with_other_versions(
+    trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
+    monkeypatch.setattr(of_traffic, "versions", lambda names: dict.fromkeys(names, "99"))
+    with pytest.raises(InputError, match=r"was begun with other versions of .*libsumo.*; choose a new folder"):
+        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
+
+
+def test_a_run_alone_and_a_run_compared_are_different_evaluations(
+    trees_run: Run, tv_alone: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, alone=tv_alone)
+    with pytest.raises(InputError, match="holds an evaluation of another run"):
+        evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source, against=[tv_alone])
 
 
 def test_the_evaluation_goes_by_the_dataset_of_the_run(trees_run: Run) -> None:
