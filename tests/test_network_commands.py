@@ -39,7 +39,7 @@ def test_sites_are_placed_along_a_users_network(siteless: Path, capfd: pytest.Ca
     assert result["folder"] == str(folder)
     assert result["made_demand"] is False
     assert result["overridden"] == ["fcd-output", "step-length"]
-    assert printed.err.count("these options are ignored: fcd-output, step-length") == 1
+    assert printed.err.count("these options of its configuration are not passed to SUMO: fcd-output, step-length") == 1
     scenario = load(folder)
     assert len(scenario.sites) == result["sites"] > 10
     assert scenario.overridden == ()

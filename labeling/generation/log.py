@@ -105,7 +105,7 @@ def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
 
 def overridden(scenario: str, options: Sequence[str]) -> str:
     """Return the message about the options of a scenario's configuration that are ignored."""
-    return f"{scenario}: the time base and outputs are fixed; these options are ignored: {', '.join(options)}"
+    return f"{scenario}: these options of its configuration are not passed to SUMO: {', '.join(options)}"
 
 
 def _open_no_link(path: str, flags: int) -> int:

@@ -1,11 +1,14 @@
 """Scenarios made from maps and bare networks, and users' scenarios used as they are."""
 
 import gzip
+import re
+import subprocess
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+import sumo
 
 from isacsim.errors import InputError
 from isacsim.panels import Panels
@@ -13,7 +16,7 @@ from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.making import add_sites, import_map
 from isacsim.scenarios.scenario import bundled, load
 from isacsim.scenarios.site_placement import PlacementSettings, place
-from isacsim.scenarios.sumo_files import parse, without_outputs
+from isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
 from isacsim.sensing import LEAST_SITES, ViewSettings, assign
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.simulation import TrafficSettings, record
@@ -76,6 +79,12 @@ def test_additional_files_keep_everything_but_outputs(tmp_path: Path) -> None:
     harmless = tmp_path / "b.add.xml"
     harmless.write_text('<additional><busStop id="b"/></additional>')
     assert without_outputs(harmless, folder) == harmless
+
+
+def test_what_is_kept_of_a_configuration_are_options_of_sumo() -> None:
+    program = Path(sumo.SUMO_HOME) / "bin" / "sumo"
+    lines = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+    assert set(KEPT) <= set(re.findall(r"--([\w.-]+)", lines))
 
 
 OF_USERS = {

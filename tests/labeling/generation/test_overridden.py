@@ -25,5 +25,5 @@ def test_overridden_options_are_reported_once(tmp_path: Path) -> None:
     dataset = generate(study, tmp_path / "data", InlineEngine(), feedback, source=Loud(tmp_path))
     assert len(dataset.meta.shards) == 4
     assert feedback.messages == [
-        "road: the time base and outputs are fixed; these options are ignored: fcd-output, step-length"
+        "road: these options of its configuration are not passed to SUMO: fcd-output, step-length"
     ]
