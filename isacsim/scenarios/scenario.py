@@ -165,8 +165,8 @@ def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
 
 def _find(where: Path) -> tuple[str, Path]:
     """The name of the scenario that the user gave, and the path of its SUMO configuration or network."""
-    if not where.exists():
-        folders = bundled()
+    folders = bundled()
+    if _is_bundled(where) or not where.exists():
         if str(where) not in folders:
             raise InputError(
                 f"there is no scenario {where}: {nearest(str(where), folders)}"
@@ -179,6 +179,20 @@ def _find(where: Path) -> tuple[str, Path]:
         if where.name.endswith(ending):
             return where.name.removesuffix(ending), where
     raise InputError(f"{where} is not a scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
+
+
+def resolved(where: str) -> str:
+    """Return a scenario's path made absolute, because workers may run elsewhere; the name of a bundled one as it is."""
+    path = Path(where)
+    return str(path.resolve()) if path.exists() and not _is_bundled(path) else where
+
+
+def _is_bundled(where: Path) -> bool:
+    """Whether a bundled scenario is meant, also beside a folder of the same name that holds no scenario."""
+    if str(where) not in bundled():
+        return False
+    endings = (*CONFIG_ENDINGS, *NETWORK_ENDINGS)
+    return not where.exists() or (where.is_dir() and not any(path.name.endswith(endings) for path in where.iterdir()))
 
 
 def _config_in(folder: Path) -> Path:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
-from isacsim.scenarios.scenario import Scenario
+from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.scenarios.sumo_files import with_includes
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_DATASETS, versions
@@ -156,7 +156,7 @@ def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> d
     source = source or motion_source(study)
     if repeated := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
         raise InputError(f"{repeated[0]} is named twice; name every scenario once")
-    scenarios = {_where(name): source.load(_where(name)) for name in study.scenarios}
+    scenarios = {resolved(name): source.load(resolved(name)) for name in study.scenarios}
     names = Counter(scenario.name for scenario in scenarios.values())
     if repeated := [name for name, times in names.items() if times > 1]:
         raise InputError(f"two scenarios are called {repeated[0]}; rename the folder or configuration of one")
@@ -209,8 +209,3 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
             f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
             "use letters, digits, '-', '_' and '.'"
         ) from None
-
-
-def _where(scenario: str) -> str:
-    """Return a scenario's path made absolute, because workers may run elsewhere; a bundled name as it is."""
-    return str(Path(scenario).resolve()) if Path(scenario).exists() else scenario

@@ -15,6 +15,7 @@ from pathlib import Path
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
+from isacsim.scenarios.scenario import resolved
 from isacsim.settings import Settings, read_json
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from labeling.generation.engine import Engine, LocalEngine
@@ -82,8 +83,7 @@ def evaluate_advisories(
     _check_settings(out, settings)
     opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
     source = source or motion_source(study.dataset)
-    where = study.dataset.scenarios[0]
-    where = str(Path(where).resolve()) if Path(where).exists() else where
+    where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where).name
     arms = [arm for arm in ARMS if arm in settings.arms or arm in (REFERENCE, ALARMING)]
     settings = settings.model_copy(update={"arms": tuple(arms)})

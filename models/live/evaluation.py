@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
-from isacsim.scenarios.scenario import Scenario
+from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.seeding import stream
 from isacsim.settings import Settings, checked, read_json
 from isacsim.traffic.director import LEFT_ALONE
@@ -121,8 +121,7 @@ def evaluate_traffic(
     something else, RunError if an episode fails.
     """
     source = source or motion_source(study.dataset)
-    where = study.dataset.scenarios[0]
-    where = str(Path(where).resolve()) if Path(where).exists() else where
+    where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where)
     others = [*against, *([] if alone is None else [alone])]
     _check_runs(run, others)

@@ -14,7 +14,7 @@ from isacsim.errors import InputError
 from isacsim.panels import Panels
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.making import add_sites, import_map
-from isacsim.scenarios.scenario import bundled, load
+from isacsim.scenarios.scenario import bundled, load, resolved
 from isacsim.scenarios.site_placement import PlacementSettings, place
 from isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
 from isacsim.sensing import LEAST_SITES, ViewSettings, assign
@@ -85,6 +85,17 @@ def test_what_is_kept_of_a_configuration_are_options_of_sumo() -> None:
     program = Path(sumo.SUMO_HOME) / "bin" / "sumo"
     lines = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
     assert set(KEPT) <= set(re.findall(r"--([\w.-]+)", lines))
+
+
+def test_a_folder_of_results_does_not_hide_the_bundled_scenario_of_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "motorway").mkdir()
+    (tmp_path / "motorway/metrics.json").write_text("{}")
+    assert (resolved("motorway"), load("motorway").network) == ("motorway", bundled()["motorway"] / "motorway.net.xml")
+    own = straight_road(tmp_path / "urban", vehicle("a"))
+    assert (resolved("urban"), load("urban").network) == (str(own), Path("urban/r.net.xml"))
 
 
 OF_USERS = {
