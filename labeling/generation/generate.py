@@ -154,7 +154,7 @@ def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> d
     fault, or if two of them are the same or have the same name.
     """
     source = source or motion_source(study)
-    if repeated := [where for where, times in Counter(map(_where, study.scenarios)).items() if times > 1]:
+    if repeated := [where for where, times in Counter(map(resolved, study.scenarios)).items() if times > 1]:
         raise InputError(f"{repeated[0]} is named twice; name every scenario once")
     scenarios = {resolved(name): source.load(resolved(name)) for name in study.scenarios}
     names = Counter(scenario.name for scenario in scenarios.values())
