@@ -52,7 +52,7 @@ def read_result(path: Path) -> TrafficResult:
 
 def tables(result: TrafficResult) -> Iterator[str]:
     """Yield each table with its heading."""
-    where, predictors = result.scenario, _predictors(result)
+    where, predictors = result.scenario, compared(result)
     if isinstance(result, ClosedLoopResult):
         yield _arms(f"Arms of the closed loop, {where}", result)
         yield _against_none(f"Arms against none, {where}", result)
@@ -73,7 +73,7 @@ def tables(result: TrafficResult) -> Iterator[str]:
         yield _recalls(f"Driving without a UV, {where}", _alone(result.alone), "separate")
 
 
-def _predictors(result: TrafficResult) -> dict[str, AlarmResult]:
+def compared(result: TrafficResult) -> dict[str, AlarmResult]:
     """Return what is compared: both kinds of alarm of the run, the baselines, and the run on true motion."""
     name = _named(result)
     of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in result.methods.items()}
