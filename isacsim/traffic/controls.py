@@ -9,6 +9,7 @@ import numpy as np
 
 from isacsim.traffic.driver_model import BRAKING_LIMIT_MPS2, Driver, Limb, approach_mps2
 from isacsim.traffic.vehicle_control import NO_LATERAL_MODE, UNCHECKED_SPEED_MODE, Steps
+from isacsim.traffic.vehicle_view import open_to
 
 MODE_S = 0.2
 """SUMO drops lateral positions unless the mode was set a decision interval before, s."""
@@ -89,7 +90,8 @@ class Hands:
     def _within_lane_m(self) -> float:
         """Return the place from the middle of the lane that it is in; move the vehicle to the next lane if needed.
 
-        SUMO leaves a vehicle whose lateral position is set in its lane, however far it is aside.
+        SUMO leaves a vehicle whose lateral position is set in its lane, however far it is aside. There it also stays if
+        the next lane is closed to it, such as a pavement.
         """
         sumo, vehicle = self._sumo, self._vehicle
         edge, index = sumo.vehicle.getRoadID(vehicle), sumo.vehicle.getLaneIndex(vehicle)
@@ -99,6 +101,8 @@ class Hands:
         if abs(place) <= width / 2.0 or edge.startswith(":") or not 0 <= index + side < sumo.edge.getLaneNumber(edge):
             return place
         lane = f"{edge}_{index + side}"
+        if not open_to(sumo, lane, sumo.vehicle.getVehicleClass(vehicle)):
+            return place
         sumo.vehicle.moveTo(vehicle, lane, sumo.vehicle.getLanePosition(vehicle))
         step = side * (width + float(sumo.lane.getWidth(lane))) / 2.0
         self._middle_m += step

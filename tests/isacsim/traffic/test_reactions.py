@@ -138,6 +138,18 @@ def test_a_swerve_goes_aside_and_comes_back(lone: Scenario, side: float) -> None
     assert np.abs(np.diff(seen.across)).max() / STEP < 25.0
 
 
+@pytest.mark.parametrize(("allowed", "lanes"), [([], {1, 2}), (["bicycle"], {1})])
+def test_a_swerve_over_a_closed_lane_belongs_to_its_own(lone: Scenario, allowed: list[str], lanes: set[int]) -> None:
+    """The way is the same either way; only an open lane takes the vehicle in while it is there."""
+    with driving(lone) as sumo:
+        edge, index = sumo.vehicle.getLaneID("a").rsplit("_", 1)
+        sumo.lane.setAllowed(f"{edge}_{int(index) + 1}", allowed)
+        seen = play(sumo, SwerveCommand("a", 2.4, 6.0, 0.3, *person(4)))
+    assert 2.0 < (seen.y - seen.y[0]).max() < 2.9
+    assert np.abs(np.diff(seen.y)).max() < 4.0 * STEP
+    assert set(seen.lanes) == lanes
+
+
 @pytest.mark.parametrize("stays", [False, True])
 def test_debris_is_passed_beside_it(lone: Scenario, stays: bool) -> None:
     """The vehicle is aside when it gets there, and back afterwards, or in the next lane."""
