@@ -32,7 +32,7 @@ RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""
 METHODS = {"reject": "unknown score", "background": "answer “none”"}
 TRUE_MOTION = "true motion"
-BASELINES = {"rule": "rule of the road"}
+BASELINES = {"rule": "rule of the road", "situation": "trees on the situation"}
 SAFETY = {
     "ttc_below_3_s": ("TTC < 3 s", 1),
     "ttc_below_1_5_s": ("TTC < 1.5 s", 2),

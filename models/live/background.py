@@ -107,23 +107,24 @@ def training_rows(
 def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_onset_s: float) -> IntArray:
     """Return the right answer to each prediction of an episode, or IGNORED, (n,).
 
-    Two kinds of window are ignored: those that end shortly before onset, where an alarm is allowed but nothing may be
-    visible yet, and those within neutral events.
+    Three kinds of window are ignored: those that end shortly before onset, where an alarm is allowed but nothing may be
+    visible yet, those after the commit, unless the settings say otherwise, and those within neutral events.
     """
     label = np.full(len(episode.time_s), NONE, dtype=np.int64)
     number = {name: k for k, name in enumerate(episode.names)}
     counted = [event for event in episode.facts.events if event.left_out is None]
     neutral = [event for event in episode.facts.events if event.left_out is not None]
 
-    def within(event: LiveEvent, lead_s: float) -> BoolArray:
+    def within(event: LiveEvent, lead_s: float, until_s: float) -> BoolArray:
         time = episode.time_s
         of_vehicle = episode.vehicle == number.get(event.vehicle, -1)
-        return np.asarray(of_vehicle & (time >= event.onset - lead_s - 1e-9) & (time <= event.end + 1e-9))
+        return np.asarray(of_vehicle & (time >= event.onset - lead_s - 1e-9) & (time <= until_s + 1e-9))
 
     for event in (*counted, *neutral):
-        label[within(event, before_onset_s)] = IGNORED
+        label[within(event, before_onset_s, event.end)] = IGNORED
     for event in counted:
-        label[within(event, settings.before_onset_s)] = KNOWN.index(Intention[event.intention.upper()])
+        until_s = event.commit if settings.until == "commit" else event.end
+        label[within(event, settings.before_onset_s, until_s)] = KNOWN.index(Intention[event.intention.upper()])
     return label
 
 

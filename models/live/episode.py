@@ -138,6 +138,7 @@ def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
         report_delay_s=streams.report_delay_s,
         run_in_s=study.dataset.sensing.tracking.run_in_s,
         margin_s=record.margin_s,
+        outcome_s=streams.outcome_s,
         longest_stretch_s=streams.longest_stretch_s,
     )
 

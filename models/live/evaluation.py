@@ -35,8 +35,9 @@ from models.live.episode import EpisodeTask, Predictors, Spent, timing_of
 from models.live.results import METRICS_FILE, TrafficResult
 from models.live.running import Episodes, run_missing
 from models.live.settings import LiveSettings, LiveStudy
+from models.live.situation import FEATURES
 from models.live.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
-from models.live.summary import RANDOM, Evaluated, TrafficEvaluation, read_speed, summarise
+from models.live.summary import RANDOM, SITUATION, Evaluated, TrafficEvaluation, read_speed, summarise
 from models.run import Run, RunCard
 from models.scores import open_set
 
@@ -140,7 +141,7 @@ def evaluate_traffic(
     with_lanes = study.live.background.lanes
     installed = versions(OF_EPISODES)
     described = [described.model_dump(mode="json") for described in meta.scenarios]
-    digest = fingerprint(answers_rest_on, described, cards, with_lanes, installed)
+    digest = fingerprint(answers_rest_on, described, cards, [with_lanes, *FEATURES], installed)
     predictors = Predictors(
         run.path.resolve(),
         {name: compared.path.resolve() for name, compared in named.items()},
@@ -229,7 +230,7 @@ def _named(runs: Sequence[Run]) -> dict[str, Run]:
     count = Counter(compared.name for compared in runs)
     return {
         compared.name
-        if count[compared.name] == 1 and compared.name not in (RUN, RULE, RANDOM, TRUTH)
+        if count[compared.name] == 1 and compared.name not in (RUN, RULE, RANDOM, SITUATION, TRUTH)
         else f"{compared.name} {k + 1}": compared
         for k, compared in enumerate(runs)
     }

@@ -15,9 +15,11 @@ from isacsim.traffic.recording import Recording
 from labeling.generation.episode import report
 from labeling.generation.settings import DatasetStudy
 from models.data.lane_map import LaneMap
+from models.data.lane_motion import LaneMotion
 from models.data.windows import OnMap
 from models.inference import Infer
 from models.live.sensed import Sensing, Track
+from models.live.situation import situation
 from models.predictors.protocol import WindowShape
 from models.predictors.rule import Drive, RuleSettings, drive_on, in_lane, logits
 
@@ -61,10 +63,23 @@ class LiveWindows:
 
     @cached_property
     def drive(self) -> Drive:
-        """What the rule of the road sees of the windows; several predictors use it."""
+        """What the rule of the road sees of the windows."""
+        return drive_on(self._on_map, RuleSettings().smooth_s, self._motion)
+
+    @cached_property
+    def situation(self) -> Float32Array:
+        """What the lanes and the UV say about the windows: `in_lane`, then `situation`, (n, F)."""
+        parts = in_lane(self.drive), situation(self._on_map, self._motion)
+        return np.concatenate(parts, axis=1).astype(np.float32)
+
+    @cached_property
+    def _on_map(self) -> OnMap:
         scenario = np.full(len(self.tv), "", dtype=object)
-        on_map = OnMap(self.tv, self.uv, self.tv_rate_hz, scenario, lambda _: self.lanes)
-        return drive_on(on_map, RuleSettings().smooth_s)
+        return OnMap(self.tv, self.uv, self.tv_rate_hz, scenario, lambda _: self.lanes)
+
+    @cached_property
+    def _motion(self) -> LaneMotion:
+        return LaneMotion.of(self._on_map, RuleSettings().smooth_s)
 
 
 Answering = Callable[[LiveWindows], Answers]
@@ -74,14 +89,14 @@ Answering = Callable[[LiveWindows], Answers]
 def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
     """Return the function by which a trained run answers, the same as on stored records.
 
-    with_lanes: whether the features of `in_lane` follow those of the run.
+    with_lanes: whether those of `LiveWindows.situation` follow the features of the run.
     """
 
     def answer(windows: LiveWindows) -> Answers:
         inference = infer(windows.tv, windows.uv, windows.lanes)
         features = inference.features
         if with_lanes:
-            features = np.concatenate([features, in_lane(windows.drive)], axis=1)
+            features = np.concatenate([features, windows.situation], axis=1)
         parts = (inference.probabilities, inference.score, features)
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
@@ -89,9 +104,12 @@ def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
 
 
 def rule_answer(windows: LiveWindows) -> Answers:
-    """Answer as the rule of the road does; its score is that of the strongest intention."""
+    """Answer as the rule of the road does; its score is that of the strongest intention.
+
+    Its features are those of `LiveWindows.situation`.
+    """
     strength = logits(windows.drive, RuleSettings())
-    parts = (softmax(strength, axis=1), strength.max(axis=1), strength)
+    parts = (softmax(strength, axis=1), strength.max(axis=1), windows.situation)
     return Answers(*(np.asarray(part, np.float32) for part in parts))
 
 

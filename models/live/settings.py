@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -40,6 +40,12 @@ class StreamSettings(Settings):
         ge=0.0,
         le=2.0,
         description="age of a UV's newest report at the end of a window, s",
+    )
+    outcome_s: float = Field(
+        6.0,
+        ge=0.0,
+        description="no prediction is made this close to the end of a vehicle's track, s: whether an alarm is right "
+        "would not be known",
     )
     longest_stretch_s: float = Field(
         120.0,
@@ -123,7 +129,12 @@ class ChoiceSettings(Settings):
     least_probabilities: tuple[float, ...] = Field(
         (0.0, 0.5, 0.8), min_length=1, description="least probabilities of the likeliest intention, for `reject`"
     )
-    refractory_s: float = Field(2.0, ge=0.0, description="time between two alarms of one intention and vehicle, s")
+    refractory_s: float = Field(
+        5.0,
+        ge=0.0,
+        description="time between two alarms of one intention and vehicle, s; 5 is the mean duration of a lane change, "
+        "which should raise no second alarm",
+    )
     thresholds: int = Field(80, ge=2, description="thresholds tried for each combination of the other settings")
 
     @model_validator(mode="after")
@@ -139,9 +150,14 @@ class BackgroundSettings(Settings):
 
     lanes: bool = Field(
         True,
-        description="whether the trees also take what the rule of the road takes from the window and the lanes: the "
-        "distances to the markings, the lateral speed, the greatest accelerations, the time until the TV is level with "
-        "the UV",
+        description="whether the trees also take what the window, the lanes and the UV say of the situation: distances "
+        "to the markings, accelerations and lateral speeds one after the other, where lanes go on, and how close a "
+        "conflict with the UV is",
+    )
+    until: Literal["commit", "end"] = Field(
+        "commit",
+        description="until when windows of an event count as the maneuver; `commit`: those after the commit are left "
+        "out of the training, because an alarm then comes too late to predict",
     )
     background_every_s: float = Field(
         0.5, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
@@ -185,6 +201,10 @@ class LiveSettings(Settings):
     scoring: ScoringSettings = ScoringSettings()
 
 
+BEFORE: dict[str, dict[str, Any]] = {"streams": {"outcome_s": 0.0}, "background": {"lanes": False, "until": "end"}}
+"""What settings were before they were stored."""
+
+
 class LiveStudy(Settings):
     """An evaluation in running traffic.
 
@@ -205,10 +225,11 @@ class LiveStudy(Settings):
     @field_validator("live", mode="before")
     @classmethod
     def _live_of_any_version(cls, live: object) -> object:
-        """Read results of versions whose trees did not see the lanes, and did not store that, as they were."""
-        if not isinstance(live, Mapping) or not isinstance(live.get("background"), Mapping):
+        """Read results of versions without some of the settings as they were."""
+        if not isinstance(live, Mapping):
             return live
-        return {**live, "background": {"lanes": False, **live["background"]}}
+        stored = {name: live[name] for name in BEFORE if isinstance(live.get(name), Mapping)}
+        return {**live, **{name: {**BEFORE[name], **content} for name, content in stored.items()}}
 
     @model_validator(mode="after")
     def _apart(self) -> Self:

@@ -30,7 +30,7 @@ RULE = "rule"
 """The name of the rule of the road."""
 TRUTH = "truth"
 """The name of the evaluated run where it answers the true motion of the TV."""
-WITH_FEATURES = (RUN, TRUTH)
+WITH_FEATURES = (RUN, TRUTH, RULE)
 """The predictors whose features are stored, because alarms by background need them."""
 
 

@@ -32,7 +32,7 @@ class Timing:
     decision_s: time between predictions, which are made at its multiples. window_s: length of a window.
     report_delay_s: age of the newest report. run_in_s: how long a TV is sensed before its first window, for the filter
     to settle. margin_s: how long both vehicles have to be on the road before and after what is sensed, for the
-    conditioning kernel. longest_stretch_s: see `StreamSettings`.
+    conditioning kernel. outcome_s, longest_stretch_s: see `StreamSettings`.
     """
 
     decision_s: float
@@ -40,6 +40,7 @@ class Timing:
     report_delay_s: float
     run_in_s: float
     margin_s: float
+    outcome_s: float
     longest_stretch_s: float
 
     @property
@@ -127,7 +128,8 @@ def _uv_at(
 ) -> tuple[str | None, str]:
     """Return the UV of the window that ends at a time (s) and "", or None and the reason why there is none."""
     begin = time - timing.window_s
-    if not surroundings.has(tv, time - timing.before_decision_s - timing.margin_s, time + timing.margin_s):
+    after_s = max(timing.margin_s, timing.outcome_s)
+    if not surroundings.has(tv, time - timing.before_decision_s - timing.margin_s, time + after_s):
         return None, TRACK_ENDS
     pair = choose_uv(surroundings, tv, begin + pairs.before_onset_s, pairs)
     if pair is None:

@@ -34,6 +34,8 @@ from models.run import Run
 CLOSED_LOOP_REACH = 4.0
 """Half-width of the conditioning kernel for a closed loop, in standard deviations; the weight beyond is 6e-5."""
 RANDOM = "random"
+SITUATION = "situation"
+"""The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
 
 
 @dataclass(frozen=True)
@@ -135,14 +137,15 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
 
 
 def _compared(development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated) -> dict[str, Measured]:
-    """Measure the rule of the road and the compared runs, by their names in the episodes."""
-    compared = {}
+    """Measure the rule of the road, trees on what it sees of the situation, and the compared runs, by their names."""
+    live, compared = evaluated.study.live, dict[str, Measured]()
     for name in (RULE, *evaluated.against):
         shown = "rule of the road" if name == RULE else name
-        baseline = measuring.measure_reject(development, measured, name, evaluated.study.live, shown)
+        baseline = measuring.measure_reject(development, measured, name, live, shown)
         if baseline is not None:
             compared[name] = baseline
-    return compared
+    trees = measuring.measure_methods(development, measured, RULE, live, "trees on the situation", ["background"])
+    return compared if "background" not in trees else {**compared, SITUATION: trees["background"]}
 
 
 def _five_classes(

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
-from scipy.signal import savgol_coeffs
 from sklearn.metrics import f1_score
 
 from isacsim.arrays import Array, BoolArray, IntArray
@@ -24,22 +22,18 @@ from isacsim.feedback import Feedback
 from isacsim.files import replace_file
 from isacsim.settings import Settings
 from labeling.intentions import KNOWN, Intention
-from models.data.lane_map import InLane
+from models.data.lane_motion import LaneMotion, places, slopes, smoothed
 from models.data.windows import OnMap, Windows
 from models.fit_settings import FitSettings
 from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
 
 RULE_FILE = "rule.json"
-HEADING_STEP_S = 0.2
-"""Approximate time between the instants at which the direction of the lane is looked up."""
 LEAST = 1e-3
 """Distances and times are raised to this value before they divide anything, m or s."""
 LONGEST_S = 60.0
 """Times until a TV is level with the UV end here where they are features, s."""
 LEAST_STRENGTH = 1e-2
 """Strengths are raised to this value before their logarithm is taken."""
-PARTS = ((slice(0, 2), 2), (slice(2, 4), 1))
-"""Positions and velocities among the states, and the order of the polynomials that smooth them."""
 FACTORS = np.geomspace(0.4, 2.5, 15)
 """Factors by which fitting tries to scale a threshold."""
 FITTED = ("line_crossing_s", "brake_mps2", "accel_mps2", "swerve_mps2", "level_s")
@@ -141,26 +135,17 @@ def drive(windows: Windows, smooth_s: float) -> Drive:
     return drive_on(on_map, smooth_s)
 
 
-def drive_on(on_map: OnMap, smooth_s: float) -> Drive:
-    """Return what the rule sees of n windows whose roads are known. smooth_s: span of the smoothing fits, s."""
-    n_samples = on_map.tv.shape[2]
-    span = min(2 * int(smooth_s * on_map.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2)
-    count = 2 + round(n_samples / (HEADING_STEP_S * on_map.tv_rate_hz))
-    instants = np.unique(np.linspace(0, n_samples - 1, count).astype(np.int64))
-    # Parabolas for positions, because a bend is not a straight line over half a second.
-    smooth = np.concatenate(
-        [smoothed(on_map.tv[:, part], span, order, tuple(instants.tolist())) for part, order in PARTS], axis=1
-    )
-    heading = _headings(on_map, smooth, instants)
-    # Velocities are turned into the lane before they are differentiated: in the lane, a bend is no acceleration.
-    along = np.einsum("nkt,nkt->nt", heading, on_map.tv[:, 2:4])
-    across = heading[:, 0] * on_map.tv[:, 3] - heading[:, 1] * on_map.tv[:, 2]
-    speed, aside = (smoothed(v, span, 1, (n_samples - 1,))[:, 0] for v in (along, across))
-    accel, swerve = (slopes(v, span) * on_map.tv_rate_hz for v in (along, across))
-    start = _place(on_map, smooth[:, :2, 0], smooth[:, 2:4, 0])
-    moved = np.trapezoid(across, dx=1 / on_map.tv_rate_hz, axis=1)
-    offset, half = start.offset_m + moved, start.width_m / 2
-    level = _until_level(on_map, smooth[:, :2, -1], heading[:, :, -1], speed, offset, half)
+def drive_on(on_map: OnMap, smooth_s: float, motion: LaneMotion | None = None) -> Drive:
+    """Return what the rule sees of n windows whose roads are known.
+
+    smooth_s: span of the smoothing fits, s. motion: relative to the lanes, where it is known already.
+    """
+    motion = motion or LaneMotion.of(on_map, smooth_s)
+    span, last = motion.span, on_map.tv.shape[2] - 1
+    speed, aside = (smoothed(v, span, 1, (last,))[:, 0] for v in (motion.along, motion.across))
+    accel, swerve = (slopes(v, span) * on_map.tv_rate_hz for v in (motion.along, motion.across))
+    offset, half = motion.offset_m, motion.width_m / 2
+    level = _until_level(on_map, motion.position, motion.heading[:, :, -1], speed, offset, half)
     return Drive(
         accel=accel.max(axis=1),
         brake=-accel.min(axis=1),
@@ -182,40 +167,6 @@ def in_lane(drives: Drive) -> Array:
     level = np.minimum(drives.level, LONGEST_S)
     motion = drives.accel, drives.brake, drives.swerve, drives.left, drives.right, drives.aside
     return np.concatenate([np.stack([*motion, level], axis=1), logits(drives, RuleSettings())], axis=1)
-
-
-def smoothed(values: Array, span: int, order: int, instants: tuple[int, ...]) -> Array:
-    """Return values (..., T) as a Savitzky-Golay filter smooths them at some samples, (..., len(instants)).
-
-    span: samples of the fit, an odd number. order: of its polynomial. Nearer to the ends than half a span, the fit is
-    that of the first or last span.
-    """
-    return values @ _weights(values.shape[-1], span, order, instants).T
-
-
-@lru_cache(maxsize=16)
-def _weights(count: int, span: int, order: int, instants: tuple[int, ...]) -> Array:
-    """Return the weights of `count` samples in the smoothed value at each instant, (len(instants), count)."""
-    weights = np.zeros((len(instants), count))
-    for row, instant in zip(weights, instants, strict=True):
-        first = min(max(instant - span // 2, 0), count - span)
-        row[first : first + span] = savgol_coeffs(span, order, pos=instant - first, use="dot")
-    return weights
-
-
-def slopes(values: Array, span: int) -> Array:
-    """Return the slope, per sample, of the straight line through each `span` values in turn, (n, T - span + 1).
-
-    values: (n, T). span: an odd number. Running sums make it as fast for a long span as for a short one.
-    """
-    number = np.arange(values.shape[1])
-    sums, moments = (
-        np.concatenate([np.zeros((len(values), 1)), np.cumsum(part, axis=1)], axis=1)
-        for part in (values, number * values)
-    )
-    middle = number[: values.shape[1] - span + 1] + span // 2
-    moment = moments[:, span:] - moments[:, :-span] - middle * (sums[:, span:] - sums[:, :-span])
-    return np.asarray(moment / (span * (span**2 - 1) / 12.0))
 
 
 def strengths(drives: Drive, settings: RuleSettings) -> Array:
@@ -268,32 +219,6 @@ def _crossing(distance: Array, speed: Array, threshold_s: float) -> Array:
     return np.where(distance <= 0, 1.0, np.minimum(approaching, 1.0))
 
 
-def _headings(on_map: OnMap, smooth: Array, instants: IntArray) -> Array:
-    """Return the direction of the lane at every TV sample, unit vectors (n, 2, T).
-
-    smooth: smoothed positions and velocities at `instants`, (n, 4, m). instants: samples at which the direction is
-    looked up, (m,); it is interpolated between them.
-    """
-    n, count = len(on_map.tv), len(instants)
-    flat = np.moveaxis(smooth, 1, 2).reshape(n * count, 4)
-    heading = _place(on_map, flat[:, :2], flat[:, 2:], repeat=count).heading.reshape(n, count, 2)
-    angle = np.unwrap(np.arctan2(heading[..., 1], heading[..., 0]), axis=1)
-    samples = np.arange(on_map.tv.shape[2])
-    interpolated = np.stack([np.interp(samples, instants, row) for row in angle])
-    return np.stack([np.cos(interpolated), np.sin(interpolated)], axis=1)
-
-
-def _place(on_map: OnMap, position: Array, velocity: Array, repeat: int = 1) -> InLane:
-    """Return the places in lanes of (n repeat, 2) positions and velocities, `repeat` of each window in turn."""
-    scenario = np.repeat(on_map.scenario, repeat)
-    offset, width, heading = np.empty(len(position)), np.empty(len(position)), np.empty((len(position), 2))
-    for name in dict.fromkeys(on_map.scenario.tolist()):
-        rows = scenario == name
-        place = on_map.lane_maps(name).place(position[rows], velocity[rows])
-        offset[rows], width[rows], heading[rows] = place.offset_m, place.width_m, place.heading
-    return InLane(offset, width, heading)
-
-
 def _until_level(on_map: OnMap, position: Array, heading: Array, speed: Array, offset: Array, half: Array) -> Array:
     """Return `Drive.level`, (n,).
 
@@ -301,7 +226,7 @@ def _until_level(on_map: OnMap, position: Array, heading: Array, speed: Array, o
     offset: of the TV from the centre line, m. half: half the width of the lane, m.
     """
     velocity = on_map.uv[:, 2:4, -1]
-    uv_heading = _place(on_map, on_map.uv[:, :2, -1], velocity).heading
+    uv_heading = places(on_map, on_map.uv[:, :2, -1], velocity).heading
     # The chord between two points of a circular bend has the mean of the directions at both.
     chord = heading + uv_heading
     chord /= np.maximum(np.hypot(chord[:, 0], chord[:, 1]), 1e-9)[:, None]

@@ -40,7 +40,7 @@ def test_the_result_says_what_the_contract_asks_for(evaluation: TrafficEvaluatio
     for scores in (*stored["by_intention"].values(), *stored["natural"]["by_intention"].values()):
         assert {"precision", "recall", "f1", "lead_time_s", "false_alarms_per_vehicle_hour"} <= set(scores)
     assert [point["false_alarms_per_vehicle_hour"] for point in stored["recall_at"]] == [0.1, 0.3, 1, 3, 10]
-    assert {"random", "rule"} == set(stored["baselines"])
+    assert {"random", "rule", "situation"} == set(stored["baselines"])
     assert set(stored["methods"]) == {"reject", "background"}
     assert set(stored["frozen_at"]) == {"shared", "separate"}
     assert evaluation.real_time_factor is not None
@@ -51,7 +51,7 @@ def test_five_intentions_are_measured_with_the_better_kind_of_alarm(evaluation: 
     assert five is not None
     assert five.alarms is not None
     assert result.alarms is not None
-    assert (five.alarms.method, set(five.baselines)) == (result.alarms.method, {"rule"})
+    assert (five.alarms.method, set(five.baselines)) == (result.alarms.method, {"rule", "situation"})
     assert five.over_all.events == result.over_all.events
     assert five.by_intention["overtake"].events == 0
 
@@ -223,7 +223,8 @@ def test_a_run_of_other_windows_cannot_be_compared(
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
     """They hold no alarms for each rate, intervals without the number of seeds, and bootstrap settings.
 
-    Nor do they say that speeds do not wander, and that trees do not see the lanes, which was so.
+    Nor do they say that speeds do not wander, that trees do not see the lanes and learn from windows after the commit,
+    too, and that predictions come until the end of a track, which was so.
     """
 
     def former(content: Any) -> Any:
@@ -231,7 +232,8 @@ def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, f
             return [former(item) for item in content]
         if not isinstance(content, dict):
             return content
-        left_out = {"frozen_at", "speed_wander", "lanes"} | ({"seeds"} if "low" in content else set())
+        left_out = {"frozen_at", "speed_wander", "lanes", "until", "outcome_s"}
+        left_out |= {"seeds"} if "low" in content else set()
         kept = {key: former(value) for key, value in content.items() if key not in left_out}
         if "choice" in kept:
             kept["choice"] = {k: v for k, v in kept["choice"].items() if k not in ("threshold", "least_events")}
@@ -246,6 +248,8 @@ def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, f
     assert study.live.scoring == evaluation.result.made_by.study.live.scoring
     assert study.dataset.traffic.speed_wander.sd_share == (0.0, 0.0)
     assert not study.live.background.lanes
+    assert study.live.background.until == "end"
+    assert study.live.streams.outcome_s == 0
 
 
 def test_a_folder_of_another_evaluation_is_refused(

@@ -20,6 +20,7 @@ from models.live.episode import timing_of
 from models.live.predictions import Answers, LiveWindows, Reports, WindowCutter, lanes_of, rule_answer, run_answering
 from models.live.sensed import Sensing, Track
 from models.live.settings import LiveStudy
+from models.live.situation import FEATURES
 from models.live.stretches import watched
 from models.predictors.rule import RulePredictor, RuleSettings
 from models.run import Run
@@ -71,8 +72,8 @@ def test_a_stream_is_answered_as_a_stored_record(
     np.testing.assert_allclose(live.features[first : first + 20], outputs.features, rtol=1e-5, atol=1e-5)
 
 
-def test_lanes_add_what_the_rule_sees_to_the_features(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
-    """The rule's own answers are its logits; without lanes, nothing but the features differs."""
+def test_lanes_add_the_situation_to_the_features(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
+    """The features of the rule are the situation; without lanes, nothing but the features of the run differs."""
     shape = trees_run.card.shape
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     infer, lanes = Infer.load(trees_run.path), lanes_of(sensing.recording)
@@ -81,7 +82,10 @@ def test_lanes_add_what_the_rule_sees_to_the_features(tracks: list[Track], sensi
     np.testing.assert_array_equal(more.probabilities, plain.probabilities)
     width = plain.features.shape[1]
     np.testing.assert_array_equal(more.features[:, :width], plain.features)
-    np.testing.assert_array_equal(more.features[:, -6:], rule_answer(live).features)
+    by_rule = rule_answer(live)
+    np.testing.assert_array_equal(more.features[:, width:], by_rule.features)
+    logits = by_rule.features[:, : -len(FEATURES)][:, -6:]
+    np.testing.assert_allclose(softmax(logits, axis=1), by_rule.probabilities, rtol=1e-5)
     left, right = more.features[:, width + 3], more.features[:, width + 4]
     np.testing.assert_allclose(left + right, lanes.place(tv[:, :2, 0], tv[:, 2:4, 0]).width_m, rtol=1e-5)
     assert np.ptp(left) > 0

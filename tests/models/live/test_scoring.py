@@ -124,12 +124,15 @@ def test_random_alarms_come_as_often_for_every_intention() -> None:
     assert drawn.result.over_all.predicted + drawn.result.over_all.detected <= 1
 
 
-def test_windows_are_labelled_for_the_answer_none() -> None:
-    label = window_labels(SECOND, BackgroundSettings(), 2.0)
+@pytest.mark.parametrize(("until", "late"), [("commit", IGNORED), ("end", 0)])
+def test_windows_are_labelled_for_the_answer_none(until: str, late: int) -> None:
+    """The first event has its onset at 20 s, its commit at 21 s and its end at 23 s."""
+    label = window_labels(SECOND, BackgroundSettings.model_validate({"until": until}), 2.0)
     of_a = dict(zip(SECOND.time_s[:COUNT].tolist(), label[:COUNT].tolist(), strict=True))
-    assert (of_a[17.9], of_a[18.1], of_a[19.6], of_a[23.0], of_a[23.1]) == (NONE, IGNORED, 0, 0, NONE)
+    assert (of_a[17.9], of_a[18.1], of_a[19.6], of_a[21.0]) == (NONE, IGNORED, 0, 0)
+    assert (of_a[21.1], of_a[23.0], of_a[23.1]) == (late, late, NONE)
     assert set(label[COUNT + 30 : COUNT + 81].tolist()) == {IGNORED}
-    rows, labels, weights = training_rows(SECOND, BackgroundSettings(), 2.0)
+    rows, labels, weights = training_rows(SECOND, BackgroundSettings.model_validate({"until": until}), 2.0)
     assert (labels == 0).sum() == (label == 0).sum()
     # Five runs of background, each with up to one interval more or less.
     assert weights[labels == NONE].sum() == pytest.approx((label == NONE).sum(), abs=5 * 5)

@@ -15,7 +15,9 @@ from models.live.sensed import TOO_FEW_SITES, Sensing, spans
 from models.live.settings import LiveStudy
 from models.live.stretches import Timing, watched
 
-TIMING = Timing(decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, longest_stretch_s=120.0)
+TIMING = Timing(
+    decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
+)
 KERNEL_S = 1.2
 """Reach of the conditioning kernel: 8 standard deviations of 0.15 s."""
 

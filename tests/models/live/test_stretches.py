@@ -11,7 +11,9 @@ from labeling.road.surroundings import Surroundings
 from labeling.samples.uv_choice import PairSettings
 from models.live.stretches import NO_UV, TRACK_ENDS, UV_ENDS, Driving, Timing, watched
 
-TIMING = Timing(decision_s=0.1, window_s=2.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, longest_stretch_s=120.0)
+TIMING = Timing(
+    decision_s=0.1, window_s=2.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
+)
 
 
 def driving(recording: Recording, pairs: PairSettings | None = None, timing: Timing = TIMING) -> Driving:
@@ -33,6 +35,16 @@ def test_a_follower_is_watched_from_its_first_whole_window_to_the_end_of_its_tra
     assert stretch.start_s == pytest.approx(0.8)
     assert watched_driving.instants == 2 * 401
     assert watched_driving.uncovered == {TRACK_ENDS: 2 * (401 - 358), NO_UV: 358}
+
+
+def test_no_prediction_comes_so_late_that_its_outcome_stays_open() -> None:
+    recording = straight_road(ScriptedVehicle("tv"), leader())
+    watched_driving = driving(recording, timing=Timing(**{**TIMING.__dict__, "outcome_s": 6.0}))
+    (stretch,) = watched_driving.stretches
+    assert stretch.decision_s[0] == pytest.approx(3.5)
+    assert stretch.decision_s[-1] == pytest.approx(40.0 - 6.0)
+    assert watched_driving.alone[0].decision_s[-1] == pytest.approx(40.0 - 6.0)
+    assert watched_driving.uncovered[TRACK_ENDS] == 2 * (401 - 306)
 
 
 @pytest.mark.parametrize(("gap_m", "watched_too"), [(99.0, True), (101.0, False)])

@@ -7,9 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.signal import savgol_filter
 
 from isacsim.errors import InputError
 from labeling.intentions import Intention
@@ -18,7 +15,7 @@ from models.data.windows import OnMap, Records, Windows, WindowSettings, cut, dr
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.settings import EvaluateSettings
 from models.inference import Infer
-from models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, slopes, smoothed, strengths
+from models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
 from models.run import Run, load_run
 from models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, TV_RATE_HZ, UV_RATE_HZ, make_records
@@ -222,18 +219,3 @@ def test_inference_takes_the_lanes_beside_the_window(rule_run: Run) -> None:
     assert inference.intentions == ["hard_brake"]
     with pytest.raises(InputError, match="without roads"):
         infer(tv, uv)
-
-
-@given(st.integers(1, 40), st.integers(0, 60), st.integers(1, 2), st.integers(0, 2**32 - 1))
-def test_smoothing_at_some_instants_is_that_of_a_savitzky_golay_filter(
-    half: int, more: int, order: int, seed: int
-) -> None:
-    span = 2 * half + 1
-    count = span + more
-    values = 1000.0 + np.random.default_rng(seed).normal(size=(3, count)).cumsum(axis=1)
-    instants = (0, count // 3, count // 2, count - 1)
-    oracle = savgol_filter(values, span, order, axis=1)
-    np.testing.assert_allclose(smoothed(values, span, order, instants), oracle[:, list(instants)], atol=1e-8)
-    steepest = savgol_filter(values, span, 1, deriv=1, axis=1)
-    np.testing.assert_allclose(slopes(values, span).max(axis=1), steepest.max(axis=1), atol=1e-8)
-    np.testing.assert_allclose(slopes(values, span), steepest[:, half : count - half], atol=1e-8)
