@@ -160,7 +160,7 @@ class BackgroundSettings(Settings):
         "out of the training, because an alarm then comes too late to predict",
     )
     background_every_s: float = Field(
-        0.5, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
+        1.0, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
     )
     before_onset_s: float = Field(
         0.5, ge=0.0, description="how early before onset a window already counts as the maneuver, s"
