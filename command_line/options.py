@@ -87,7 +87,7 @@ InLane = Annotated[
     bool | None,
     typer.Option(
         "--lanes/--no-lanes",
-        help="With --traffic: the trees with the answer 'none' also see where in its lane a vehicle is. Default: yes.",
+        help="With --traffic: trees with the answer 'none' also see the lanes, recent motion and the UV. Default: yes.",
         show_default=False,
     ),
 ]

@@ -243,7 +243,7 @@ class FiveClassResult(AlarmResult):
 
     Overtakes count as left lane changes, or as right ones where traffic keeps left, in events and in alarms. The kind
     of alarm is the one that did better with six intentions; alarms are chosen anew on the development seeds.
-    baselines: the rule of the road and the compared runs.
+    baselines: the rule of the road, trees on the situation, and the compared runs.
     """
 
     baselines: dict[str, AlarmResult]

@@ -45,6 +45,7 @@ def study(infer: Infer, road: Path) -> LiveStudy:
     content = study_of(infer.run.card, str(road), (1, 2), (11, 12), 7.0, natural=True).model_dump()
     content["dataset"]["maneuvers"] |= {"hard_brake_per_vehicle_hour": 300.0}
     content["dataset"]["traffic"] |= {"run_in_s": 1.0}
+    content["live"]["streams"] |= {"outcome_s": 0.0}
     content["live"]["background"] |= {"rounds": 5, "folds": 2}
     content["live"]["choice"] |= {"thresholds": 10, "confirmations": [[1, 1]], "least_probabilities": [0.0]}
     return LiveStudy.model_validate(content)

@@ -135,7 +135,7 @@ def test_windows_are_labelled_for_the_answer_none(until: str, late: int) -> None
     rows, labels, weights = training_rows(SECOND, BackgroundSettings.model_validate({"until": until}), 2.0)
     assert (labels == 0).sum() == (label == 0).sum()
     # Five runs of background, each with up to one interval more or less.
-    assert weights[labels == NONE].sum() == pytest.approx((label == NONE).sum(), abs=5 * 5)
+    assert weights[labels == NONE].sum() == pytest.approx((label == NONE).sum(), abs=5 * 10)
     assert (label[rows] == labels).all()
 
 
