@@ -91,17 +91,21 @@ class Smoothing:
             self._computed[level] = True
         return np.asarray(self._levels[level])
 
-    def at(self, widths_m: Array) -> ComplexArray:
-        """Return the values smoothed with the width of each point, m, shape (n,): linear in the variance."""
+    def at(self, widths_m: Array, first: int = 0) -> ComplexArray:
+        """Return the values at points from the first one on, smoothed with the width of each, m, shape (n,).
+
+        Between the widths that are computed, they are linear in the variance.
+        """
         last = len(self.widths_m) - 2
-        level = np.clip(np.searchsorted(self.widths_m, widths_m, side="right") - 1, 0, last)
+        level = np.minimum(np.searchsorted(self.widths_m, widths_m, side="right") - 1, last)
         needed = np.bincount(level, minlength=last + 2) > 0
         needed[1:] |= needed[:-1]
         for k in np.flatnonzero(needed & ~self._computed):
             self._level(int(k))
-        low, high = self.widths_m[level] ** 2, self.widths_m[level + 1] ** 2
+        variances = self.widths_m**2
+        low, high = variances[level], variances[level + 1]
         share = (widths_m**2 - low) / (high - low)
-        points = np.arange(len(widths_m))
+        points = np.arange(first, first + len(widths_m))
         here, wider = self._levels[level, points], self._levels[level + 1, points]
         return np.asarray(here + share * (wider - here))
 
@@ -211,16 +215,17 @@ def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: f
     gentle = speeds**2 * bend <= GENTLE * limit_mps2
     if gentle.all():
         return gentle
-    band = np.floor(np.log(np.maximum(speeds, LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
-    gentle[:] = speeds**2 * bend.max() <= GENTLE * limit_mps2
-    for k in np.unique(band[~gentle]):
+    gentle = speeds**2 * bend.max() <= GENTLE * limit_mps2
+    rough = np.flatnonzero(~gentle)
+    band = np.floor(np.log(np.maximum(speeds[rough], LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
+    for k in np.flatnonzero(np.bincount(band)):
         kernel_points = width_s * LEAST_MPS * BAND**k / STEP_M
         # Three boxes of n points have the variance (n^2 - 1) / 4.
         points = int(np.sqrt(4.0 * kernel_points**2 + 1.0) + 1) // 2 * 2 - 1
         mean = bend
         for _ in range(3 if points > 1 else 0):
             mean = uniform_filter1d(mean, points, mode="nearest")
-        rows = band == k
+        rows = rough[band == k]
         gentle[rows] = speeds[rows] ** 2 * mean[rows] <= GENTLE * limit_mps2
     return gentle
 
@@ -254,18 +259,27 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
     than `max_shift_m`. The width is 0 away from such points.
     """
     need = np.zeros(len(speeds))
-    if len(speeds) < 3 or (acceleration(line, need, speeds, width_s) <= limit_mps2).all():
+    if len(speeds) < 3:
+        return need
+    path = _path(line, need, speeds, width_s)
+    short = _bending(path, speeds) > limit_mps2
+    if not short.any():
         return need
     widest = line.widest(max_shift_m)
     roof = -_envelope(-widest)
     widths = need.copy()
     for _ in range(ROUNDS):
-        short = acceleration(line, widths, speeds, width_s) > limit_mps2
         short &= (widths < 0.98 * roof) & (need < line.widths_m[-1])
         if not short.any():
             break
         need[short] = np.clip(GROWTH * np.maximum(need, widths)[short], 1.0, line.widths_m[-1])
-        widths = _blended(np.minimum(_envelope(need), roof))
+        before, widths = widths, _blended(np.minimum(_envelope(need), roof))
+        # Most of the line keeps its width, and is not smoothed again.
+        changed = np.flatnonzero(widths != before)
+        if len(changed):
+            part = slice(int(changed[0]), int(changed[-1]) + 1)
+            path[part] = _path(line, widths[part], speeds[part], width_s, part.start)
+        short = _bending(path, speeds) > limit_mps2
     # The filters reach as far as the roof was lowered, so that no width exceeds the widest one at its own point.
     return np.minimum(widths, widest)
 
@@ -314,8 +328,16 @@ def _blended(widths: Array) -> Array:
 
 def acceleration(line: Smoothing, widths_m: Array, speeds: Array, width_s: float) -> Array:
     """Return the acceleration of a vehicle that follows the smoothed line at the given speeds, m/s2, shape (n,)."""
-    total = np.minimum(np.hypot(widths_m, width_s * speeds), line.widths_m[-1])
-    path = line.at(total)
+    return _bending(_path(line, widths_m, speeds, width_s), speeds)
+
+
+def _path(line: Smoothing, widths_m: Array, speeds: Array, width_s: float, first: int = 0) -> ComplexArray:
+    """Return where a vehicle drives that follows the smoothed line, from its first point on, m, shape (n,)."""
+    return line.at(np.minimum(np.hypot(widths_m, width_s * speeds), line.widths_m[-1]), first)
+
+
+def _bending(path: ComplexArray, speeds: Array) -> Array:
+    """Return the acceleration that the bends of a path, at every `STEP_M`, take at these speeds, m/s2, shape (n,)."""
     bend = np.zeros(len(path))
     bend[1:-1] = np.abs(path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP_M**2
     return np.asarray(bend * speeds**2)
