@@ -12,10 +12,11 @@ by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -84,12 +85,12 @@ class Smoothing:
     def _spectrum(self) -> _Spectrum:
         return _Spectrum.of(self.values, float(self.widths_m[-1]))
 
-    def _level(self, level: int) -> ComplexArray:
-        """Return the values smoothed with one of the widths."""
-        if not self._computed[level]:
-            self._levels[level] = self._spectrum.smoothed(self.widths_m[level])
-            self._computed[level] = True
-        return np.asarray(self._levels[level])
+    def _compute(self, levels: IntArray) -> None:
+        """Smooth the values with those of the widths that are not computed yet."""
+        missing = levels[~self._computed[levels]]
+        if len(missing):
+            self._levels[missing] = self._spectrum.smoothed(self.widths_m[missing])
+            self._computed[missing] = True
 
     def at(self, widths_m: Array, first: int = 0) -> ComplexArray:
         """Return the values at points from the first one on, smoothed with the width of each, m, shape (n,).
@@ -100,8 +101,7 @@ class Smoothing:
         level = np.minimum(np.searchsorted(self.widths_m, widths_m, side="right") - 1, last)
         needed = np.bincount(level, minlength=last + 2) > 0
         needed[1:] |= needed[:-1]
-        for k in np.flatnonzero(needed & ~self._computed):
-            self._level(int(k))
+        self._compute(np.flatnonzero(needed))
         variances = self.widths_m**2
         low, high = variances[level], variances[level + 1]
         share = (widths_m**2 - low) / (high - low)
@@ -113,8 +113,9 @@ class Smoothing:
         """Return for each point the widest kernel that moves it by at most `max_shift_m`, m, shape (n,)."""
         result = np.full(len(self.values), self.widths_m[-1])
         open_, before = np.ones(len(self.values), bool), np.zeros(len(self.values))
+        self._compute(np.arange(len(self.widths_m)))
         for k in range(1, len(self.widths_m)):
-            moved = np.abs(self._level(k) - self.values)
+            moved = np.abs(self._levels[k] - self.values)
             ends = open_ & (moved > max_shift_m)
             share = (max_shift_m - before[ends]) / (moved[ends] - before[ends])
             low, high = self.widths_m[k - 1] ** 2, self.widths_m[k] ** 2
@@ -132,7 +133,6 @@ class _Spectrum:
     """
 
     values: ComplexArray
-    exponents: Array
     line: ComplexArray
     inner: slice
 
@@ -143,12 +143,20 @@ class _Spectrum:
         count = fft.next_fast_len(len(padded))
         line = np.linspace(padded[0], padded[-1], len(padded))
         inner = slice(pad, pad + len(values))
-        exponents = -2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2
-        return cls(fft.fft(padded - line, count), exponents, line[inner], inner)
+        return cls(fft.fft(padded - line, count), line[inner], inner)
 
-    def smoothed(self, width_m: float) -> ComplexArray:
-        """Return the signal smoothed with a Gaussian kernel of this standard deviation, m."""
-        return np.asarray(fft.ifft(self.values * np.exp(self.exponents * width_m**2))[self.inner] + self.line)
+    def smoothed(self, widths_m: Array) -> ComplexArray:
+        """Return the signal smoothed with Gaussian kernels of k standard deviations, m, shape (k, n)."""
+        kernels = np.stack([_kernel_spectrum(len(self.values), width_m) for width_m in widths_m.tolist()])
+        return np.asarray(fft.ifft(self.values * kernels)[:, self.inner] + self.line)
+
+
+@lru_cache(maxsize=512)
+def _kernel_spectrum(count: int, width_m: float) -> ComplexArray:
+    """Return the Fourier transform of a Gaussian kernel of this standard deviation, m, shape (count,)."""
+    spectrum = np.exp(-2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2 * width_m**2).astype(np.complex128)
+    spectrum.flags.writeable = False
+    return np.asarray(spectrum)
 
 
 @dataclass(frozen=True)
@@ -222,12 +230,13 @@ def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: f
         kernel_points = width_s * LEAST_MPS * BAND**k / STEP_M
         # Three boxes of n points have the variance (n^2 - 1) / 4.
         points = int(np.sqrt(4.0 * kernel_points**2 + 1.0) + 1) // 2 * 2 - 1
-        mean = bend
+        rows = rough[band == k]
+        first = max(int(rows[0]) - 3 * points, 0)
+        mean = bend[first : rows[-1] + 3 * points + 1]
         for _ in range(3 if points > 1 else 0):
             mean = uniform_filter1d(mean, points, mode="nearest")
-        rows = rough[band == k]
-        gentle[rows] = speeds[rows] ** 2 * mean[rows] <= GENTLE * limit_mps2
-    return gentle
+        gentle[rows] = speeds[rows] ** 2 * mean[rows - first] <= GENTLE * limit_mps2
+    return np.asarray(gentle)
 
 
 def _may_be_sharp(
@@ -242,11 +251,12 @@ def _may_be_sharp(
     around = np.arange(-reach, reach + 1)
     if len(points) * len(around) > CLOSE_VALUES or width_points.min(initial=np.inf) < CLOSE_LEAST_POINTS:
         return np.ones(len(points), bool)
-    bend = np.zeros(len(values), np.complex128)
-    bend[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
+    # The line bends neither at its ends nor beyond them.
+    bend = np.zeros(len(values) + 2 * reach, np.complex128)
+    bend[reach + 1 : -reach - 1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
     weights = np.exp(-0.5 * (around / width_points[:, None]) ** 2)
     weights /= weights.sum(axis=1, keepdims=True)
-    mean = np.einsum("kj,kj->k", weights, bend[np.clip(points[:, None] + around, 0, len(values) - 1)])
+    mean = np.einsum("kj,kj->k", weights, sliding_window_view(bend, len(around))[points])
     return np.asarray(speeds[points] ** 2 * np.abs(mean) > CLOSE * limit_mps2)
 
 
@@ -272,7 +282,8 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
         short &= (widths < 0.98 * roof) & (need < line.widths_m[-1])
         if not short.any():
             break
-        need[short] = np.clip(GROWTH * np.maximum(need, widths)[short], 1.0, line.widths_m[-1])
+        wider = np.maximum(GROWTH * np.maximum(need[short], widths[short]), 1.0)
+        need[short] = np.minimum(wider, line.widths_m[-1])
         before, widths = widths, _blended(np.minimum(_envelope(need), roof))
         # Most of the line keeps its width, and is not smoothed again.
         changed = np.flatnonzero(widths != before)
