@@ -21,7 +21,7 @@ from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray
+from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
 from isacsim.settings import Settings
 
 STEP_M = 0.5
@@ -139,7 +139,7 @@ class _Spectrum:
     @classmethod
     def of(cls, values: ComplexArray, widest_m: float) -> Self:
         pad = int(REACH * widest_m / STEP_M)
-        padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
+        padded = reflected(values, pad, pad)
         count = fft.next_fast_len(len(padded))
         line = np.linspace(padded[0], padded[-1], len(padded))
         inner = slice(pad, pad + len(values))

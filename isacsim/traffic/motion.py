@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from isacsim.arrays import Array, BoolArray, IntArray
+from isacsim.arrays import Array, BoolArray, IntArray, reflected
 from isacsim.scenarios.reference_line import RoundingSettings
 from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
@@ -100,7 +100,7 @@ def _padded(values: Array, step_s: float, width_s: float) -> tuple[Array, float,
     """
     sigma, base = width_s / step_s, float(values[0])
     reach = int(np.ceil(REACH * sigma))
-    return np.pad(values - base, reach, mode="reflect", reflect_type="odd"), base, sigma, reach
+    return reflected(values - base, reach, reach), base, sigma, reach
 
 
 @lru_cache(maxsize=64)
