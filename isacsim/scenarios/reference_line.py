@@ -76,6 +76,7 @@ class Smoothing:
         """
         self.values = values
         self.widths_m = widths_m
+        self._variances = widths_m**2
         self._levels = np.empty((len(widths_m), len(values)), np.complex128)
         self._levels[0] = values
         self._computed = np.zeros(len(widths_m), bool)
@@ -97,13 +98,10 @@ class Smoothing:
 
         Between the widths that are computed, they are linear in the variance.
         """
-        last = len(self.widths_m) - 2
-        level = np.minimum(np.searchsorted(self.widths_m, widths_m, side="right") - 1, last)
-        needed = np.bincount(level, minlength=last + 2) > 0
-        needed[1:] |= needed[:-1]
-        self._compute(np.flatnonzero(needed))
-        variances = self.widths_m**2
-        low, high = variances[level], variances[level + 1]
+        level = np.minimum(self.widths_m.searchsorted(widths_m, side="right") - 1, len(self.widths_m) - 2)
+        if not self._computed.all():
+            self._compute(np.unique([level, level + 1]))
+        low, high = self._variances[level], self._variances[level + 1]
         share = (widths_m**2 - low) / (high - low)
         points = np.arange(first, first + len(widths_m))
         here, wider = self._levels[level, points], self._levels[level + 1, points]
