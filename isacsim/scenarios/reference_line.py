@@ -187,8 +187,9 @@ def stretches(
     Only the surroundings of sharp points are looked at. Most of them need narrow kernels, which reach less far than the
     widest one.
     """
-    sharp = np.flatnonzero(~is_gentle(values, speeds, width_s, limit_mps2))
-    sharp = sharp[_may_be_sharp(values, speeds, width_s, limit_mps2, sharp)]
+    looked_at = values if values.imag.any() else values.real
+    sharp = np.flatnonzero(~is_gentle(looked_at, speeds, width_s, limit_mps2))
+    sharp = sharp[_may_be_sharp(looked_at, speeds, width_s, limit_mps2, sharp)]
     if not len(sharp):
         return []
     for widths_m in (WIDTHS_M[:NARROW], WIDTHS_M):
@@ -209,7 +210,7 @@ def stretches(
     return [stretch for stretch in rounded if stretch.widths.any()]
 
 
-def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:
+def is_gentle(values: ComplexArray | Array, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:
     """Return at which points a line clearly needs no rounding: a quick answer, which errs on the side of False.
 
     values: at every `STEP_M` of the line, shape (n,). The other arguments are those of `rounding_widths`.
@@ -238,7 +239,7 @@ def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: f
 
 
 def _may_be_sharp(
-    values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float, points: IntArray
+    values: ComplexArray | Array, speeds: Array, width_s: float, limit_mps2: float, points: IntArray
 ) -> BoolArray:
     """Return which of some points, (k,), may need rounding, (k,): a closer look, with the Gaussian kernel itself.
 
@@ -250,7 +251,7 @@ def _may_be_sharp(
     if len(points) * len(around) > CLOSE_VALUES or width_points.min(initial=np.inf) < CLOSE_LEAST_POINTS:
         return np.ones(len(points), bool)
     # The line bends neither at its ends nor beyond them.
-    bend = np.zeros(len(values) + 2 * reach, np.complex128)
+    bend = np.zeros(len(values) + 2 * reach, values.dtype)
     bend[reach + 1 : -reach - 1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
     weights = np.exp(-0.5 * (around / width_points[:, None]) ** 2)
     weights /= weights.sum(axis=1, keepdims=True)
