@@ -109,17 +109,15 @@ class Smoothing:
 
     def widest(self, max_shift_m: float) -> Array:
         """Return for each point the widest kernel that moves it by at most `max_shift_m`, m, shape (n,)."""
-        result = np.full(len(self.values), self.widths_m[-1])
-        open_, before = np.ones(len(self.values), bool), np.zeros(len(self.values))
         self._compute(np.arange(len(self.widths_m)))
-        for k in range(1, len(self.widths_m)):
-            moved = np.abs(self._levels[k] - self.values)
-            ends = open_ & (moved > max_shift_m)
-            share = (max_shift_m - before[ends]) / (moved[ends] - before[ends])
-            low, high = self.widths_m[k - 1] ** 2, self.widths_m[k] ** 2
-            result[ends] = np.sqrt(low + share * (high - low))
-            open_ &= ~ends
-            before = moved
+        moved = np.abs(self._levels - self.values)
+        beyond = moved > max_shift_m
+        ends = np.flatnonzero(beyond.any(axis=0))
+        level = beyond[:, ends].argmax(axis=0)
+        before, after = moved[level - 1, ends], moved[level, ends]
+        low, high = self._variances[level - 1], self._variances[level]
+        result = np.full(len(self.values), self.widths_m[-1])
+        result[ends] = np.sqrt(low + (max_shift_m - before) / (after - before) * (high - low))
         return result
 
 
@@ -233,7 +231,8 @@ def is_gentle(values: ComplexArray | Array, speeds: Array, width_s: float, limit
         first = max(int(rows[0]) - 3 * points, 0)
         mean = bend[first : rows[-1] + 3 * points + 1]
         for _ in range(3 if points > 1 else 0):
-            mean = uniform_filter1d(mean, points, mode="nearest")
+            # Told the type, scipy spends less time on it than on the filter.
+            mean = uniform_filter1d(mean, points, output=np.float64, mode="nearest")
         gentle[rows] = speeds[rows] ** 2 * mean[rows - first] <= GENTLE * limit_mps2
     return np.asarray(gentle)
 
@@ -327,12 +326,12 @@ def _envelope(need: Array) -> Array:
     ramp = SLOPE * STEP_M * np.arange(len(need))
     ahead = np.maximum.accumulate(need + ramp) - ramp
     back = np.maximum.accumulate(need[::-1] + ramp) - ramp
-    return np.asarray(maximum_filter1d(np.maximum(ahead, back[::-1]), _SPAN, mode="nearest"))
+    return np.asarray(maximum_filter1d(np.maximum(ahead, back[::-1]), _SPAN, output=np.float64, mode="nearest"))
 
 
 def _blended(widths: Array) -> Array:
     for _ in range(3):
-        widths = uniform_filter1d(widths, _BOX, mode="nearest")
+        widths = uniform_filter1d(widths, _BOX, output=np.float64, mode="nearest")
     return np.where(widths > 1e-3, widths, 0.0)
 
 

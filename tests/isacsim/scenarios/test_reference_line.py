@@ -1,5 +1,7 @@
 """The widths of a rounded line, against the plain computation that looks at the whole line in every round."""
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,12 +11,27 @@ from isacsim.scenarios import reference_line
 from isacsim.scenarios.reference_line import STEP_M, Smoothing, acceleration, rounding_widths
 
 
+def widest_level_by_level(line: Smoothing, max_shift_m: float) -> Array:
+    """Return what `Smoothing.widest` returns, from one kernel width after the other."""
+    result = np.full(len(line.values), line.widths_m[-1])
+    ended, before = np.zeros(len(line.values), bool), np.zeros(len(line.values))
+    line._compute(np.arange(len(line.widths_m)))
+    for (low, high), level in zip(pairwise(line.widths_m), line._levels[1:], strict=True):
+        moved = np.abs(level - line.values)
+        ends = ~ended & (moved > max_shift_m)
+        share = (max_shift_m - before[ends]) / (moved[ends] - before[ends])
+        result[ends] = np.sqrt(low**2 + share * (high**2 - low**2))
+        ended |= ends
+        before = moved
+    return result
+
+
 def widths_from_the_whole_line(
     line: Smoothing, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float
 ) -> Array:
     """Return what `rounding_widths` returns; every round smooths all of the line anew."""
     need = np.zeros(len(speeds))
-    widest = line.widest(max_shift_m)
+    widest = widest_level_by_level(line, max_shift_m)
     roof = -reference_line._envelope(-widest)
     widths = need.copy()
     for _ in range(reference_line.ROUNDS):
