@@ -38,8 +38,8 @@ UNSEEN = "too_few_sites"
 def ready() -> None:
     """Prepare a process for episodes; only the first call does anything.
 
-    Loads what labelling imports late. What modules hold is then left out by the cyclic garbage collector, which would
-    take 0.15 s for each round through their 300,000 objects: half as long as labelling an episode.
+    Loads what labelling imports late. What modules hold is then left out by the cyclic garbage collector: each full
+    round through it would take a third as long as labelling an episode (docs/performance.md).
     """
     importlib.import_module("scipy.signal")
     gc.collect()
