@@ -29,7 +29,7 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.simulation import record
 from labeling.dataset.dataset import Episode, write_shard
 from labeling.events import label
-from labeling.generation.episode import make_samples, select
+from labeling.generation.episode import make_samples, ready, select
 from labeling.generation.settings import DatasetStudy
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import candidates
@@ -58,8 +58,8 @@ def run() -> dict[str, Any]:
 def _one_episode() -> dict[str, Any]:
     """Return the results of one episode on one thread."""
     study, scenario = DatasetStudy(scenarios=(SCENARIO,)), load(SCENARIO)
-    # Loaded once a process, by the first episode: half a second that is not one of each episode.
-    importlib.import_module("scipy.signal")
+    # Done once a process, by the first episode: half a second that is not one of each episode.
+    ready()
     stages: dict[str, float] = {}
     with _timed(stages, "traffic"):
         recording = record(scenario, SEED, study.traffic, study.maneuvers)

@@ -33,7 +33,7 @@ LEAST_SITES = 2
 """Fewest sites that locate a vehicle."""
 CONFIRMED = 0.25
 """Share of the snapshots before a record that must have located the vehicle: one or two false alarms are no vehicle."""
-TOGETHER = 64
+TOGETHER = 96
 """Records filtered at once: enough to make the filter cheap, few enough to keep their covariances small in memory."""
 
 
@@ -357,12 +357,13 @@ def assign(position: Array, rate_hz: float, panels: Panels, settings: ViewSettin
     _, mast = np.unique(np.round(np.stack([panels.x, panels.y], axis=1)), axis=0, return_inverse=True)
     # Both panels of a mast are equally far: the one that faces the vehicle more squarely comes first.
     order = np.lexsort((-ahead, np.round(distance, 3)), axis=1)
+    in_view = np.take_along_axis(seen, order, axis=1)
+    mast_of = mast.tolist()
     chosen = np.full((len(at), settings.sites), -1)
     for row in range(len(at)):
-        ranked = [int(k) for k in order[row] if seen[row, k]]
         nearest: dict[int, int] = {}
-        for k in ranked:
-            nearest.setdefault(int(mast[k]), k)
+        for k in order[row, in_view[row]].tolist():
+            nearest.setdefault(mast_of[k], k)
         best = list(nearest.values())[: settings.sites]
         chosen[row, : len(best)] = best
     return np.repeat(chosen, hold, axis=0)[: len(position)]

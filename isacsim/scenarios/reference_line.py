@@ -12,15 +12,16 @@ by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray
+from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
 from isacsim.settings import Settings
 
 STEP_M = 0.5
@@ -75,6 +76,7 @@ class Smoothing:
         """
         self.values = values
         self.widths_m = widths_m
+        self._variances = widths_m**2
         self._levels = np.empty((len(widths_m), len(values)), np.complex128)
         self._levels[0] = values
         self._computed = np.zeros(len(widths_m), bool)
@@ -84,39 +86,38 @@ class Smoothing:
     def _spectrum(self) -> _Spectrum:
         return _Spectrum.of(self.values, float(self.widths_m[-1]))
 
-    def _level(self, level: int) -> ComplexArray:
-        """Return the values smoothed with one of the widths."""
-        if not self._computed[level]:
-            self._levels[level] = self._spectrum.smoothed(self.widths_m[level])
-            self._computed[level] = True
-        return np.asarray(self._levels[level])
+    def _compute(self, levels: IntArray) -> None:
+        """Smooth the values with those of the widths that are not computed yet."""
+        missing = levels[~self._computed[levels]]
+        if len(missing):
+            self._levels[missing] = self._spectrum.smoothed(self.widths_m[missing])
+            self._computed[missing] = True
 
-    def at(self, widths_m: Array) -> ComplexArray:
-        """Return the values smoothed with the width of each point, m, shape (n,): linear in the variance."""
-        last = len(self.widths_m) - 2
-        level = np.clip(np.searchsorted(self.widths_m, widths_m, side="right") - 1, 0, last)
-        needed = np.bincount(level, minlength=last + 2) > 0
-        needed[1:] |= needed[:-1]
-        for k in np.flatnonzero(needed & ~self._computed):
-            self._level(int(k))
-        low, high = self.widths_m[level] ** 2, self.widths_m[level + 1] ** 2
+    def at(self, widths_m: Array, first: int = 0) -> ComplexArray:
+        """Return the values at points from the first one on, smoothed with the width of each, m, shape (n,).
+
+        Between the widths that are computed, they are linear in the variance.
+        """
+        level = np.minimum(self.widths_m.searchsorted(widths_m, side="right") - 1, len(self.widths_m) - 2)
+        if not self._computed.all():
+            self._compute(np.unique([level, level + 1]))
+        low, high = self._variances[level], self._variances[level + 1]
         share = (widths_m**2 - low) / (high - low)
-        points = np.arange(len(widths_m))
+        points = np.arange(first, first + len(widths_m))
         here, wider = self._levels[level, points], self._levels[level + 1, points]
         return np.asarray(here + share * (wider - here))
 
     def widest(self, max_shift_m: float) -> Array:
         """Return for each point the widest kernel that moves it by at most `max_shift_m`, m, shape (n,)."""
+        self._compute(np.arange(len(self.widths_m)))
+        moved = np.abs(self._levels - self.values)
+        beyond = moved > max_shift_m
+        ends = np.flatnonzero(beyond.any(axis=0))
+        level = beyond[:, ends].argmax(axis=0)
+        before, after = moved[level - 1, ends], moved[level, ends]
+        low, high = self._variances[level - 1], self._variances[level]
         result = np.full(len(self.values), self.widths_m[-1])
-        open_, before = np.ones(len(self.values), bool), np.zeros(len(self.values))
-        for k in range(1, len(self.widths_m)):
-            moved = np.abs(self._level(k) - self.values)
-            ends = open_ & (moved > max_shift_m)
-            share = (max_shift_m - before[ends]) / (moved[ends] - before[ends])
-            low, high = self.widths_m[k - 1] ** 2, self.widths_m[k] ** 2
-            result[ends] = np.sqrt(low + share * (high - low))
-            open_ &= ~ends
-            before = moved
+        result[ends] = np.sqrt(low + (max_shift_m - before) / (after - before) * (high - low))
         return result
 
 
@@ -128,23 +129,30 @@ class _Spectrum:
     """
 
     values: ComplexArray
-    exponents: Array
     line: ComplexArray
     inner: slice
 
     @classmethod
     def of(cls, values: ComplexArray, widest_m: float) -> Self:
         pad = int(REACH * widest_m / STEP_M)
-        padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
+        padded = reflected(values, pad, pad)
         count = fft.next_fast_len(len(padded))
         line = np.linspace(padded[0], padded[-1], len(padded))
         inner = slice(pad, pad + len(values))
-        exponents = -2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2
-        return cls(fft.fft(padded - line, count), exponents, line[inner], inner)
+        return cls(fft.fft(padded - line, count), line[inner], inner)
 
-    def smoothed(self, width_m: float) -> ComplexArray:
-        """Return the signal smoothed with a Gaussian kernel of this standard deviation, m."""
-        return np.asarray(fft.ifft(self.values * np.exp(self.exponents * width_m**2))[self.inner] + self.line)
+    def smoothed(self, widths_m: Array) -> ComplexArray:
+        """Return the signal smoothed with Gaussian kernels of k standard deviations, m, shape (k, n)."""
+        kernels = np.stack([_kernel_spectrum(len(self.values), width_m) for width_m in widths_m.tolist()])
+        return np.asarray(fft.ifft(self.values * kernels)[:, self.inner] + self.line)
+
+
+@lru_cache(maxsize=512)
+def _kernel_spectrum(count: int, width_m: float) -> ComplexArray:
+    """Return the Fourier transform of a Gaussian kernel of this standard deviation, m, shape (count,)."""
+    spectrum = np.exp(-2.0 * (np.pi * fft.fftfreq(count, STEP_M)) ** 2 * width_m**2).astype(np.complex128)
+    spectrum.flags.writeable = False
+    return np.asarray(spectrum)
 
 
 @dataclass(frozen=True)
@@ -177,8 +185,9 @@ def stretches(
     Only the surroundings of sharp points are looked at. Most of them need narrow kernels, which reach less far than the
     widest one.
     """
-    sharp = np.flatnonzero(~is_gentle(values, speeds, width_s, limit_mps2))
-    sharp = sharp[_may_be_sharp(values, speeds, width_s, limit_mps2, sharp)]
+    looked_at = values if values.imag.any() else values.real
+    sharp = np.flatnonzero(~is_gentle(looked_at, speeds, width_s, limit_mps2))
+    sharp = sharp[_may_be_sharp(looked_at, speeds, width_s, limit_mps2, sharp)]
     if not len(sharp):
         return []
     for widths_m in (WIDTHS_M[:NARROW], WIDTHS_M):
@@ -199,7 +208,7 @@ def stretches(
     return [stretch for stretch in rounded if stretch.widths.any()]
 
 
-def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:
+def is_gentle(values: ComplexArray | Array, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:
     """Return at which points a line clearly needs no rounding: a quick answer, which errs on the side of False.
 
     values: at every `STEP_M` of the line, shape (n,). The other arguments are those of `rounding_widths`.
@@ -211,22 +220,25 @@ def is_gentle(values: ComplexArray, speeds: Array, width_s: float, limit_mps2: f
     gentle = speeds**2 * bend <= GENTLE * limit_mps2
     if gentle.all():
         return gentle
-    band = np.floor(np.log(np.maximum(speeds, LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
-    gentle[:] = speeds**2 * bend.max() <= GENTLE * limit_mps2
-    for k in np.unique(band[~gentle]):
+    gentle = speeds**2 * bend.max() <= GENTLE * limit_mps2
+    rough = np.flatnonzero(~gentle)
+    band = np.floor(np.log(np.maximum(speeds[rough], LEAST_MPS) / LEAST_MPS) / np.log(BAND)).astype(np.int64)
+    for k in np.flatnonzero(np.bincount(band)):
         kernel_points = width_s * LEAST_MPS * BAND**k / STEP_M
         # Three boxes of n points have the variance (n^2 - 1) / 4.
         points = int(np.sqrt(4.0 * kernel_points**2 + 1.0) + 1) // 2 * 2 - 1
-        mean = bend
+        rows = rough[band == k]
+        first = max(int(rows[0]) - 3 * points, 0)
+        mean = bend[first : rows[-1] + 3 * points + 1]
         for _ in range(3 if points > 1 else 0):
-            mean = uniform_filter1d(mean, points, mode="nearest")
-        rows = band == k
-        gentle[rows] = speeds[rows] ** 2 * mean[rows] <= GENTLE * limit_mps2
-    return gentle
+            # Told the type, scipy spends less time on it than on the filter.
+            mean = uniform_filter1d(mean, points, output=np.float64, mode="nearest")
+        gentle[rows] = speeds[rows] ** 2 * mean[rows - first] <= GENTLE * limit_mps2
+    return np.asarray(gentle)
 
 
 def _may_be_sharp(
-    values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float, points: IntArray
+    values: ComplexArray | Array, speeds: Array, width_s: float, limit_mps2: float, points: IntArray
 ) -> BoolArray:
     """Return which of some points, (k,), may need rounding, (k,): a closer look, with the Gaussian kernel itself.
 
@@ -237,11 +249,12 @@ def _may_be_sharp(
     around = np.arange(-reach, reach + 1)
     if len(points) * len(around) > CLOSE_VALUES or width_points.min(initial=np.inf) < CLOSE_LEAST_POINTS:
         return np.ones(len(points), bool)
-    bend = np.zeros(len(values), np.complex128)
-    bend[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
+    # The line bends neither at its ends nor beyond them.
+    bend = np.zeros(len(values) + 2 * reach, values.dtype)
+    bend[reach + 1 : -reach - 1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / STEP_M**2
     weights = np.exp(-0.5 * (around / width_points[:, None]) ** 2)
     weights /= weights.sum(axis=1, keepdims=True)
-    mean = np.einsum("kj,kj->k", weights, bend[np.clip(points[:, None] + around, 0, len(values) - 1)])
+    mean = np.einsum("kj,kj->k", weights, sliding_window_view(bend, len(around))[points])
     return np.asarray(speeds[points] ** 2 * np.abs(mean) > CLOSE * limit_mps2)
 
 
@@ -254,18 +267,28 @@ def rounding_widths(line: Smoothing, speeds: Array, width_s: float, limit_mps2: 
     than `max_shift_m`. The width is 0 away from such points.
     """
     need = np.zeros(len(speeds))
-    if len(speeds) < 3 or (acceleration(line, need, speeds, width_s) <= limit_mps2).all():
+    if len(speeds) < 3:
+        return need
+    path = _path(line, need, speeds, width_s)
+    short = _bending(path, speeds) > limit_mps2
+    if not short.any():
         return need
     widest = line.widest(max_shift_m)
     roof = -_envelope(-widest)
     widths = need.copy()
     for _ in range(ROUNDS):
-        short = acceleration(line, widths, speeds, width_s) > limit_mps2
         short &= (widths < 0.98 * roof) & (need < line.widths_m[-1])
         if not short.any():
             break
-        need[short] = np.clip(GROWTH * np.maximum(need, widths)[short], 1.0, line.widths_m[-1])
-        widths = _blended(np.minimum(_envelope(need), roof))
+        wider = np.maximum(GROWTH * np.maximum(need[short], widths[short]), 1.0)
+        need[short] = np.minimum(wider, line.widths_m[-1])
+        before, widths = widths, _blended(np.minimum(_envelope(need), roof))
+        # Most of the line keeps its width, and is not smoothed again.
+        changed = np.flatnonzero(widths != before)
+        if len(changed):
+            part = slice(int(changed[0]), int(changed[-1]) + 1)
+            path[part] = _path(line, widths[part], speeds[part], width_s, part.start)
+        short = _bending(path, speeds) > limit_mps2
     # The filters reach as far as the roof was lowered, so that no width exceeds the widest one at its own point.
     return np.minimum(widths, widest)
 
@@ -303,19 +326,27 @@ def _envelope(need: Array) -> Array:
     ramp = SLOPE * STEP_M * np.arange(len(need))
     ahead = np.maximum.accumulate(need + ramp) - ramp
     back = np.maximum.accumulate(need[::-1] + ramp) - ramp
-    return np.asarray(maximum_filter1d(np.maximum(ahead, back[::-1]), _SPAN, mode="nearest"))
+    return np.asarray(maximum_filter1d(np.maximum(ahead, back[::-1]), _SPAN, output=np.float64, mode="nearest"))
 
 
 def _blended(widths: Array) -> Array:
     for _ in range(3):
-        widths = uniform_filter1d(widths, _BOX, mode="nearest")
+        widths = uniform_filter1d(widths, _BOX, output=np.float64, mode="nearest")
     return np.where(widths > 1e-3, widths, 0.0)
 
 
 def acceleration(line: Smoothing, widths_m: Array, speeds: Array, width_s: float) -> Array:
     """Return the acceleration of a vehicle that follows the smoothed line at the given speeds, m/s2, shape (n,)."""
-    total = np.minimum(np.hypot(widths_m, width_s * speeds), line.widths_m[-1])
-    path = line.at(total)
+    return _bending(_path(line, widths_m, speeds, width_s), speeds)
+
+
+def _path(line: Smoothing, widths_m: Array, speeds: Array, width_s: float, first: int = 0) -> ComplexArray:
+    """Return where a vehicle drives that follows the smoothed line, from its first point on, m, shape (n,)."""
+    return line.at(np.minimum(np.hypot(widths_m, width_s * speeds), line.widths_m[-1]), first)
+
+
+def _bending(path: ComplexArray, speeds: Array) -> Array:
+    """Return the acceleration that the bends of a path, at every `STEP_M`, take at these speeds, m/s2, shape (n,)."""
     bend = np.zeros(len(path))
     bend[1:-1] = np.abs(path[2:] - 2.0 * path[1:-1] + path[:-2]) / STEP_M**2
     return np.asarray(bend * speeds**2)

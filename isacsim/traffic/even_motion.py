@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, reflected
 from isacsim.traffic import motion
 from isacsim.traffic.motion import REACH, MotionSettings
 from isacsim.traffic.recording import Recording, Track
@@ -40,7 +40,7 @@ def even_states(
     states = np.empty((6, count))
     for axis, values in enumerate((rounded.x, rounded.y)):
         base = float(values[0])
-        padded = np.pad(values - base, reach, mode="reflect", reflect_type="odd")
+        padded = reflected(values - base, reach, reach)
         for phase in range(min(stride.denominator, count)):
             of_phase = slice(phase, count, stride.denominator)
             nearest = round(float(rows[phase]))

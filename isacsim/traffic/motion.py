@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from isacsim.arrays import Array, BoolArray, IntArray
+from isacsim.arrays import Array, BoolArray, IntArray, reflected
 from isacsim.scenarios.reference_line import RoundingSettings
 from isacsim.traffic.recording import Recording, Track
 from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
@@ -76,13 +76,21 @@ def condition_at(
     smooth = np.empty((len(orders), len(at_rows)))
     for k, phase in enumerate(phases.tolist()):
         mask = phase_of == k
-        around = windows[nearest[mask]]
+        around = _selected(windows, nearest[mask])
         for row, order in zip(smooth, orders, strict=True):
             row[mask] = np.einsum("mk,k->m", around, _weights(phase * SAME_PHASE, sigma, reach, order))
     for row, order in zip(smooth, orders, strict=True):
         row /= step_s**order
         row += base if order == 0 else 0.0
     return smooth
+
+
+def _selected(windows: Array, rows: IntArray) -> Array:
+    """Return some of the windows: a view where the rows are evenly spaced, because copying them takes longest."""
+    step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
+    if step > 0 and (np.diff(rows) == step).all():
+        return windows[rows[0] : rows[-1] + 1 : step]
+    return windows[rows]
 
 
 def _padded(values: Array, step_s: float, width_s: float) -> tuple[Array, float, float, int]:
@@ -92,7 +100,7 @@ def _padded(values: Array, step_s: float, width_s: float) -> tuple[Array, float,
     """
     sigma, base = width_s / step_s, float(values[0])
     reach = int(np.ceil(REACH * sigma))
-    return np.pad(values - base, reach, mode="reflect", reflect_type="odd"), base, sigma, reach
+    return reflected(values - base, reach, reach), base, sigma, reach
 
 
 @lru_cache(maxsize=64)
@@ -157,7 +165,7 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
     """
     rounded, step_s, width_s = on_rounded_road(recording, track, settings), recording.step_s, settings.width_s
     every = max(1, int(width_s / step_s / COARSE_ROWS))
-    coarse = _coarse_acceleration(rounded, width_s / step_s, every) / step_s**2
+    coarse = _coarse_acceleration(rounded, step_s, width_s, every)
     total = np.hypot(*coarse)
     jerk = np.hypot(*np.diff(coarse, axis=1)) / (every * step_s)
     suspect = total > ALMOST * CAR_MPS2
@@ -201,23 +209,17 @@ def _derivatives(rounded: RoundedTrack, step_s: float, width_s: float, orders: S
     return np.stack([condition_at(values, step_s, width_s, orders, rows) for values in (rounded.x, rounded.y)], axis=1)
 
 
-def _coarse_acceleration(rounded: RoundedTrack, sigma: float, every: int) -> Array:
-    """Return the acceleration at every `every`-th row, m per row squared, shape (2, n).
+def _coarse_acceleration(rounded: RoundedTrack, step_s: float, width_s: float, every: int) -> Array:
+    """Return the acceleration of the smoothed positions at every `every`-th row, m/s2, shape (2, n).
 
-    Conditioned motion changes little within a third of the kernel's standard deviation sigma, rows.
+    Conditioned motion changes little within a third of the kernel's standard deviation.
     """
-    from scipy.signal import upfirdn  # loaded only here, because it takes a second
-
-    reach = int(np.ceil(REACH * sigma))
-    weights, first = _weights(0.0, sigma, reach, 2), -(-2 * reach // every)
-    # The kernel is centred on the first row if the padding before it makes up whole steps.
-    before = first * every - reach
-    padded = [
-        np.pad(values - values[0], (before, reach), mode="reflect", reflect_type="odd")
-        for values in (rounded.x, rounded.y)
-    ]
-    count = -(-len(rounded.x) // every)
-    return np.stack([upfirdn(weights, values, 1, every)[first : first + count] for values in padded])
+    acceleration = []
+    for values in (rounded.x, rounded.y):
+        padded, _, sigma, reach = _padded(values, step_s, width_s)
+        windows = sliding_window_view(padded, 2 * reach + 1)[::every]
+        acceleration.append(np.einsum("mk,k->m", windows, _weights(0.0, sigma, reach, 2)))
+    return np.stack(acceleration) / step_s**2
 
 
 def on_rounded_road(recording: Recording, track: Track, settings: MotionSettings) -> RoundedTrack:

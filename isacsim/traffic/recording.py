@@ -104,7 +104,8 @@ class Recording:
 
     def is_parked(self, vehicle: str, first_step: int, last_step: int) -> bool:
         """Return whether a vehicle stands beside the road at any of the steps from the first to the last."""
-        return any(start <= last_step and first_step < after for start, after in self.parked.get(vehicle, ()))
+        stays = self.parked.get(vehicle)
+        return stays is not None and any(start <= last_step and first_step < after for start, after in stays)
 
     def times(self, track: Track) -> Array:
         """Return the simulation time of each row of a track, s, shape (n,)."""

@@ -50,11 +50,10 @@ class RoundedTrack:
         """Return a track with some of its rows moved."""
         if not len(moved.rows):
             return cls(track.x, track.y, np.zeros(len(track)))
-        position = track.x + 1j * track.y
-        shift_m = np.zeros(len(track))
-        shift_m[moved.rows] = np.abs(moved.position - position[moved.rows])
-        position[moved.rows] = moved.position
-        return cls(np.ascontiguousarray(position.real), np.ascontiguousarray(position.imag), shift_m)
+        x, y, shift_m = track.x.copy(), track.y.copy(), np.zeros(len(track))
+        x[moved.rows], y[moved.rows] = moved.position.real, moved.position.imag
+        shift_m[moved.rows] = np.abs(moved.position - (track.x[moved.rows] + 1j * track.y[moved.rows]))
+        return cls(x, y, shift_m)
 
 
 def moved_rows(recording: Recording, track: Track, settings: RoundingSettings) -> MovedRows:
@@ -78,12 +77,14 @@ def moved_rows(recording: Recording, track: Track, settings: RoundingSettings) -
     if not bends and not along.any():
         return UNMOVED
     tangents, shifted = _at(grid, station, headings), station + along
-    widths = np.zeros(len(grid))
-    for bend in bends:
-        widths[bend.span] = bend.widths
-        line[bend.span] = bend.line.at(bend.widths)
-        tangents[bend.span] = bend.smoothed(tangents)
-    moves = (along != 0.0) | (np.interp(shifted, grid, widths) > 0.0)
+    moves = along != 0.0
+    if bends:
+        widths = np.zeros(len(grid))
+        for bend in bends:
+            widths[bend.span] = bend.widths
+            line[bend.span] = bend.line.at(bend.widths)
+            tangents[bend.span] = bend.smoothed(tangents)
+        moves |= np.interp(shifted, grid, widths) > 0.0
     # The grid ends up to a step before the track does.
     rows = np.flatnonzero(moves & (shifted <= grid[-1]))
     across = 1j * _at(shifted[rows], grid, tangents / np.abs(tangents))

@@ -88,17 +88,24 @@ class FollowingDetector:
             leader = view.surroundings.leader(view.vehicle, k * s.check_s, within_m[k - first])
             return None if leader is None or leader.gap_m <= 0.0 else leader.vehicle
 
+        hasty = np.concatenate([[0], np.cumsum(self._is_hasty(motion))]).tolist()
+        begins = np.searchsorted(motion.times, checks * s.check_s - s.before_s).tolist()
+        ends = np.searchsorted(motion.times, checks * s.check_s + s.after_s, side="right").tolist()
+
+        def is_steady(k: int) -> bool:
+            """Return whether the vehicle is never hasty in the time that an event at check k stands for."""
+            return bool(hasty[begins[k - first]] == hasty[ends[k - first]])
+
         events: list[Event] = []
         earliest = -np.inf
         for start, stop in self._clear_intervals(motion, view.events):
             for k in range(_round_up(max(start, earliest) / s.check_s), _round_down(stop / s.check_s) + 1):
                 time = k * s.check_s
+                if time < earliest or not is_steady(k) or (leader := leader_at(k)) is None:
+                    continue
                 span = range(
                     _round_up((time - s.before_s) / s.check_s), _round_down((time + s.after_s) / s.check_s) + 1
                 )
-                leader = leader_at(k) if time >= earliest else None
-                if leader is None or not self._is_steady(motion, time):
-                    continue
                 if all(leader_at(j) == leader for j in span):
                     events.append(self._event(motion, time, leader))
                     earliest = time + s.spacing_s
@@ -110,11 +117,14 @@ class FollowingDetector:
             (motion.times >= time - self.settings.before_s) & (motion.times <= time + self.settings.after_s)
         )
 
-    def _is_steady(self, motion: RoadMotion, time: float) -> bool:
-        """Return whether the vehicle neither moves across its lane nor changes its speed too fast around `time`, s."""
-        s, during = self.settings, self._during(motion, time)
-        limits = ((motion.vq, s.lateral_mps), (motion.a, s.acceleration_mps2))
-        return all(limit is None or np.abs(values[during]).max(initial=0.0) <= limit for values, limit in limits)
+    def _is_hasty(self, motion: RoadMotion) -> BoolArray:
+        """Return at which samples the vehicle moves across its lane or changes its speed too fast, shape (n,)."""
+        limits = ((motion.vq, self.settings.lateral_mps), (motion.a, self.settings.acceleration_mps2))
+        hasty = np.zeros(len(motion.times), bool)
+        for values, limit in limits:
+            if limit is not None:
+                hasty |= np.abs(values) > limit
+        return hasty
 
     def _event(self, motion: RoadMotion, time: float, leader: str) -> Event:
         s = self.settings

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import importlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +32,18 @@ from labeling.samples.generated_labels import agreement_counts, generated_candid
 
 TOO_MANY = "beyond_cap"
 UNSEEN = "too_few_sites"
+
+
+@cache
+def ready() -> None:
+    """Prepare a process for episodes; only the first call does anything.
+
+    Loads what labelling imports late. What modules hold is then left out by the cyclic garbage collector: each full
+    round through it would take a third as long as labelling an episode (docs/performance.md).
+    """
+    importlib.import_module("scipy.signal")
+    gc.collect()
+    gc.freeze()
 
 
 def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, folder: Path, fingerprint: str) -> Shard:

@@ -34,7 +34,7 @@ from labeling.dataset.dataset import (
 )
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import shard_of
+from labeling.generation.episode import ready, shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
 from labeling.generation.folder import claimed, fingerprint, finish
 from labeling.generation.journal import Journal
@@ -130,6 +130,7 @@ def _work(
 ) -> EpisodeResult | InputError | OutputError:
     """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
     try:
+        ready()
         scenario = _load(source, job.where)
         recording = source.record(scenario, job.seed)
         return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)

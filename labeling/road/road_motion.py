@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isacsim.arrays import Array, reflected
 from isacsim.traffic.recording import Recording, Track
 from labeling.road.lane_graph import LaneGraph, LaneStep
 
@@ -103,7 +103,7 @@ def _decimate(values: Array, sigma: float, every: int) -> Array:
     reach = int(np.ceil(REACH * sigma))
     # Pad so that the rows to keep coincide with the kernel centres that the decimation keeps.
     before = reach + -2 * reach % every
-    padded = np.pad(values, (before, reach), mode="reflect", reflect_type="odd")
+    padded = reflected(values, before, reach)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     first = (before + reach) // every
     count = -(-len(values) // every)

@@ -98,16 +98,17 @@ class Surroundings:
         row = step - track.first_step
         in_lanes = self._in_lanes(step)
         lane, pos = int(track.lane[row]), float(track.lane_pos[row])
+        positions, spans = in_lanes.positions, in_lanes.spans
         best: Leader | None = None
         ahead = [(lane, -pos)]
         seen = {lane}
         while ahead:
             k, start = ahead.pop()
-            begin, after = in_lanes.spans.get(k, (0, 0))
-            first = bisect_right(in_lanes.positions, -start, begin, after)
+            begin, after = spans.get(k, (0, 0))
+            first = bisect_right(positions, -start, begin, after)
             if first < after:
                 other = self._tracks[in_lanes.numbers[first]]
-                gap = start + in_lanes.positions[first] - other.length_m
+                gap = start + positions[first] - other.length_m
                 if gap <= within_m and (best is None or gap < best.gap_m):
                     best = Leader(other.vehicle, gap)
             else:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from isacsim.radio.bounds import cell_bound
-from isacsim.radio.echo import DEGREES, Moments, fourth_moment, spread
+from isacsim.radio.echo import DEGREES, Moments, draw_moments, fourth_moment, spread
 from isacsim.radio.echo_tensor import observe_tensor
 from isacsim.radio.estimation import Estimates
 from isacsim.radio.estimators import ESTIMATORS
@@ -54,6 +54,36 @@ def test_moments_and_the_full_echo_give_the_same_estimate(snr_db: float, within:
         assert power[0] == pytest.approx(full_power.item(), rel=0.02)
     deviation = cell_bound(np.array(snr), WAVEFORM)
     assert np.all(np.sqrt(np.mean(np.square(differences), axis=0)) < within * deviation)
+
+
+def matched_filter(t: np.ndarray, moments: Moments) -> tuple[np.ndarray, np.ndarray]:
+    """The matched filter at scaled offsets (3, B) and its slopes, (B,) and (3, B), by the sum over all moments."""
+    fourth = np.array([fourth_moment(n) for n in WAVEFORM.shape])[:, None]
+    root = np.sqrt(fourth - 1)
+    factors = np.array([1 - t**2 / 2 + fourth / 24 * t**4, t * (1 - fourth / 6 * t**2), root / 2 * t**2])
+    slopes = np.array([-factors[1], 1 - fourth / 2 * t**2, root * t])
+    noise = moments.noise.copy()
+    noise[0] += moments.amplitude
+    total = np.zeros((4, t.shape[1]), np.complex128)
+    for degree, moment in zip(DEGREES, noise, strict=True):
+        total[0] += moment * factors[degree, range(3)].prod(axis=0)
+        for axis in range(3):
+            others = [factors[degree[k], k] for k in range(3) if k != axis]
+            total[1 + axis] += moment * slopes[degree[axis], axis] * others[0] * others[1]
+    return total[0], total[1:]
+
+
+def test_the_climb_is_that_of_complex_numbers_summed_over_all_moments() -> None:
+    rng = np.random.default_rng(2)
+    moments = draw_moments(10 ** (rng.uniform(-20, 10, 200) / 10), WAVEFORM, rng)
+    scaled = np.zeros((3, 200))
+    for _ in range(4):
+        filtered, slopes = matched_filter(scaled, moments)
+        scaled = scaled + (filtered.conj() * slopes).real / np.abs(filtered) ** 2
+    offset, power = maximum_likelihood(moments, WAVEFORM)
+    cells_per_scaled = [n / (2 * np.pi * spread(n)) for n in WAVEFORM.shape]
+    np.testing.assert_allclose(offset, scaled.T * cells_per_scaled, atol=1e-12)
+    np.testing.assert_allclose(power, np.abs(filtered) ** 2, rtol=1e-12)
 
 
 @pytest.mark.parametrize("snr_db", [-25, -20, -10, 0, 10, 20])

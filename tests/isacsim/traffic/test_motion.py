@@ -58,6 +58,17 @@ def test_several_orders_at_once_are_those_of_the_whole_signal_filtered_by_scipy(
         np.testing.assert_allclose(row, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("stride", [0.25, 1.0, 2.0, 2.5])
+def test_evenly_spaced_instants_give_to_the_last_bit_what_they_give_in_any_order(stride: float) -> None:
+    """Only evenly spaced ones share their windows of the signal without a copy."""
+    rng = np.random.default_rng(4)
+    values = np.cumsum(rng.normal(0.3, 0.02, size=900))
+    rows = 100.2 + stride * np.arange(250)
+    shuffled = rng.permutation(len(rows))
+    evenly = condition_at(values, STEP, 0.15, (0, 1, 2), rows)
+    np.testing.assert_array_equal(condition_at(values, STEP, 0.15, (0, 1, 2), rows[shuffled]), evenly[:, shuffled])
+
+
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**31), angle=st.floats(0, 2 * np.pi), dx=st.floats(-1e4, 1e4), first=st.integers(0, 10_000))
 def test_states_turn_and_move_with_the_road(seed: int, angle: float, dx: float, first: int) -> None:

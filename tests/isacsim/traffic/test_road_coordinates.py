@@ -219,7 +219,7 @@ def test_the_quick_looks_spare_gentle_bends(radius_m: float) -> None:
     vertices = radius_m * np.exp(1j * np.radians(np.arange(0.0, 60.0, 240.0 / radius_m)))
     recording, track = drive(vertices, 30.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reference_line, "acceleration", None)
+        patch.setattr(reference_line, "rounding_widths", None)
         assert len(moved_rows(recording, track, MotionSettings()).rows) == 0
 
 

@@ -1,10 +1,13 @@
 """Following: where it is found, and what interrupts it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from isacsim.traffic.recording import Recording
-from labeling.detectors.following import FollowingSettings
+from labeling.detectors.following import FollowingDetector, FollowingSettings
+from labeling.detectors.protocol import vehicle_view
 from labeling.detectors.settings import LabelSettings
 from labeling.events import label
 from labeling.intentions import Event, Intention
@@ -116,3 +119,23 @@ def test_every_record_of_following_is_steady() -> None:
         inside = (times > event.onset - 2.8) & (times < event.onset + 2.6)
         assert np.abs(np.gradient(track.lane_lat, 0.01)[inside]).max() < 0.21
         assert np.abs(np.gradient(track.speed, 0.01)[inside]).max() < 2.1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_it_stands_at_the_first_instants_around_which_every_sample_is_steady(seed: int) -> None:
+    """Each instant is looked at by itself; the leader never changes."""
+    settings = FollowingSettings(clear_s=0.0, spacing_s=1.0)
+    view = vehicle_view(record(ROAD, Drive("tv", 0.0, duration_s=60), Drive("lead", 60.0, duration_s=60)), "tv")
+    rng, times = np.random.default_rng(seed), view.motion.times
+    hasty = rng.random((2, len(times))) < 0.004
+    motion = replace(view.motion, vq=np.where(hasty[0], -0.21, 0.2), a=np.where(hasty[1], -2.1, 2.0))
+    expected: list[float] = []
+    for time in np.arange(0.0, times[-1], settings.check_s):
+        during = (times >= time - settings.before_s) & (times <= time + settings.after_s)
+        on_road = times[0] <= time - settings.before_s and time + settings.after_s <= times[-1]
+        spaced = not expected or time - expected[-1] >= settings.spacing_s
+        if on_road and spaced and not hasty[:, during].any():
+            expected.append(float(time))
+    assert 0 < len(expected) < 50
+    events = FollowingDetector(settings).detect(replace(view, motion=motion))
+    assert [event.onset for event in events] == expected

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import signal
@@ -21,6 +22,7 @@ from labeling.dataset.dataset import META_FILE, Dataset, read_meta, write_meta
 from labeling.dataset.shard import read_episode
 from labeling.dataset.summary import summary
 from labeling.generation.engine import LocalEngine
+from labeling.generation.episode import ready
 from labeling.generation.generate import generate
 from labeling.generation.kept_workers import KeptWorkers
 from labeling.generation.settings import DatasetStudy
@@ -199,6 +201,18 @@ def test_when_every_episode_fails_nothing_is_called_finished(source: ScriptedSou
 def test_a_fault_of_the_scenario_ends_the_command(source: ScriptedSource, study: DatasetStudy, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no road for seed 2"):
         generate(study, tmp_path / "data", INLINE, source=ScriptedSource(source.folder, wrong=(2,)))
+
+
+def test_the_first_episode_of_a_process_leaves_modules_out_of_garbage_collection(
+    source: ScriptedSource, tmp_path: Path
+) -> None:
+    ready.cache_clear()
+    gc.unfreeze()
+    generate(small_study(seeds={"first": 1, "last": 1}), tmp_path / "one", INLINE, source=source)
+    spared = gc.get_freeze_count()
+    generate(small_study(seeds={"first": 1, "last": 1}), tmp_path / "another", INLINE, source=source)
+    assert 10_000 < gc.get_freeze_count() <= spared
+    gc.unfreeze()
 
 
 def test_windows_take_the_shortest_run_of_seeds(source: ScriptedSource, tmp_path: Path) -> None:
