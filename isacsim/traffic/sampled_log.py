@@ -24,7 +24,7 @@ from isacsim.traffic.state_log import BlockFile, StateLog
 
 COMMANDED_STEPS = 4
 """Steps between two samples of a commanded vehicle."""
-SAMPLES_AT_ONCE = 10_000
+SAMPLES_AT_ONCE = 50_000
 """About so many samples are rebuilt at once."""
 SELDOM = "1e-300"
 """Probability that a vehicle has a device that is not used. With 0, SUMO would not draw, and others would draw anew."""
