@@ -34,7 +34,7 @@ KINDS = ("bare", "recording", "recording_sampled", "recording_and_maneuvers")
 RATIOS = (
     Ratio(("ratio",), "stepping with every state recorded over bare stepping", "SUMO writing 100 states a second"),
     Ratio(("ratio_sampled",), "the same from samples", "asking libsumo for 10 states a second"),
-    Ratio(("ratio_with_maneuvers",), "the same with the director's commands", "TraCI calls for each vehicle"),
+    Ratio(("ratio_with_maneuvers",), "every state, with the director's commands", "TraCI calls for each vehicle"),
 )
 
 
