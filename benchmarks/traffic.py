@@ -33,8 +33,8 @@ ROUNDS = 3
 KINDS = ("bare", "recording", "recording_sampled", "recording_and_maneuvers")
 RATIOS = (
     Ratio(("ratio",), "stepping with every state recorded over bare stepping", "SUMO writing 100 states a second"),
-    Ratio(("ratio_sampled",), "the same from samples", "rebuilding the states between samples"),
-    Ratio(("ratio_with_maneuvers",), "the same with the director's commands", "TraCI calls for each vehicle"),
+    Ratio(("ratio_sampled",), "the same from samples", "asking libsumo for 10 states a second"),
+    Ratio(("ratio_with_maneuvers",), "every state, with the director's commands", "TraCI calls for each vehicle"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -97,7 +98,7 @@ class Hands:
         edge, index = sumo.vehicle.getRoadID(vehicle), sumo.vehicle.getLaneIndex(vehicle)
         width = float(sumo.lane.getWidth(f"{edge}_{index}"))
         place = float(self._start_m + self.moved_m - self._middle_m)
-        side = int(np.sign(place))
+        side = int(math.copysign(1.0, place))
         if abs(place) <= width / 2.0 or edge.startswith(":") or not 0 <= index + side < sumo.edge.getLaneNumber(edge):
             return place
         lane = f"{edge}_{index + side}"
@@ -117,4 +118,4 @@ class Hands:
 
 def pedal_limit(steering_mps2: float) -> float:
     """Return what the tyres leave for braking beside a lateral acceleration, m/s2."""
-    return float(np.sqrt(max(BRAKING_LIMIT_MPS2**2 - steering_mps2**2, 1.0)))
+    return math.sqrt(max(BRAKING_LIMIT_MPS2**2 - steering_mps2**2, 1.0))

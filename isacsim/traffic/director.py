@@ -164,7 +164,8 @@ class Director:
 
     def step(self, sumo: Any, time: float) -> None:
         """Send the commands of this step; call before each simulation step. time: s."""
-        present = set(sumo.vehicle.getIDList())
+        decides = self._step % self._steps_per_decision == 0 and not self.settings.quiet
+        present = set(sumo.vehicle.getIDList()) if decides or self._active else set()
         for vehicle, active in list(self._active.items()):
             if vehicle not in present:
                 active.steps.close()
@@ -175,7 +176,7 @@ class Director:
                 self._end(vehicle, time)
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
-        if self._step % self._steps_per_decision == 0 and not self.settings.quiet:
+        if decides:
             self._meet_debris(sumo, time)
             self._start_maneuvers(sumo, sorted(present), time)
             if self.settings.closed_ramp_end_per_lane_hour > 0.0:

@@ -7,6 +7,7 @@ lag, and never holds exactly what was meant. Overshoot and correction follow fro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
@@ -96,6 +97,7 @@ class Limb:
         self._driver, self._rng, self._step_s = driver, rng, step_s
         self._share = 1.0 - float(np.exp(-step_s / lag_s))
         self._keep = float(np.exp(-step_s / driver.noise_s))
+        self._spread = math.sqrt(1.0 - self._keep**2)
         self._noise = float(rng.standard_normal())
         self._held = self._lagged = present_mps2
         self._until_next_s = 0.0
@@ -107,16 +109,12 @@ class Limb:
             self._held = demand()
             self._until_next_s = self._driver.correction_s * float(self._rng.uniform(0.67, 1.33))
         self._until_next_s -= self._step_s
-        spread = float(np.sqrt(1.0 - self._keep**2))
-        self._noise = self._keep * self._noise + spread * float(self._rng.standard_normal())
-        meant = float(
-            np.clip(
-                self._held * (1.0 + self._driver.noise_share * self._noise), -BRAKING_LIMIT_MPS2, BRAKING_LIMIT_MPS2
-            )
-        )
+        self._noise = self._keep * self._noise + self._spread * float(self._rng.standard_normal())
+        meant = self._held * (1.0 + self._driver.noise_share * self._noise)
+        meant = min(max(meant, -BRAKING_LIMIT_MPS2), BRAKING_LIMIT_MPS2)
         self._lagged += self._share * (meant - self._lagged)
         largest = LARGEST_MPS3 * self._step_s
-        self.acceleration += float(np.clip(self._share * (self._lagged - self.acceleration), -largest, largest))
+        self.acceleration += min(max(self._share * (self._lagged - self.acceleration), -largest), largest)
         return self.acceleration
 
     def decide_now(self) -> None:
@@ -135,8 +133,8 @@ def approach_mps2(error: float, rate: float, limit_mps2: float, ease_mps2: float
     """
     # Linear near the goal, so that the motion settles instead of switching sides.
     soft = ease_mps2 / eagerness_per_s
-    wanted = np.sign(error) * (np.sqrt(soft**2 + 2.0 * ease_mps2 * abs(error)) - soft)
-    return float(np.clip(eagerness_per_s * (wanted - rate), -limit_mps2, limit_mps2))
+    wanted = math.copysign(math.sqrt(soft**2 + 2.0 * ease_mps2 * abs(error)) - soft, error) if error else 0.0
+    return min(max(eagerness_per_s * (wanted - rate), -limit_mps2), limit_mps2)
 
 
 def braking_mps2(gap_m: float, speed: float, hazard_speed: float, hazard_mps2: float, standstill_m: float) -> float:

@@ -212,7 +212,7 @@ class Surge(Reaction):
 
     def _meant(self, sumo: Any, speed: float) -> float:
         limit = min(self.peak_mps2, self.power_w_per_kg / max(speed, 1.0))
-        meant = float(np.clip(EAGERNESS_PER_S * (self.goal_mps - speed), -limit, limit))
+        meant = min(max(EAGERNESS_PER_S * (self.goal_mps - speed), -limit), limit)
         leader = sumo.vehicle.getLeader(self.vehicle, LEADER_M)
         if leader:
             room = leader[1] - STANDSTILL_M - speed * self.headway_s
@@ -238,7 +238,7 @@ class BrakeCommand:
         foot = Foot(sumo, self.vehicle, self.driver, step_s, self.rng)
         goal = max(self.floor_mps, foot.speed - self.drop_mps)
         for _ in range(round(LONGEST_S / step_s)):
-            foot.push(lambda: float(np.clip(EAGERNESS_PER_S * (goal - foot.speed), -self.peak_mps2, 0.0)))
+            foot.push(lambda: min(max(EAGERNESS_PER_S * (goal - foot.speed), -self.peak_mps2), 0.0))
             yield
             if foot.speed < goal + 0.5:
                 break

@@ -117,7 +117,7 @@ def record_stepwise(
             for step in range(begin, last):
                 moment = Moment(sumo, director, step * traffic.step_s, step >= first)
                 yield moment
-                wander.step(sumo, director.steered | moment.steered)
+                wander.step(sumo, director.steered | moment.steered if wander.due else ())
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
                 log.step(sumo, director.commanded | moment.steered)

@@ -6,7 +6,7 @@ process of its own while SUMO simulates, so that followers see it as well.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -68,9 +68,14 @@ class SpeedWander:
         self._step = self._update = 0
         self._drivers: dict[str, _Driver] = {}
 
-    def step(self, sumo: Any, steered: Set[str]) -> None:
-        """Set the desired speeds that are due. steered: the vehicles to leave alone."""
-        if self._settings.sd_share[1] > 0.0 and self._step % self._steps_between == 0:
+    @property
+    def due(self) -> bool:
+        """Whether desired speeds are set in the next step."""
+        return self._settings.sd_share[1] > 0.0 and self._step % self._steps_between == 0
+
+    def step(self, sumo: Any, steered: Collection[str]) -> None:
+        """Set the desired speeds that are due. steered: the vehicles to leave alone; not looked at if none is due."""
+        if self.due:
             # Only those on the road are kept, so that long simulations keep their memory.
             self._drivers = {vehicle: self._driver(vehicle) for vehicle in sumo.vehicle.getIDList()}
             for vehicle, driver in self._drivers.items():

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -28,7 +28,6 @@ from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Track
 
 Numbers = npt.NDArray[np.integer[Any]]
-Rebuild = Callable[[str, Numbers, Array], tuple[int, Array]]
 
 COLUMNS = {
     "x": "vehicle_x",
@@ -56,9 +55,10 @@ class StateLog(ABC):
         self._first = first
         self._facts: dict[str, tuple[str, float, float]] = {}
         self._parked: dict[str, list[tuple[int, int | None]]] = {}
-        # Of the latest step: who departed, began to teleport, and is about to return to the road.
+        # Of the latest step: who departed, began to teleport, began to park, and is about to return to the road.
         self._departed: Sequence[str] = ()
         self._teleporting: Sequence[str] = ()
+        self._parking: Sequence[str] = ()
         self._returning: Sequence[str] = ()
         self.collided: set[str] = set()
         self.teleported: set[str] = set()
@@ -86,23 +86,23 @@ class StateLog(ABC):
 
         sumo: the running libsumo module. commanded: the vehicles that may be moved by commands in the next step.
         """
-        vehicle = sumo.vehicle
-        self._departed = sumo.simulation.getDepartedIDList()
+        # libsumo itself, because the Python around it takes as long again.
+        direct, vehicle = sumo._libsumo, sumo.vehicle
+        self._departed = direct.simulation_getDepartedIDList()
         for name in self._departed:
             self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
-        for collision in sumo.simulation.getCollisions():
+        for collision in direct.simulation_getCollisions():
             self.collided |= {collision.collider, collision.victim}
-        self._note_parking(sumo)
-        self._teleporting = sumo.simulation.getStartingTeleportIDList()
+        self._parking = direct.simulation_getParkingStartingVehiclesIDList()
+        self._returning = direct.simulation_getParkingEndingVehiclesIDList()
+        if self._parking or self._returning:
+            self._note_parking(sumo)
+        self._teleporting = direct.simulation_getStartingTeleportIDList()
         self.teleported.update(self._teleporting)
 
     def _note_parking(self, sumo: Any) -> None:
-        started = sumo.simulation.getParkingStartingVehiclesIDList()
-        self._returning = sumo.simulation.getParkingEndingVehiclesIDList()
-        if not started and not self._returning:
-            return
         step = round(sumo.simulation.getTime() / self._step_s)
-        for name in started:
+        for name in self._parking:
             self._parked.setdefault(name, []).append((step, None))
         for name in self._returning:  # SUMO reports it in the last step in which the vehicle is still beside the road
             if name in self._parked:
@@ -139,8 +139,8 @@ class StateLog(ABC):
         return tracks
 
 
-class FileLog(StateLog):
-    """Takes states from the file that SUMO writes."""
+class EveryStepLog(StateLog):
+    """Takes the state of every vehicle at every step from the file that SUMO writes."""
 
     def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
         super().__init__(scenario, step_s, first)
@@ -176,6 +176,13 @@ class FileLog(StateLog):
                     "recorded: remove the parameter"
                 )
 
+    def blocks(self) -> Iterator[tuple[str, int, Array]]:
+        """Yield the states of each vehicle; only when SUMO has ended is its file complete."""
+        sorter = RowSorter()
+        for rows in self._batches():
+            sorter.add(*rows)
+        yield from sorter.blocks()
+
     def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
         """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
         assert self._states is not None, "the log was never attached"
@@ -197,17 +204,6 @@ class FileLog(StateLog):
             yield vehicles.dictionary.to_pylist(), _values(vehicles.indices), steps, block
 
 
-class EveryStepLog(FileLog):
-    """Takes the state of every vehicle at every step."""
-
-    def blocks(self) -> Iterator[tuple[str, int, Array]]:
-        """Yield the states of each vehicle; only when SUMO has ended is its file complete."""
-        sorter = RowSorter()
-        for rows in self._batches():
-            sorter.add(*rows)
-        yield from sorter.blocks()
-
-
 def _values(column: Any) -> npt.NDArray[Any]:
     """The numbers of a column. Its own `to_numpy` takes a quarter of a second to import pandas."""
     return np.asarray(np.from_dlpack(column))
@@ -219,7 +215,7 @@ class _Vehicle:
 
     first_step: int
     last_step: int = 0
-    waiting: list[tuple[Numbers, Array]] = field(default_factory=list)
+    waiting: list[Array] = field(default_factory=list)
     place: tuple[int, int] = (0, 0)
 
 
@@ -233,28 +229,25 @@ class BlockFile:
     def write(self, block: Array) -> tuple[int, int]:
         """Append a block, shape (6, n). Returns its place: the index of its first value, and n."""
         place = self._written, block.shape[1]
-        self._file.write(np.ascontiguousarray(block).tobytes())
+        self._file.write(np.ascontiguousarray(block).data)
         self._written += block.size
         return place
 
     def views(self, places: Iterable[tuple[int, int]]) -> Iterator[Array]:
         """Yield the blocks of some places, shape (6, n). Call once everything is written."""
         self._file.flush()
-        values = np.memmap(self._file, np.float64, "r+", shape=(self._written,)) if self._written else np.empty(0)
+        values = np.empty(0)
+        if self._written:
+            # As a plain array, because slices of a memory map take longer.
+            values = np.memmap(self._file, np.float64, "r+", shape=(self._written,)).view(np.ndarray)
         for start, n in places:
             yield values[start : start + n * ROWS].reshape(ROWS, n)
 
 
 class RowSorter:
-    """Collects rows that come step by step, and stores them by vehicle in a temporary file.
+    """Collects rows that come step by step, and stores them by vehicle in a temporary file."""
 
-    interval: steps between two rows of a vehicle. rebuild: returns the first step and the rows to store of a vehicle,
-    given its name and the steps and values of its rows; as they are when absent.
-    """
-
-    def __init__(self, interval: int = 1, rebuild: Rebuild | None = None) -> None:
-        self._interval = interval
-        self._rebuild = rebuild
+    def __init__(self) -> None:
         self._vehicles: dict[str, _Vehicle] = {}
         self._present: set[str] = set()
         self._file = BlockFile()
@@ -272,19 +265,12 @@ class RowSorter:
             name, rows = names[present[k]], rows_of[k]
             vehicle = self._vehicles.setdefault(name, _Vehicle(first_step=int(steps[rows[0]])))
             vehicle.last_step = int(steps[rows[-1]])
-            vehicle.waiting.append((steps[rows], block[:, rows]))
+            vehicle.waiting.append(block[:, rows])
             self._present.add(name)
-        self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - self._interval})
+        self._write({name for name in self._present if self._vehicles[name].last_step < steps[-1] - 1})
 
-    def blocks(self, others: Collection[str] = ()) -> Iterator[tuple[str, int, Array]]:
-        """Yield name, first step and block (6, n) of each vehicle, in order of first appearance. Call last.
-
-        others: vehicles that may have had no row, but are to be rebuilt nevertheless; they come last.
-        """
-        for name in others:
-            if name not in self._vehicles:
-                self._vehicles[name] = _Vehicle(0, waiting=[(np.empty(0, np.int64), np.empty((ROWS, 0)))])
-                self._present.add(name)
+    def blocks(self) -> Iterator[tuple[str, int, Array]]:
+        """Yield name, first step and block (6, n) of each vehicle, in order of first appearance. Call last."""
         self._write(set(self._present))
         views = self._file.views(vehicle.place for vehicle in self._vehicles.values())
         for (name, vehicle), block in zip(self._vehicles.items(), views, strict=True):
@@ -293,15 +279,11 @@ class RowSorter:
     @property
     def waiting_rows(self) -> int:
         """Number of rows in memory."""
-        return sum(part.shape[1] for name in self._present for _, part in self._vehicles[name].waiting)
+        return sum(part.shape[1] for name in self._present for part in self._vehicles[name].waiting)
 
     def _write(self, gone: set[str]) -> None:
         for name in gone:
             vehicle = self._vehicles[name]
-            block = np.concatenate([part for _, part in vehicle.waiting], axis=1)
-            if self._rebuild is not None:
-                steps = np.concatenate([steps for steps, _ in vehicle.waiting])
-                vehicle.first_step, block = self._rebuild(name, steps, block)
+            vehicle.place = self._file.write(np.concatenate(vehicle.waiting, axis=1))
             vehicle.waiting.clear()
-            vehicle.place = self._file.write(block)
         self._present -= gone

@@ -67,12 +67,12 @@ def follow_profile(
         reached = speed + present * abs(present) / (2.0 * LARGEST_MPS3)
         if reached <= least_mps or reached >= most_mps:
             break
-        present += float(np.clip(wanted - present, -change, change))
+        present += min(max(float(wanted) - present, -change), change)
         speed = max(0.0, speed + present * step_s)
         sumo.vehicle.setSpeed(vehicle, speed)
         yield
     while abs(present) > 1e-9:
-        present -= float(np.clip(present, -change, change))
+        present -= min(max(present, -change), change)
         speed = max(0.0, speed + present * step_s)
         sumo.vehicle.setSpeed(vehicle, speed)
         yield

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+PARKED = 2
+"""The flag of SUMO's stop states for vehicles beside the road."""
 CAR = "passenger"
 """SUMO's vehicle class of cars."""
 STEADY_M, STEADY_MPS = 0.5, 0.1
@@ -154,7 +156,7 @@ class VehicleView:
 
 def is_parked(sumo: Any, vehicle: str) -> bool:
     """Return whether a vehicle stands beside the road, where it is in no lane."""
-    return bool(sumo.vehicle.isStoppedParking(vehicle))
+    return bool(sumo.vehicle.getStopState(vehicle) & PARKED)
 
 
 def ending_lanes(sumo: Any) -> list[str]:

@@ -1,5 +1,6 @@
 """Recordings from samples are those from every step."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,10 @@ import pytest
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
 from isacsim.traffic.recording import COLUMNS, Recording
-from isacsim.traffic.simulation import TrafficSettings, record, record_stepwise
+from isacsim.traffic.sampled_log import SampledLog
+from isacsim.traffic.simulation import TrafficSettings, record, record_stepwise, session
+from isacsim.traffic.state_log import EveryStepLog
+from isacsim.traffic.sway import SwaySettings
 from tests.support.recording_match import conditioned_rms
 from tests.support.roads import straight_road, vehicle
 
@@ -73,6 +77,39 @@ def test_a_stay_beside_the_road_begins_and_ends_at_its_steps(tmp_path: Path) -> 
     assert np.ptp(whole_y) > 1.0
     np.testing.assert_allclose(y, whole_y, atol=0.02)
     np.testing.assert_array_equal(sampled.tracks["bus"].lane, full.tracks["bus"].lane)
+
+
+@pytest.mark.parametrize("run_in_s", [0.0, 20.0])
+def test_a_vehicle_beside_the_road_is_where_it_was_in_its_lane(tmp_path: Path, run_in_s: float) -> None:
+    """To the last bit, though libsumo says neither its lane nor its place across: it came from another lane."""
+    stop = '<busStop id="stop" lane="e0_1" startPos="180" endPos="220"/>'
+    bus = vehicle("bus", lane=0).replace("/>", '><stop busStop="stop" duration="200" parking="true"/></vehicle>')
+    road = straight_road(tmp_path / "road", bus, additional=stop)
+    traffic = TrafficSettings(run_in_s=run_in_s, duration_s=40.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
+    sampled, full = both(road, traffic, ManeuverSettings(**LEFT_ALONE))
+    ((first, after),) = full.parked["bus"]
+    track, whole = sampled.tracks["bus"], full.tracks["bus"]
+    assert (first < whole.first_step) == (run_in_s > 0.0)
+    stay = slice(max(0, first + 20 - whole.first_step), after - 20 - whole.first_step)
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(track, column)[stay], getattr(whole, column)[stay])
+    assert (whole.lane_lat[stay] != 0.0).all()
+    assert len(whole.lane_lat[stay]) > 500
+
+
+def test_other_devices_are_drawn_as_with_every_step() -> None:
+    """SUMO draws who has which device from one stream of numbers."""
+    scenario = load("motorway")
+    scenario = replace(scenario, kept={**scenario.kept, "device.rerouting.probability": "0.5"})
+    drawn = []
+    for log in (SampledLog(scenario, 0.01, 0, 0.1), EveryStepLog(scenario, 0.01, 0)):
+        with session(scenario, 3, TrafficSettings(), log=log) as sumo:
+            for _ in range(1500):
+                sumo.simulationStep()
+            vehicles = sumo.vehicle.getIDList()
+            drawn.append({name: sumo.vehicle.getParameter(name, "has.rerouting.device") for name in vehicles})
+    assert drawn[0] == drawn[1]
+    assert set(drawn[0].values()) == {"true", "false"}
 
 
 def test_a_driver_that_decides_at_every_step_is_followed(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import pytest
 
 from isacsim.arrays import Array
 from isacsim.scenarios.lane import Lane
-from isacsim.traffic.sampled_states import LANE, LANE_LAT, LANE_POS, SPEED, Road, Samples, X, Y, at_every_step
+from isacsim.traffic.sampled_road import Road
+from isacsim.traffic.sampled_states import LANE, LANE_LAT, LANE_POS, SPEED, Samples, X, Y, at_every_step
 
 STEP_S = 0.01
 ACTION_STEPS = 10
@@ -45,8 +46,9 @@ def drive(accelerations: Array, acted: int, speed: float, count: int) -> tuple[A
 
 def sampled(states: Array, steps: Array, acted: int, last: int, lanes: tuple[Lane, ...]) -> Array:
     commanded = np.zeros(len(steps), np.bool_)
-    samples = Samples.of(steps + 1000, states[:, steps], commanded, acted + 1000, ACTION_STEPS)
-    return at_every_step(samples, last + 1000, Road(lanes), STEP_S)
+    counts, decisions, action_steps, lasts = np.array([[len(steps)], [acted + 1000], [ACTION_STEPS], [last + 1000]])
+    samples = Samples.of(steps + 1000, states[:, steps], commanded, counts, decisions, action_steps, lasts)
+    return at_every_step(samples, Road(lanes), STEP_S)
 
 
 @pytest.mark.parametrize("acted", [0, 1, 5, 9])
@@ -100,6 +102,29 @@ def test_a_lane_changes_where_the_marking_is_crossed(flip_m: float) -> None:
     assert different.sum() <= 1
     np.testing.assert_allclose(rebuilt[:LANE_LAT], truth[:LANE_LAT], atol=1e-9)
     np.testing.assert_allclose(rebuilt[LANE_LAT, ~different], truth[LANE_LAT, ~different], atol=1e-9)
+
+
+def test_many_vehicles_at_once_are_what_each_is_alone() -> None:
+    """To the last bit, whoever comes before and after: some change lanes, stop, are commanded, or have one sample."""
+    rng = np.random.default_rng(3)
+    alone, parts = [], []
+    for number in range(12):
+        speed, position = drive(rng.uniform(-3.0, 2.0, 30), number % 10, 2.5 * number, 250)
+        position += 30.0
+        steps = np.arange(0, 251, 10 if number % 3 else 4) if number else np.array([7])
+        lane = np.searchsorted([50.0, 50.4], position)
+        within = position - np.array([0.0, 50.0, 50.4])[lane]
+        lane[(position > 60.0) & (number % 2 == 0)] = 3
+        aside = rng.uniform(-1.6, 1.6) * np.sin(np.arange(251) / 40.0)
+        states = np.stack([position, aside, speed, within, aside, lane])
+        facts = [np.array([value]) for value in (len(steps), number % 10, ACTION_STEPS, steps[-1] + number % 7)]
+        parts.append((steps, states[:, steps], rng.random(len(steps)) < 0.3, *facts))
+        alone.append(at_every_step(Samples.of(*parts[-1]), Road(JOINED), STEP_S))
+    together = [np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)]
+    rebuilt = at_every_step(Samples.of(*together), Road(JOINED), STEP_S)
+    np.testing.assert_array_equal(rebuilt, np.concatenate(alone, axis=1))
+    assert set(rebuilt[LANE]) == {0.0, 1.0, 2.0, 3.0}
+    assert (rebuilt[SPEED] == 0.0).any()
 
 
 def test_a_jump_is_placed_halfway() -> None:

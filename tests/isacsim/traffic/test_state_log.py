@@ -59,6 +59,8 @@ def test_reading_in_small_batches_changes_nothing(sample_s: float, monkeypatch: 
     traffic = TrafficSettings(sample_s=sample_s, run_in_s=40.0, duration_s=8.0)
     whole = record(load("motorway"), 3, traffic, ManeuverSettings())
     monkeypatch.setattr("isacsim.traffic.state_log.BATCH_ROWS", 997)
+    monkeypatch.setattr("isacsim.traffic.sampled_rows.MANY", 997)
+    monkeypatch.setattr("isacsim.traffic.sampled_log.SAMPLES_AT_ONCE", 99)
     parts = record(load("motorway"), 3, traffic, ManeuverSettings())
     assert list(whole.tracks) == list(parts.tracks)
     for name, track in whole.tracks.items():
