@@ -73,7 +73,7 @@ class SampledLog(StateLog):
         returned = self._returning
         super().step(sumo, commanded)
         arrived = sumo._libsumo.simulation_getArrivedIDList()
-        if self._departed or self._parking or self._lateral or self._beside:
+        if self._departed or self.parking or self._lateral or self._beside:
             self._note_beside(sumo, arrived, returned)
         step = round(sumo._libsumo.simulation_getTime() / self._step_s)
         if step <= self._first:
@@ -146,7 +146,7 @@ class SampledLog(StateLog):
             self._beside.pop(name, None)
         for name in returned:
             self._beside.pop(name, None)
-        for name in self._parking:
+        for name in self.parking:
             self._beside[name] = self._lanes[sumo.vehicle.getStops(name, 1)[0].lane]
         for name in self._lateral:
             if name not in self._beside:

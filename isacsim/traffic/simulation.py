@@ -19,6 +19,7 @@ from isacsim.scenarios.sumo_files import one_line, without_outputs
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.traffic.director import Director, ManeuverSettings
+from isacsim.traffic.parking import let_stops_last
 from isacsim.traffic.recording import Incidents, Recording
 from isacsim.traffic.sampled_log import SampledLog
 from isacsim.traffic.speed_wander import SpeedWander, SpeedWanderSettings
@@ -121,6 +122,7 @@ def record_stepwise(
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
                 log.step(sumo, director.commanded | moment.steered)
+                let_stops_last(sumo, log.parking, traffic.step_s)
             log.finish(sumo)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None

@@ -46,7 +46,8 @@ BATCH_ROWS = 100_000
 class StateLog(ABC):
     """What is kept of one simulation: the states of every vehicle, its incidents, and its stays beside the road.
 
-    first: the step whose outcome is the first to be recorded.
+    first: the step whose outcome is the first to be recorded. parking: vehicles that began to stand beside the road in
+    the latest step. collided, teleported: those to which that has happened.
     """
 
     def __init__(self, scenario: Scenario, step_s: float, first: int) -> None:
@@ -58,7 +59,7 @@ class StateLog(ABC):
         # Of the latest step: who departed, began to teleport, began to park, and is about to return to the road.
         self._departed: Sequence[str] = ()
         self._teleporting: Sequence[str] = ()
-        self._parking: Sequence[str] = ()
+        self.parking: Sequence[str] = ()
         self._returning: Sequence[str] = ()
         self.collided: set[str] = set()
         self.teleported: set[str] = set()
@@ -93,16 +94,16 @@ class StateLog(ABC):
             self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
         for collision in direct.simulation_getCollisions():
             self.collided |= {collision.collider, collision.victim}
-        self._parking = direct.simulation_getParkingStartingVehiclesIDList()
+        self.parking = direct.simulation_getParkingStartingVehiclesIDList()
         self._returning = direct.simulation_getParkingEndingVehiclesIDList()
-        if self._parking or self._returning:
+        if self.parking or self._returning:
             self._note_parking(sumo)
         self._teleporting = direct.simulation_getStartingTeleportIDList()
         self.teleported.update(self._teleporting)
 
     def _note_parking(self, sumo: Any) -> None:
         step = round(sumo.simulation.getTime() / self._step_s)
-        for name in self._parking:
+        for name in self.parking:
             self._parked.setdefault(name, []).append((step, None))
         for name in self._returning:  # SUMO reports it in the last step in which the vehicle is still beside the road
             if name in self._parked:

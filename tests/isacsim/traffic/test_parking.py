@@ -21,7 +21,7 @@ TRAFFIC = TrafficSettings(run_in_s=0.0, duration_s=40.0)
 
 def bus_road(folder: Path) -> Path:
     """Make a road on which a bus stops beside the middle lane, and a car drives up from behind."""
-    bus = vehicle("bus").replace("/>", '><stop busStop="stop" duration="80" parking="true"/></vehicle>')
+    bus = vehicle("bus").replace("/>", '><stop busStop="stop" duration="8" parking="true"/></vehicle>')
     return straight_road(folder / "road", bus + vehicle("car", depart=8.0, speed=20.0), additional=STOP)
 
 
@@ -39,6 +39,31 @@ def test_a_stay_beside_the_road_is_recorded(parked: Recording, tmp_path: Path) -
     assert parked.parked == {"bus": ((first, after),)}
     parked.save(tmp_path / "r.npz")
     assert Recording.load(tmp_path / "r.npz").parked == parked.parked
+
+
+@pytest.mark.parametrize("place", ['busStop="stop" parking="true"', 'parkingArea="beside"'])
+@pytest.mark.parametrize(
+    ("until", "action_step_s", "lasts_s"),
+    [
+        ('duration="8"', 0.1, 8.0),
+        ('duration="8"', 0.01, 8.0),
+        ('until="25"', 0.1, None),
+        ('duration="2" until="25"', 0.1, None),
+    ],
+)
+def test_a_stop_beside_the_road_lasts_as_long_as_it_is_meant_to(
+    tmp_path: Path, place: str, until: str, action_step_s: float, lasts_s: float | None
+) -> None:
+    """For its duration, or until the time that it names."""
+    bus = vehicle("bus").replace("/>", f"><stop {place} {until}/></vehicle>")
+    area = '<parkingArea id="beside" lane="e0_1" startPos="180" endPos="220" roadsideCapacity="4"/>'
+    road = straight_road(tmp_path / "road", bus, additional=STOP + area)
+    recording = record(load(road), 1, TRAFFIC.model_copy(update={"action_step_s": action_step_s}), only())
+    ((first, after),) = recording.parked["bus"]
+    if lasts_s is None:
+        assert after * recording.step_s == pytest.approx(25.0, abs=0.05)
+    else:
+        assert (after - first) * recording.step_s == pytest.approx(lasts_s, abs=0.05)
 
 
 def test_a_stay_that_the_recording_cuts_off_ends_with_the_track(tmp_path: Path) -> None:

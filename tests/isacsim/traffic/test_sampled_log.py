@@ -83,7 +83,7 @@ def test_a_stay_beside_the_road_begins_and_ends_at_its_steps(tmp_path: Path) -> 
 def test_a_vehicle_beside_the_road_is_where_it_was_in_its_lane(tmp_path: Path, run_in_s: float) -> None:
     """To the last bit, though libsumo says neither its lane nor its place across: it came from another lane."""
     stop = '<busStop id="stop" lane="e0_1" startPos="180" endPos="220"/>'
-    bus = vehicle("bus", lane=0).replace("/>", '><stop busStop="stop" duration="200" parking="true"/></vehicle>')
+    bus = vehicle("bus", lane=0).replace("/>", '><stop busStop="stop" duration="20" parking="true"/></vehicle>')
     road = straight_road(tmp_path / "road", bus, additional=stop)
     traffic = TrafficSettings(run_in_s=run_in_s, duration_s=40.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
     sampled, full = both(road, traffic, ManeuverSettings(**LEFT_ALONE))
