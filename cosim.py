@@ -307,7 +307,7 @@ def reproduce(
     clips: opt.Clips = None,
     epochs: opt.PaperEpochs = None,
     dry_run: opt.CostOnly = False,
-    jobs: opt.Jobs = None,
+    jobs: opt.PaperJobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
@@ -316,14 +316,13 @@ def reproduce(
 
     Repeat the command to continue an interrupted reproduction.
     """
-    from command_line.reproduction import reproduce_and_show, show_cost
+    from command_line.reproduction import engine_for, reproduce_and_show, show_cost
     from models.reproduction.reproduce import request
 
-    console, engine = output.console_of(quiet), opt.engine_of(jobs, cluster)
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
     wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
     show = show_cost if dry_run else reproduce_and_show
-    output.print_json(as_json, show(wanted, engine, console))
+    output.print_json(as_json, show(wanted, engine_for(wanted, jobs, cluster), output.console_of(quiet)))
 
 
 @network_app.command(

@@ -43,7 +43,7 @@ class MeasuredError(Exception):
 class Measuring:
     """An engine that measures the first task and runs none."""
 
-    workers = 1
+    workers = cores = 1
 
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1

@@ -129,6 +129,9 @@ Stages = Annotated[
 Clips = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars.")
 ]
+PaperJobs = Annotated[
+    int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes. Default: as many as make it short.")
+]
 PaperEpochs = Annotated[int | None, typer.Option(min=1, help="Train the paper's network for this many epochs.")]
 CostOnly = Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")]
 Spacing = Annotated[

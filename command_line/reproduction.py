@@ -8,11 +8,21 @@ from rich.console import Console
 from rich.table import Table
 
 from command_line import output
+from command_line.options import cores, engine_of
 from command_line.progress import print_line
 
 if TYPE_CHECKING:
     from labeling.generation.engine import Engine
     from models.reproduction.reproduce import ReproductionResult, Request
+
+
+def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine:
+    """Return what runs a reproduction: as told, or else the local worker processes with which it is shortest."""
+    from models.reproduction.reproduce import best_workers
+
+    if jobs is None and cluster is None:
+        jobs = best_workers(wanted, cores())
+    return engine_of(jobs, cluster)
 
 
 def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:

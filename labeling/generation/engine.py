@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import dask
+from dask.system import cpu_count
 from distributed import CancelledError, Client, Future, KilledWorker, LocalCluster, as_completed
 
 from isacsim.errors import InputError, RunError
@@ -68,6 +69,10 @@ class Engine(Protocol):
     def workers(self) -> int:
         """The number of worker processes at the moment, at least 1."""
 
+    @property
+    def cores(self) -> int:
+        """The number of processor cores that the workers share, at most one each."""
+
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
@@ -90,6 +95,10 @@ class LocalEngine:
     @property
     def workers(self) -> int:
         return self.jobs
+
+    @property
+    def cores(self) -> int:
+        return min(self.jobs, cpu_count())
 
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
@@ -159,6 +168,10 @@ class ClusterEngine:
     def workers(self) -> int:
         with self._connected() as client:
             return _worker_count(client)()
+
+    @property
+    def cores(self) -> int:
+        return self.workers
 
     def check(self) -> None:
         """Raise InputError if no scheduler or no suitable worker answers."""

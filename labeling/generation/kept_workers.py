@@ -19,7 +19,7 @@ def kept_running(engine: Engine) -> Iterator[Engine]:
     """
     with ExitStack() as stack:
         if isinstance(engine, LocalEngine):
-            yield KeptWorkers(lambda: stack.enter_context(engine.started()), engine.workers)
+            yield KeptWorkers(lambda: stack.enter_context(engine.started()), engine.workers, engine.cores)
         else:
             yield engine
 
@@ -28,14 +28,19 @@ class KeptWorkers:
     """An engine on worker processes that somebody else ends.
 
     start: returns a client of the processes; called with the first tasks. workers: how many tasks run at a time.
+    cores: how many processor cores they share.
     """
 
-    def __init__(self, start: Callable[[], Client], workers: int) -> None:
-        self._start, self._workers = start, workers
+    def __init__(self, start: Callable[[], Client], workers: int, cores: int) -> None:
+        self._start, self._workers, self._cores = start, workers, cores
 
     @property
     def workers(self) -> int:
         return self._workers
+
+    @property
+    def cores(self) -> int:
+        return self._cores
 
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1

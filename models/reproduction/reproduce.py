@@ -12,7 +12,7 @@ from isacsim.feedback import SILENT, Feedback
 from isacsim.files import write_json
 from isacsim.registry import nearest
 from isacsim.settings import Settings
-from labeling.generation.engine import Engine
+from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.kept_workers import kept_running
 from models.reproduction import asi_bip, castformer
 from models.reproduction.asi_bip_report import asi_bip_parts
@@ -20,7 +20,7 @@ from models.reproduction.castformer_report import castformer_parts
 from models.reproduction.claims import Claim
 from models.reproduction.pages import CLAIMS, Part, write_pages
 from models.reproduction.sizes import ASI_BIP, CASTFORMER, AsiBipSize, CastformerSize, SizeName, merged
-from models.reproduction.stages import Cost, Stage, chosen_stages, cost_of, identity_of, run_stages
+from models.reproduction.stages import Capacity, Cost, Stage, chosen_stages, cost_of, fastest, identity_of, run_stages
 from models.training.progress import spoken_time
 
 PAPERS = (asi_bip.PAPER, castformer.PAPER)
@@ -94,7 +94,16 @@ def request(
 def expected_cost(wanted: Request, engine: Engine) -> Cost:
     """Return what a reproduction still costs. Raises InputError for stages that there are not."""
     stages = chosen_stages(wanted.reproduction(engine, SILENT).stages(), wanted.stages)
-    return cost_of(stages, wanted.out, engine.workers)
+    return cost_of(stages, wanted.out, _capacity(engine))
+
+
+def best_workers(wanted: Request, cores: int) -> int:
+    """Return how many local workers make a reproduction short on that many cores.
+
+    Three trainings on two cores take one and a half rounds side by side, and two rounds on two workers.
+    """
+    stages = wanted.reproduction(LocalEngine(cores), SILENT).stages()
+    return fastest(chosen_stages(stages, wanted.stages), cores).workers
 
 
 def cost_in_words(cost: Cost) -> str:
@@ -102,10 +111,12 @@ def cost_in_words(cost: Cost) -> str:
     if not cost.stages:
         return "every stage is finished; only the page is written"
     longest = max(cost.stages, key=lambda name: cost.stages[name])
-    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers on a core each"
+    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers"
+    cores = "1 core" if cost.cores == 1 else f"{cost.cores} cores"
     return (
         f"{len(cost.stages)} stages to run: about {spoken_time(cost.cpu_s)} of processor time, "
-        f"{spoken_time(cost.seconds)} with {workers}; the longest, {longest}, {spoken_time(cost.stages[longest])}"
+        f"{spoken_time(cost.seconds)} with {workers} on {cores}; "
+        f"the longest, {longest}, {spoken_time(cost.stages[longest])}"
     )
 
 
@@ -122,14 +133,19 @@ def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> R
     with kept_running(engine) as workers:
         stages = wanted.reproduction(workers, feedback).stages()
         chosen = chosen_stages(stages, wanted.stages)
-        feedback.message(cost_in_words(cost_of(chosen, wanted.out, engine.workers)))
-        run_stages(identity, chosen, wanted.out, engine.workers, feedback)
-    missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, engine.workers).stages]
+        capacity = _capacity(engine)
+        feedback.message(cost_in_words(cost_of(chosen, wanted.out, capacity)))
+        run_stages(identity, chosen, wanted.out, capacity, feedback)
+    missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, capacity).stages]
     parts, claims = _parts(wanted)
     write_json(wanted.out / f"{CLAIMS}.json", [claim.model_dump(mode="json") for claim in claims])
     not_run = [f"{stage.name}: {stage.question}" for stage in missing]
     page = write_pages(TITLES[wanted.paper], identity, parts, not_run, wanted.out)
     return ReproductionResult(page=page, claims=claims, not_run=[stage.name for stage in missing])
+
+
+def _capacity(engine: Engine) -> Capacity:
+    return Capacity(engine.workers, engine.cores)
 
 
 def _parts(wanted: Request) -> tuple[list[Part], list[Claim]]:

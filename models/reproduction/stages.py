@@ -30,6 +30,14 @@ ALWAYS = ("claims", "page")
 
 
 @dataclass(frozen=True)
+class Capacity:
+    """What stages run on. workers: number of worker processes. cores: number of processor cores that they share."""
+
+    workers: int
+    cores: int
+
+
+@dataclass(frozen=True)
 class Stage:
     """One step of a reproduction.
 
@@ -47,9 +55,12 @@ class Stage:
     run: Callable[[], dict[str, Any]]
     check: Callable[[], None] = lambda: None
 
-    def seconds(self, workers: int) -> float:
-        """Return the expected duration on that many workers, s. Parts of equal length run in rounds."""
-        rounds = -(-self.parallel // min(workers, self.parallel))
+    def seconds(self, capacity: Capacity) -> float:
+        """Return the expected duration, s. Parts of equal length run in rounds, and share the cores."""
+        full, rest = divmod(self.parallel, capacity.workers)
+        rounds = full * max(1.0, capacity.workers / capacity.cores)
+        if rest:
+            rounds += max(1.0, rest / capacity.cores)
         return self.cost_s * rounds / self.parallel
 
 
@@ -66,13 +77,14 @@ class Cost(Settings):
     """What a reproduction costs.
 
     stages: expected duration of each stage that is not finished, s, by name. cpu_s: processor time, s. seconds:
-    duration, s. workers: number of worker processes behind the durations.
+    duration, s. workers, cores: number of worker processes behind the durations, and of the cores that they share.
     """
 
     stages: dict[str, float]
     cpu_s: float
     seconds: float
     workers: int
+    cores: int
 
 
 def chosen_stages(stages: Sequence[Stage], names: Sequence[str] | None) -> list[Stage]:
@@ -85,19 +97,28 @@ def chosen_stages(stages: Sequence[Stage], names: Sequence[str] | None) -> list[
     return [stage for stage in stages if {stage.name, stage.group} & set(names)]
 
 
-def cost_of(stages: Sequence[Stage], folder: Path, workers: int) -> Cost:
+def fastest(stages: Sequence[Stage], cores: int) -> Capacity:
+    """Return how many workers make the stages short on that many cores: the fewest, from one to two for each core."""
+    offered = [Capacity(workers, cores) for workers in range(cores, 2 * cores + 1)]
+    return min(offered, key=lambda capacity: sum(stage.seconds(capacity) for stage in stages))
+
+
+def cost_of(stages: Sequence[Stage], folder: Path, capacity: Capacity) -> Cost:
     """Return what the stages cost that are not finished in a folder."""
     missing = [stage for stage in stages if not _file(folder, stage.name).is_file()]
-    durations = {stage.name: round(stage.seconds(workers), 1) for stage in missing}
+    durations = {stage.name: round(stage.seconds(capacity), 1) for stage in missing}
     return Cost(
         stages=durations,
         cpu_s=round(sum(stage.cost_s for stage in missing), 1),
         seconds=round(sum(durations.values()), 1),
-        workers=workers,
+        workers=capacity.workers,
+        cores=capacity.cores,
     )
 
 
-def run_stages(identity: Identity, stages: Sequence[Stage], folder: Path, workers: int, feedback: Feedback) -> None:
+def run_stages(
+    identity: Identity, stages: Sequence[Stage], folder: Path, capacity: Capacity, feedback: Feedback
+) -> None:
     """Run the stages that are not finished in a folder, in order, and write the file of each.
 
     Raises InputError where the folder holds something else or a reproduction with other settings, and, before any
@@ -109,9 +130,9 @@ def run_stages(identity: Identity, stages: Sequence[Stage], folder: Path, worker
     with claim(folder, MARK, "reproduction"):
         _identify(folder, identity)
         (folder / STAGES).mkdir(exist_ok=True)
-        steps = Steps(feedback, sum(stage.seconds(workers) for stage in stages))
+        steps = Steps(feedback, sum(stage.seconds(capacity) for stage in stages))
         for number, stage in enumerate(stages):
-            file, duration_s = _file(folder, stage.name), stage.seconds(workers)
+            file, duration_s = _file(folder, stage.name), stage.seconds(capacity)
             title = f"stage {number + 1} of {len(stages)}, {stage.name}: {stage.question}"
             with steps.step(title, duration_s, file.is_file()):
                 if not file.is_file():

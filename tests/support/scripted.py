@@ -125,7 +125,7 @@ def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) ->
 class InlineEngine:
     """Runs tasks in this process and does not retry."""
 
-    workers = 1
+    workers = cores = 1
 
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1

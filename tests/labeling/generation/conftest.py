@@ -20,9 +20,9 @@ def client() -> Iterator[Client]:
 
 @pytest.fixture
 def one_worker(client: Client) -> KeptWorkers:
-    return KeptWorkers(lambda: client, 1)
+    return KeptWorkers(lambda: client, 1, 1)
 
 
 @pytest.fixture
 def two_workers(client: Client) -> KeptWorkers:
-    return KeptWorkers(lambda: client, 2)
+    return KeptWorkers(lambda: client, 2, 2)

@@ -45,8 +45,7 @@ def seen(
     uv = states(UV_RATE_HZ, uv_way, np.zeros(len(t_uv)), angle)
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     lines = [
-        Line(np.array([[0.0, k * WIDTH_M], [1000.0, k * WIDTH_M]]) @ rotation.T, f"road_{k}")
-        for k in range(lanes)
+        Line(np.array([[0.0, k * WIDTH_M], [1000.0, k * WIDTH_M]]) @ rotation.T, f"road_{k}") for k in range(lanes)
     ]
     lane_map = LaneMap.of(lines)
     on_map = OnMap(tv, uv, RATE_HZ, np.array(["road"], dtype=object), lambda _: lane_map)

@@ -10,11 +10,20 @@ import numpy as np
 import pytest
 
 from isacsim.errors import InputError
+from isacsim.feedback import SILENT
 from labeling.generation.engine import LocalEngine
 from models.predictors.registry import PREDICTORS
-from models.reproduction.reproduce import PAPERS, Request, cost_in_words, expected_cost, reproduce, request
+from models.reproduction.reproduce import (
+    PAPERS,
+    Request,
+    best_workers,
+    cost_in_words,
+    expected_cost,
+    reproduce,
+    request,
+)
 from models.reproduction.sizes import AsiBipSize, CastformerSize
-from models.reproduction.stages import result_of
+from models.reproduction.stages import Capacity, cost_of, result_of
 from tests.models.reproduction import tiny
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
@@ -124,10 +133,13 @@ def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
 
 def test_the_full_run_states_its_cost(tmp_path: Path) -> None:
     for paper in PAPERS:
-        cost = expected_cost(request(paper, tmp_path / "out"), LocalEngine(2))
-        assert cost.seconds <= 6.5 * 3600
-        assert max(cost.stages.values()) <= 3600 * 1.05
-        assert "with 2 workers" in cost_in_words(cost)
+        asked = request(paper, tmp_path / "out")
+        workers = best_workers(asked, 2)
+        assert workers == 3
+        cost = cost_of(asked.reproduction(InlineEngine(), SILENT).stages(), asked.out, Capacity(workers, 2))
+        assert cost.seconds <= 6 * 3600
+        assert max(cost.stages.values()) <= 3600
+        assert "with 3 workers on 2 cores" in cost_in_words(cost)
 
 
 def test_wrong_requests_are_refused(tmp_path: Path) -> None:
