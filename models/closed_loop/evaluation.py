@@ -30,6 +30,7 @@ from models.closed_loop.store import ArmEpisode, file_name, read_arm, read_facts
 from models.live import store as open_loop
 from models.live.background import Background
 from models.live.evaluation import STUDY_FILE, Begun, evaluate_traffic
+from models.live.kept_trees import TREES_FOLDER, KeptTrees
 from models.live.results import METRICS_FILE
 from models.live.running import Episodes, run_missing
 from models.live.settings import LiveStudy
@@ -115,7 +116,8 @@ def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out:
         paths = [out / EPISODES / open_loop.file_name(scenario, seed) for seed in study.development]
         episodes = [open_loop.read_episode(path, features=True) for path in paths]
         live = study.live
-        background = Background.fit(episodes, live.background, live.scoring.before_onset_s)
+        kept = KeptTrees(out / TREES_FOLDER)
+        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, kept=kept)
     rates = dict.fromkeys([known.text for known in KNOWN], 0.0)
     if settings is not None and opened.result.vehicle_hours:
         first = next(iter(opened.methods.values()))

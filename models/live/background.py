@@ -17,6 +17,7 @@ from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
 from labeling.intentions import KNOWN, Intention
 from models.live.alarms import NEVER
 from models.live.events import LiveEvent
+from models.live.kept_trees import KeptTrees
 from models.live.predictions import Answers
 from models.live.settings import BackgroundSettings
 from models.live.store import RUN, LiveEpisode
@@ -45,11 +46,13 @@ class Background:
         settings: BackgroundSettings,
         before_onset_s: float,
         predictor: str = RUN,
+        kept: KeptTrees | None = None,
     ) -> Background | None:
         """Train trees on episodes with features; None if the episodes hold no event, or nothing but events.
 
         before_onset_s: how early before onset an alarm may come, s. Windows that end in this time are left out, except
-        those just before onset that already count as the maneuver (`BackgroundSettings.before_onset_s`).
+        those just before onset that already count as the maneuver (`BackgroundSettings.before_onset_s`). kept: where
+        the same trees may be already.
         """
         episodes = [episode for episode in episodes if len(episode.time_s)]
         if not episodes:
@@ -62,11 +65,7 @@ class Background:
         features = np.concatenate(
             [inputs(episode.answers[predictor])[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
         )
-        trees = HistGradientBoostingClassifier(
-            max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-            l2_regularization=settings.l2, early_stopping=False, random_state=0,
-        )  # fmt: skip
-        return cls(trees.fit(features, label, sample_weight=weight), predictor)
+        return cls((kept or KeptTrees()).trained(features, label, weight, settings), predictor)
 
     def levels(self, episode: LiveEpisode) -> Float32Array:
         """Return the log-odds of every intention at each prediction of an episode with features, (n, 6)."""
@@ -129,7 +128,11 @@ def window_labels(episode: LiveEpisode, settings: BackgroundSettings, before_ons
 
 
 def out_of_fold(
-    episodes: Sequence[LiveEpisode], settings: BackgroundSettings, before_onset_s: float, predictor: str = RUN
+    episodes: Sequence[LiveEpisode],
+    settings: BackgroundSettings,
+    before_onset_s: float,
+    predictor: str = RUN,
+    kept: KeptTrees | None = None,
 ) -> list[Float32Array] | None:
     """Return the levels of each episode, from trees trained on other episodes; None if trees cannot be trained."""
     folds = min(settings.folds, len(episodes))
@@ -138,7 +141,7 @@ def out_of_fold(
     levels: list[Float32Array] = [np.empty((0, 0), np.float32)] * len(episodes)
     for fold in range(folds):
         others = [episode for k, episode in enumerate(episodes) if k % folds != fold]
-        background = Background.fit(others, settings, before_onset_s, predictor)
+        background = Background.fit(others, settings, before_onset_s, predictor, kept)
         if background is None:
             return None
         for k in range(fold, len(episodes), folds):

@@ -12,6 +12,7 @@ from labeling.intentions import KNOWN
 from models.live.alarms import Levels, confirmed, reject_levels
 from models.live.background import out_of_fold
 from models.live.curves import Sweep, candidate_thresholds
+from models.live.kept_trees import KeptTrees
 from models.live.scoring import Truth
 from models.live.settings import AlarmSettings, ChoiceSettings, LiveSettings, Sharing, shown_threshold
 from models.live.thresholds import Allocation, combined, groups_of
@@ -142,10 +143,12 @@ def reject_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettin
     return Options(tuple(combinations))
 
 
-def background_options(truths: Sequence[Truth], predictor: str, settings: LiveSettings) -> Options:
+def background_options(
+    truths: Sequence[Truth], predictor: str, settings: LiveSettings, kept: KeptTrees | None = None
+) -> Options:
     """Return the options of alarms by the trees that know "none"; there are none if the seeds do not suffice."""
     episodes = [truth.episode for truth in truths]
-    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor)
+    levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor, kept)
     if levels is None:
         return Options(())
     template = AlarmSettings(method="background", threshold=0.0)

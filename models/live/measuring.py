@@ -17,6 +17,7 @@ from models.live.alarms import Alarms, Levels, alarms, confirmed, duty_cycle, re
 from models.live.background import Background
 from models.live.choosing import Chosen, Options, background_options, reject_options
 from models.live.curves import Sweep, candidate_thresholds
+from models.live.kept_trees import KeptTrees
 from models.live.results import AlarmResult, EventScores, FrozenPoint
 from models.live.scoring import Outcome, Truth
 from models.live.settings import AlarmSettings, LiveSettings, Method, Sharing
@@ -96,21 +97,23 @@ def measure_methods(
     live: LiveSettings,
     name: str,
     methods: Sequence[Method] = get_args(Method),
+    kept: KeptTrees | None = None,
 ) -> dict[Method, Measured]:
     """Measure kinds of alarm of a predictor with features, the better one on the development seeds first.
 
-    predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out.
+    predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out. kept: where the
+    trees of this evaluation are kept.
     """
     episodes = [truth.episode for truth in development]
     background = None
     if "background" in methods:
-        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor)
+        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
     streams = Streams(measured, predictor, background)
     options: dict[Method, Options] = {}
     if "reject" in methods:
         options["reject"] = reject_options(development, predictor, live.choice)
     if background is not None:
-        options["background"] = background_options(development, predictor, live)
+        options["background"] = background_options(development, predictor, live, kept)
     of_methods = {method: measure(streams, of_method, live, name) for method, of_method in options.items()}
     results = [(method, result) for method, result in of_methods.items() if result is not None]
     return dict(sorted(results, key=lambda item: _rank(item[1]), reverse=True))

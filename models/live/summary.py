@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from labeling.generation.settings import SeedRange
 from models.live import measuring
 from models.live.curves import recall_lost
 from models.live.five_classes import as_five
+from models.live.kept_trees import TREES_FOLDER, KeptTrees
 from models.live.measuring import Measured
 from models.live.results import (
     AloneResult,
@@ -71,6 +73,11 @@ class Evaluated:
     against: Sequence[str] = ()
     alone: Run | None = None
 
+    @cached_property
+    def kept(self) -> KeptTrees:
+        """The trees of the evaluation."""
+        return KeptTrees(self.out / TREES_FOLDER)
+
     def truths(self, seeds: SeedRange, alone: bool = False) -> list[Truth]:
         """Read the episodes of some seeds, ready for scoring. alone: whether to read those of driving without a UV."""
         paths = [self.out / EPISODES / file_name(self.scenario, seed, alone) for seed in seeds]
@@ -88,7 +95,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     true_motion = dict[Method, Measured]()
     with feedback.bar("choosing alarms", "predictors") as move:
         total = 3 + live.streams.truth + (evaluated.alone is not None)
-        methods = measuring.measure_methods(development, measured, RUN, live, run.name)
+        methods = measuring.measure_methods(development, measured, RUN, live, run.name, kept=evaluated.kept)
         first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
         move(1, total, "baselines")
         baselines = {RANDOM: measuring.measure_random(measured, first, live)}
@@ -98,10 +105,11 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         if live.streams.truth:
             move(3, total, "true motion")
             name = f"{run.name} on true motion"
-            true_motion = measuring.measure_methods(development, measured, TRUTH, live, name)
+            true_motion = measuring.measure_methods(development, measured, TRUTH, live, name, kept=evaluated.kept)
         if evaluated.alone is not None:
             move(total - 1, total, "without a UV")
         alone = None if evaluated.alone is None else _alone(evaluated, evaluated.alone)
+        evaluated.kept.remove_others()
         move(total, total)
     episodes = [truth.episode for truth in measured]
     result = TrafficResult(
@@ -144,7 +152,9 @@ def _compared(development: Sequence[Truth], measured: Sequence[Truth], evaluated
         baseline = measuring.measure_reject(development, measured, name, live, shown)
         if baseline is not None:
             compared[name] = baseline
-    trees = measuring.measure_methods(development, measured, RULE, live, "trees on the situation", ["background"])
+    trees = measuring.measure_methods(
+        development, measured, RULE, live, "trees on the situation", ["background"], evaluated.kept
+    )
     return compared if "background" not in trees else {**compared, SITUATION: trees["background"]}
 
 
@@ -159,7 +169,7 @@ def _five_classes(
         [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
         for truths in (development, measured)
     )
-    of_run = measuring.measure_methods(development, measured, RUN, live, run.name, [method])
+    of_run = measuring.measure_methods(development, measured, RUN, live, run.name, [method], evaluated.kept)
     if method not in of_run:
         return None
     baselines = _compared(development, measured, evaluated)
@@ -188,7 +198,7 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
     study, live = evaluated.study, evaluated.study.live
     development = evaluated.truths(study.development, alone=True)
     measured = evaluated.truths(study.dataset.seeds, alone=True)
-    methods = measuring.measure_methods(development, measured, RUN, live, run.name)
+    methods = measuring.measure_methods(development, measured, RUN, live, run.name, kept=evaluated.kept)
     first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
     episodes = [truth.episode for truth in measured]
     instants = sum(episode.facts.instants for episode in episodes)
