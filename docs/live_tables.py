@@ -3,7 +3,7 @@
     python docs/live_tables.py FOLDER/metrics.json
 
 Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds. Of an evaluation with
-`--advisories`, these are the arms of the closed loop.
+`--advisories`, these are the arms of the closed loop; of one with `--natural`, the tables that differ most.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from isacsim.errors import InputError
+from isacsim.traffic.director import LEFT_ALONE
 from models.closed_loop.results import ClosedLoopResult, Difference
 from models.live.results import (
     AlarmResult,
@@ -57,8 +58,13 @@ def tables(result: TrafficResult) -> Iterator[str]:
         yield _arms(f"Arms of the closed loop, {where}", result)
         yield _against_none(f"Arms against none, {where}", result)
         return
+    if left_alone := _is_left_alone(result):
+        where += " left alone"
     yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
     yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
+    if left_alone:
+        yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
+        return
     sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
     yield _recalls(f"One threshold for all intentions, {where}", sensed, "shared")
     if result.five_classes is not None:
@@ -71,6 +77,12 @@ def tables(result: TrafficResult) -> Iterator[str]:
     yield _driving(f"Driving time, {where}", result)
     if result.alone is not None:
         yield _recalls(f"Driving without a UV, {where}", _alone(result.alone), "separate")
+
+
+def _is_left_alone(result: TrafficResult) -> bool:
+    """Return whether the traffic was that of `--natural`."""
+    maneuvers = result.made_by.study.dataset.maneuvers
+    return all(getattr(maneuvers, name) == rate for name, rate in LEFT_ALONE.items())
 
 
 def compared(result: TrafficResult) -> dict[str, AlarmResult]:
