@@ -149,12 +149,17 @@ def arm_verdict(result: ClosedLoopResult) -> list[str]:
         "TTC and DRAC in s per vehicle-hour; `against none` is TTC < 1.5 s"
     ]
     if "isac" in result.arms:
-        for name, text in (("ttc_below_1_5_s", "time below 1.5 s of TTC"), ("travel_s_per_km", "travel time")):
+        for name, text, unit in (
+            ("ttc_below_1_5_s", "time below 1.5 s of TTC", "s per vehicle-hour"),
+            ("travel_s_per_km", "travel time", "s/km"),
+        ):
             difference = result.arms["isac"].difference[name]
-            if difference.relative is not None:
-                interval = difference.relative_interval
-                between = f" ({100 * interval.low:+.0f} to {100 * interval.high:+.0f} %)" if interval else ""
-                lines.append(f"ISAC against none: {text} {100 * difference.relative:+.1f} %{between}")
+            if difference.relative is not None and difference.value is not None:
+                of_none, seconds = difference.relative_interval, difference.interval
+                between = f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)" if of_none else ""
+                within = f" ({seconds.low:+.2f} to {seconds.high:+.2f})" if seconds else ""
+                share = f"{100 * difference.relative:+.1f} %{between}"
+                lines.append(f"ISAC against none: {text} {share}, {difference.value:+.2f}{within} {unit}")
         collided = result.arms["isac"].difference_collided
         if collided is not None and collided.value is not None:
             between = f" ({collided.interval.low:+.1f} to {collided.interval.high:+.1f})" if collided.interval else ""
