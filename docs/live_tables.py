@@ -62,17 +62,17 @@ def tables(result: TrafficResult) -> Iterator[str]:
         where += " left alone"
     yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
     yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
-    if left_alone:
-        yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
-        return
-    sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
-    yield _recalls(f"One threshold for all intentions, {where}", sensed, "shared")
+    if not left_alone:
+        sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
+        yield _recalls(f"One threshold for all intentions, {where}", sensed, "shared")
     if result.five_classes is not None:
         five = {_named(result): result.five_classes, **_baselines(result.five_classes.baselines)}
         yield _recalls(f"Overtakes as lane changes, {where}", five, "separate")
     if result.truth is not None:
         yield _sensing_costs(f"What sensing costs, {where}", result.truth.lost)
     yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
+    if left_alone:
+        return
     yield _origins(f"Events by origin, {where}", result)
     yield _driving(f"Driving time, {where}", result)
     if result.alone is not None:
