@@ -90,7 +90,8 @@ def at_every_step(samples: Samples, road: Road, step_s: float) -> Array:
     places = road.places(lane, taken[LANE_POS])
     aside = taken[: Y + 1] - places.points(taken[LANE_POS], taken[LANE_LAT])
     # A vehicle leaves the road at a sample (`SampledLog`), and is on it until then.
-    drift = _without_jumps(_to_next(aside, last))
+    drift = _to_next(aside, last)
+    drift[:, np.hypot(*drift) > JUMP_M] = 0.0
     driven, moved = _to_next(taken[LANE_POS], last), _to_next(taken[LANE_LAT], last)
     changes = np.flatnonzero((_to_next(lane, last) != 0) & (gaps > 1))
     ends = np.concatenate([[taken[row, changes], taken[row, changes + 1]] for row in (LANE_POS, SPEED)])

@@ -43,11 +43,19 @@ def match_events(labels: Labels, others: Labels) -> Match:
     return match
 
 
+AROUND_STAY_S = 5.0
+"""SUMO moves a vehicle that parks aside at once. How that is rounded hangs on fractions of a millimetre, so the time
+around a stay beside the road does not count, s."""
+
+
 def conditioned_rms(recording: Recording, other: Recording, every: int = 7) -> tuple[float, float, float]:
     """Return the rms difference of conditioned positions, m, velocities, m/s, and accelerations, m/s2."""
     squares, count = np.zeros(3), 0
     for name, track in recording.tracks.items():
         times = recording.times(track)[100:-100:every]
+        for first, after in recording.parked.get(name, ()):
+            begin, end = first * recording.step_s - AROUND_STAY_S, after * recording.step_s + AROUND_STAY_S
+            times = times[(times < begin) | (times > end)]
         if len(times):
             a, b = (motion.states(r, r.tracks[name], times, MotionSettings()) for r in (recording, other))
             squares += ((a - b) ** 2).reshape(3, -1).sum(axis=1)

@@ -138,6 +138,16 @@ def test_a_jump_is_placed_halfway() -> None:
     np.testing.assert_array_equal(rebuilt[X], 10.0)
 
 
+def test_a_vehicle_does_not_slide_along_before_it_jumps_aside_to_where_it_parks() -> None:
+    """SUMO puts it 3.2 m aside and some centimetres ahead of where its place along the lane is."""
+    count = 21
+    states = np.zeros((6, count))
+    states[LANE_POS] = states[X] = 40.0
+    states[X, 20], states[Y, 20] = 40.05, -3.2
+    rebuilt = sampled(states, np.array([0, 10, 20]), 0, 20, (lane("a0", [(0.0, 0.0), (80.0, 0.0)]),))
+    np.testing.assert_allclose(rebuilt, states, atol=1e-9)
+
+
 def test_a_lane_to_which_no_way_leads_begins_at_its_sample() -> None:
     lanes = (lane("a0", [(0.0, 0.0), (50.0, 0.0)]), lane("z0", [(500.0, 9.0), (600.0, 9.0)]))
     states = np.zeros((6, 21))
