@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from isacsim.errors import InputError
-from isacsim.traffic.director import LEFT_ALONE
 from models.closed_loop.results import ClosedLoopResult, Difference
 from models.live.results import (
     AlarmResult,
@@ -58,7 +57,7 @@ def tables(result: TrafficResult) -> Iterator[str]:
         yield _arms(f"Arms of the closed loop, {where}", result)
         yield _against_none(f"Arms against none, {where}", result)
         return
-    if left_alone := _is_left_alone(result):
+    if left_alone := result.made_by.study.dataset.maneuvers.quiet:
         where += " left alone"
     yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
     yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
@@ -77,12 +76,6 @@ def tables(result: TrafficResult) -> Iterator[str]:
     yield _driving(f"Driving time, {where}", result)
     if result.alone is not None:
         yield _recalls(f"Driving without a UV, {where}", _alone(result.alone), "separate")
-
-
-def _is_left_alone(result: TrafficResult) -> bool:
-    """Return whether the traffic was that of `--natural`."""
-    maneuvers = result.made_by.study.dataset.maneuvers
-    return all(getattr(maneuvers, name) == rate for name, rate in LEFT_ALONE.items())
 
 
 def compared(result: TrafficResult) -> dict[str, AlarmResult]:
