@@ -18,7 +18,7 @@ from isacsim.parsing import number_range
 if TYPE_CHECKING:
     from models.closed_loop.results import ClosedLoopResult
     from models.closed_loop.settings import ClosedLoopSettings
-    from models.live.results import EventScores, TrafficResult
+    from models.live.results import EventScores, Interval, TrafficResult
     from models.live.settings import LiveSettings
 
 
@@ -155,16 +155,22 @@ def arm_verdict(result: ClosedLoopResult) -> list[str]:
         ):
             difference = result.arms["isac"].difference[name]
             if difference.relative is not None and difference.value is not None:
-                of_none, seconds = difference.relative_interval, difference.interval
-                between = f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)" if of_none else ""
-                within = f" ({seconds.low:+.2f} to {seconds.high:+.2f})" if seconds else ""
-                share = f"{100 * difference.relative:+.1f} %{between}"
-                lines.append(f"ISAC against none: {text} {share}, {difference.value:+.2f}{within} {unit}")
+                of_none = difference.relative_interval
+                share = f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)" if of_none else ""
+                seconds = _between(difference.interval, 2)
+                lines.append(
+                    f"ISAC against none: {text} {100 * difference.relative:+.1f} %{share}, "
+                    f"{difference.value:+.2f}{seconds} {unit}"
+                )
         collided = result.arms["isac"].difference_collided
         if collided is not None and collided.value is not None:
-            between = f" ({collided.interval.low:+.1f} to {collided.interval.high:+.1f})" if collided.interval else ""
-            lines.append(f"ISAC against none: {collided.value:+.1f}{between} vehicles collide in a seed")
+            seeds = _between(collided.interval, 1)
+            lines.append(f"ISAC against none: {collided.value:+.1f}{seeds} vehicles collide in a seed")
     return lines
+
+
+def _between(interval: Interval | None, digits: int) -> str:
+    return f" ({interval.low:+.{digits}f} to {interval.high:+.{digits}f})" if interval else ""
 
 
 def _number(value: float | None) -> str:

@@ -91,6 +91,7 @@ def at_every_step(samples: Samples, road: Road, step_s: float) -> Array:
     aside = taken[: Y + 1] - places.points(taken[LANE_POS], taken[LANE_LAT])
     # A vehicle leaves the road at a sample (`SampledLog`), and is on it until then.
     drift = _to_next(aside, last)
+    # A jump aside can go some centimetres along as well: it is one jump in the plane, not one in x or y.
     drift[:, np.hypot(*drift) > JUMP_M] = 0.0
     driven, moved = _to_next(taken[LANE_POS], last), _to_next(taken[LANE_LAT], last)
     changes = np.flatnonzero((_to_next(lane, last) != 0) & (gaps > 1))

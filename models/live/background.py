@@ -17,7 +17,7 @@ from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
 from labeling.intentions import KNOWN, Intention
 from models.live.alarms import NEVER
 from models.live.events import LiveEvent
-from models.live.kept_trees import KeptTrees
+from models.live.kept_trees import NOT_KEPT, KeptTrees
 from models.live.predictions import Answers
 from models.live.settings import BackgroundSettings
 from models.live.store import RUN, LiveEpisode
@@ -46,7 +46,7 @@ class Background:
         settings: BackgroundSettings,
         before_onset_s: float,
         predictor: str = RUN,
-        kept: KeptTrees | None = None,
+        kept: KeptTrees = NOT_KEPT,
     ) -> Background | None:
         """Train trees on episodes with features; None if the episodes hold no event, or nothing but events.
 
@@ -65,7 +65,7 @@ class Background:
         features = np.concatenate(
             [inputs(episode.answers[predictor])[chosen] for episode, (chosen, _, _) in zip(episodes, rows, strict=True)]
         )
-        return cls((kept or KeptTrees()).trained(features, label, weight, settings), predictor)
+        return cls(kept.trained(features, label, weight, settings), predictor)
 
     def levels(self, episode: LiveEpisode) -> Float32Array:
         """Return the log-odds of every intention at each prediction of an episode with features, (n, 6)."""
@@ -132,7 +132,7 @@ def out_of_fold(
     settings: BackgroundSettings,
     before_onset_s: float,
     predictor: str = RUN,
-    kept: KeptTrees | None = None,
+    kept: KeptTrees = NOT_KEPT,
 ) -> list[Float32Array] | None:
     """Return the levels of each episode, from trees trained on other episodes; None if trees cannot be trained."""
     folds = min(settings.folds, len(episodes))

@@ -12,7 +12,7 @@ from labeling.intentions import KNOWN
 from models.live.alarms import Levels, confirmed, reject_levels
 from models.live.background import out_of_fold
 from models.live.curves import Sweep, candidate_thresholds
-from models.live.kept_trees import KeptTrees
+from models.live.kept_trees import NOT_KEPT, KeptTrees
 from models.live.scoring import Truth
 from models.live.settings import AlarmSettings, ChoiceSettings, LiveSettings, Sharing, shown_threshold
 from models.live.thresholds import Allocation, combined, groups_of
@@ -144,7 +144,7 @@ def reject_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettin
 
 
 def background_options(
-    truths: Sequence[Truth], predictor: str, settings: LiveSettings, kept: KeptTrees | None = None
+    truths: Sequence[Truth], predictor: str, settings: LiveSettings, kept: KeptTrees = NOT_KEPT
 ) -> Options:
     """Return the options of alarms by the trees that know "none"; there are none if the seeds do not suffice."""
     episodes = [truth.episode for truth in truths]

@@ -11,8 +11,10 @@ import sklearn
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isacsim.arrays import Array, Float32Array, IntArray
+from isacsim.errors import InputError
 from isacsim.files import remove_partial
 from models.live.settings import BackgroundSettings
+from models.networks.checkpoints import READ_ERRORS
 from models.predictors.stored_trees import read_trees, write_trees
 
 TREES_FOLDER = "trees"
@@ -28,12 +30,15 @@ class KeptTrees:
     """
 
     folder: Path | None = None
-    _wanted: set[str] = field(default_factory=set)
+    _wanted: set[str] = field(default_factory=set, init=False)
 
     def trained(
         self, features: Float32Array, label: IntArray, weight: Array, settings: BackgroundSettings
     ) -> HistGradientBoostingClassifier:
-        """Return trees trained on windows. features: (n, F). label, weight: (n,). Raises OutputError."""
+        """Return trees trained on windows. features: (n, F). label, weight: (n,).
+
+        Raises OutputError where they cannot be written, InputError where a file of trees is damaged.
+        """
         trees = HistGradientBoostingClassifier(
             max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
             l2_regularization=settings.l2, early_stopping=False, random_state=0,
@@ -43,7 +48,7 @@ class KeptTrees:
         path = self.folder / (_digest(trees, features, label, weight) + SUFFIX)
         self._wanted.add(path.name)
         if path.is_file():
-            return read_trees(path)
+            return _read(path)
         trees.fit(features, label, sample_weight=weight)
         self.folder.mkdir(exist_ok=True)
         write_trees(path, trees)
@@ -57,6 +62,18 @@ class KeptTrees:
         for path in self.folder.glob(f"*{SUFFIX}"):
             if path.name not in self._wanted:
                 path.unlink()
+
+
+NOT_KEPT = KeptTrees()
+"""Trains trees every time."""
+
+
+def _read(path: Path) -> HistGradientBoostingClassifier:
+    try:
+        return read_trees(path)
+    except READ_ERRORS as error:
+        reason = str(error).partition("\n")[0]
+        raise InputError(f"{path}: is damaged ({reason}); delete it, and the trees are trained again") from None
 
 
 def _digest(trees: HistGradientBoostingClassifier, features: Float32Array, label: IntArray, weight: Array) -> str:

@@ -17,7 +17,7 @@ from models.live.alarms import Alarms, Levels, alarms, confirmed, duty_cycle, re
 from models.live.background import Background
 from models.live.choosing import Chosen, Options, background_options, reject_options
 from models.live.curves import Sweep, candidate_thresholds
-from models.live.kept_trees import KeptTrees
+from models.live.kept_trees import NOT_KEPT, KeptTrees
 from models.live.results import AlarmResult, EventScores, FrozenPoint
 from models.live.scoring import Outcome, Truth
 from models.live.settings import AlarmSettings, LiveSettings, Method, Sharing
@@ -97,7 +97,7 @@ def measure_methods(
     live: LiveSettings,
     name: str,
     methods: Sequence[Method] = get_args(Method),
-    kept: KeptTrees | None = None,
+    kept: KeptTrees = NOT_KEPT,
 ) -> dict[Method, Measured]:
     """Measure kinds of alarm of a predictor with features, the better one on the development seeds first.
 

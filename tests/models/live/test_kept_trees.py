@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sklearn.ensemble import HistGradientBoostingClassifier
 
+from isacsim.errors import InputError
 from models.live.kept_trees import KeptTrees
 from models.live.settings import BackgroundSettings
 
@@ -31,6 +32,13 @@ def test_trees_are_trained_once_and_come_back_the_same(tmp_path: Path, monkeypat
     assert (trained == again).all()
     with pytest.raises(TypeError, match="not callable"):
         train(KeptTrees(tmp_path / "trees"), SETTINGS.model_copy(update={"leaves": 3}))
+
+
+def test_a_damaged_file_is_reported(tmp_path: Path) -> None:
+    train(KeptTrees(tmp_path))
+    next(tmp_path.iterdir()).write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"\.skops: is damaged .*; delete it"):
+        train(KeptTrees(tmp_path))
 
 
 @pytest.mark.parametrize("changed", ["features", "label", "weight"])
