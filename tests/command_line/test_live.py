@@ -157,6 +157,5 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
     lines = live.arm_verdict(result)
     assert lines[0].startswith("latency: sensing 0.6 s, network 0.1 s, driver 0.6 to 1.6 s")
     assert lines[1] == (
-        "ISAC against none: time below 1.5 s of TTC -25.0 % (-25 to -25 %), "
-        "-5.00 (-5.00 to -5.00) s per vehicle-hour"
+        "ISAC against none: time below 1.5 s of TTC -25.0 % (-25 to -25 %), -5.00 (-5.00 to -5.00) s per vehicle-hour"
     )
