@@ -50,6 +50,8 @@ the right where it keeps left, and towards the slower ones. SUMO calls them left
 
 LEAST_NOTICE_S = 1.0
 """Debris closer than this, in time, is not evaded any more, s."""
+SHORTEST_RISE_S = 0.05
+"""Lower end of a range of rise times, where the range begins below it, s: it has a logarithm."""
 
 
 def draw_brake(
@@ -60,8 +62,10 @@ def draw_brake(
         return None
     low, high = settings.peak_mps2
     peak = rng.triangular(low, low, high) if high > low else low
+    low, high = settings.rise_s
+    rise = np.exp(rng.uniform(*np.log(np.maximum([low, high], SHORTEST_RISE_S)))) if high > low else low
     drop = rng.uniform(*settings.drop_mps)
-    return BrakeCommand(view.vehicle, peak, drop, settings.floor_mps, draw_driver(people, rng), rng.spawn(1)[0])
+    return BrakeCommand(view.vehicle, peak, rise, drop, settings.floor_mps, draw_driver(people, rng), rng.spawn(1)[0])
 
 
 def draw_surge(
@@ -175,11 +179,13 @@ def _aside(
 def draw_lane_change(
     view: VehicleView, settings: LaneChangeCommandSettings, direction: int, stay_s: float
 ) -> LaneChangeCommand | None:
-    """Return a lane change where there is a lane; nothing is drawn.
+    """Return a lane change where there is a lane and nobody has to slow down for it; nothing is drawn.
 
     direction: `FASTER` or `SLOWER`. stay_s: as for `VehicleView.has_lane`.
     """
     if not view.has_lane(direction, stay_s):
+        return None
+    if settings.clear_s and not view.has_room_beside(direction, settings.headway_s * view.speed, settings.clear_s):
         return None
     return LaneChangeCommand(view.vehicle, direction, settings.patience_s)
 

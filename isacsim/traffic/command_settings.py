@@ -23,8 +23,13 @@ class BrakeCommandSettings(Settings):
         "largest deceleration that is meant, m/s2; the smaller the likelier, never the largest",
         "measured: half of SUMO's own hard brakes stay below 4.6 m/s²",
     )
+    rise_s: Annotated[Range, within(0.0, 10.0)] = sourced(
+        (0.1, 8.0),
+        "time over which the driver brakes harder and harder, s; drawn evenly in its logarithm",
+        "measured: SUMO's own hard brakes take 0.3, 1.4 and 3 s to 4 m/s² (quartiles)",
+    )
     drop_mps: Annotated[Range, within(1.0, 40.0)] = sourced(
-        (4.0, 14.0), "by how much the speed falls, m/s", "chosen: brakes of 1 to 3 s"
+        (4.0, 14.0), "by how much the speed falls beside what that takes, m/s", "chosen: brakes of 1 to 3 s"
     )
     floor_mps: float = sourced(
         5.0, "the speed falls no lower, m/s", "chosen: the vehicle keeps moving", ge=0.0, le=60.0
@@ -153,7 +158,16 @@ class EvasionSettings(Settings):
 
 
 class LaneChangeCommandSettings(Settings):
-    """A commanded lane change, when SUMO finds the gaps safe."""
+    """A commanded lane change to where nobody has to slow down, when SUMO finds the gaps safe."""
+
+    clear_s: float = sourced(
+        10.0,
+        "only where nobody in the next lane comes closer than headway_s within this time, s; 0: anywhere",
+        "chosen: as long as an overtake takes",
+        ge=0.0,
+        le=120.0,
+    )
+    headway_s: float = sourced(1.0, "that distance as time gap, s", "chosen: most drivers keep more", ge=0.0, le=10.0)
 
     patience_s: float = sourced(
         8.0, "given up when not across after this time, s", "measured: 70 of 79 done within 6 s", gt=0.0, le=60.0

@@ -224,10 +224,14 @@ class Surge(Reaction):
 
 @dataclass
 class BrakeCommand:
-    """Brake without a cause until the speed has fallen by `drop_mps`, at up to `peak_mps2`; not below `floor_mps`."""
+    """Brake without a cause: harder and harder for `rise_s`, up to `peak_mps2`, and then on.
+
+    The speed falls by `drop_mps` beside what `rise_s` takes, but not below `floor_mps`.
+    """
 
     vehicle: str
     peak_mps2: float
+    rise_s: float
     drop_mps: float
     floor_mps: float
     driver: Driver
@@ -236,9 +240,11 @@ class BrakeCommand:
 
     def steps(self, sumo: Any, step_s: float) -> Steps:
         foot = Foot(sumo, self.vehicle, self.driver, step_s, self.rng)
-        goal = max(self.floor_mps, foot.speed - self.drop_mps)
-        for _ in range(round(LONGEST_S / step_s)):
-            foot.push(lambda: min(max(EAGERNESS_PER_S * (goal - foot.speed), -self.peak_mps2), 0.0))
+        goal = max(self.floor_mps, foot.speed - self.peak_mps2 * self.rise_s / 2.0 - self.drop_mps)
+        for step in range(round(LONGEST_S / step_s)):
+            risen = min(1.0, step * step_s / self.rise_s) if self.rise_s else 1.0
+            limit = risen * self.peak_mps2
+            foot.push(lambda: min(max(EAGERNESS_PER_S * (goal - foot.speed), -limit), 0.0))  # noqa: B023 - called now
             yield
             if foot.speed < goal + 0.5:
                 break

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
@@ -106,13 +107,25 @@ class DatasetStudy(Settings):
         return "samples" if self.selection.windows else "episodes"
 
 
+FORMER: dict[tuple[str, ...], Any] = {
+    ("traffic", "speed_wander"): {"sd_share": (0.0, 0.0)},
+    ("maneuvers", "hard_brake", "rise_s"): (0.0, 0.0),
+    ("maneuvers", "lane_change", "clear_s"): 0.0,
+}
+"""Settings that earlier versions did not have, with the values that make traffic as it was then: drivers held their
+desired speed, commanded brakes came at once, and lane changes were commanded wherever there was a lane."""
+
+
 def as_stored(study: Mapping[str, Any]) -> dict[str, Any]:
     """Return the dataset section of a study that a file holds, with what an earlier version did not store.
 
-    A study that is stored has all settings. One without `traffic.speed_wander` is of a version whose drivers held their
-    desired speed, which is not the default any more.
+    A study that is stored has all settings of its version; those that it lacks are in `FORMER`.
     """
-    traffic = study.get("traffic")
-    if not isinstance(traffic, Mapping) or "speed_wander" in traffic:
-        return dict(study)
-    return {**study, "traffic": {**traffic, "speed_wander": {"sd_share": (0.0, 0.0)}}}
+    filled = deepcopy(dict(study))
+    for (*path, name), value in FORMER.items():
+        section: Any = filled
+        for key in path:
+            section = section.get(key) if isinstance(section, dict) else None
+        if isinstance(section, dict):
+            section.setdefault(name, value)
+    return filled

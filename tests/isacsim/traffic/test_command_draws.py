@@ -51,7 +51,7 @@ class Surroundings:
         return bool(self.lanes[direction]) and stay_s == 25.0
 
     def has_room_beside(self, direction: int, clear_m: float, ahead_s: float) -> bool:
-        return bool(self.room[direction]) and (clear_m, ahead_s) == (12.0, 3.0)
+        return bool(self.room[direction]) and (clear_m, ahead_s) in ((12.0, 3.0), (self.speed, 10.0))
 
     def stands_at_light(self, distance_m: float) -> bool:
         return self.stands and distance_m == 80.0
@@ -74,10 +74,11 @@ def test_the_default_draws_are_these_in_this_order(seed: int) -> None:
     """Written out with plain numbers. Another number or order would change every recording of a seed."""
     rng, by_hand = rngs(seed)
     uniform = by_hand.uniform
-    peak, drop = by_hand.triangular(3.6, 3.6, 8.0), uniform(4.0, 14.0)
+    peak, log_rise, drop = by_hand.triangular(3.6, 3.6, 8.0), uniform(np.log(0.1), np.log(8.0)), uniform(4.0, 14.0)
     brake = draws.draw_brake(view(), BrakeCommandSettings(), PEOPLE, rng)
     assert brake is not None
     assert (brake.vehicle, brake.peak_mps2, brake.drop_mps, brake.floor_mps) == ("a", peak, drop, 5.0)
+    assert brake.rise_s == pytest.approx(np.exp(log_rise), rel=1e-12)
     assert brake.driver == draw_driver(PEOPLE, by_hand)
     ends = ((2.8, 4.8), (80.0, 140.0), (5.0, 14.0), (0.4, 1.0), (1.0, 1.25))
     peak, power, gain, headway, impatience = (uniform(*pair) for pair in ends)
@@ -121,7 +122,8 @@ def test_nothing_is_drawn_where_the_surroundings_do_not_allow_it() -> None:
         assert draws.draw_debris_evasion(view(**changes), DEBRIS, EVASION, PEOPLE, rng, 25.0) is None
         assert draws.draw_answer(view(**changes), VehicleAhead("b"), EVASION, PEOPLE, rng, 25.0) is None
     assert draws.draw_debris(view(speed=8.0), EVASION, rng, 0.0) is None
-    assert draws.draw_lane_change(view(lanes={1: False, -1: True}), LaneChangeCommandSettings(), 1, 25.0) is None
+    for changes in ({"lanes": {1: False, -1: True}}, {"room": {1: False, -1: True}}):
+        assert draws.draw_lane_change(view(**changes), LaneChangeCommandSettings(), 1, 25.0) is None
     for changes in ({"leader": None}, {"is_car": False}, {"lanes": {1: False, -1: True}}):
         assert draws.draw_overtake(view(**changes), OvertakeCommandSettings(), rng, 25.0, ()) is None
     blocked = {"room": {1: False, -1: False}}
@@ -143,12 +145,26 @@ def test_nothing_is_drawn_where_the_surroundings_do_not_allow_it() -> None:
 
 def test_draws_stay_within_ranges_that_are_set() -> None:
     rng = np.random.default_rng(7)
-    brakes = BrakeCommandSettings(peak_mps2=(2.0, 2.5), drop_mps=(3.0, 3.0), floor_mps=9.0, least_speed_mps=1.0)
+    brakes = BrakeCommandSettings(
+        peak_mps2=(2.0, 2.5), rise_s=(0.0, 0.5), drop_mps=(3.0, 3.0), floor_mps=9.0, least_speed_mps=1.0
+    )
     for _ in range(200):
         brake = draws.draw_brake(view(speed=2.0), brakes, PEOPLE, rng)
         assert brake is not None
         assert 2.0 <= brake.peak_mps2 <= 2.5
+        assert 0.05 <= brake.rise_s <= 0.5
         assert (brake.drop_mps, brake.floor_mps) == (3.0, 9.0)
+
+
+def test_brakes_at_once_and_changes_anywhere_are_those_of_earlier_versions() -> None:
+    """With the settings that `as_stored` gives to earlier studies: no further draw, and no look at the room beside."""
+    rng, by_hand = rngs(5)
+    brake = draws.draw_brake(view(), BrakeCommandSettings(rise_s=(0.0, 0.0)), PEOPLE, rng)
+    assert brake is not None
+    assert brake.rise_s == 0.0
+    assert (brake.peak_mps2, brake.drop_mps) == (by_hand.triangular(3.6, 3.6, 8.0), by_hand.uniform(4.0, 14.0))
+    beset = view(room={1: False, -1: False})
+    assert draws.draw_lane_change(beset, LaneChangeCommandSettings(clear_s=0.0), 1, 25.0) is not None
 
 
 @pytest.mark.parametrize(("width_m", "largest_m"), [(3.6, 1.7), (3.2, 1.5), (2.6, 1.2)])

@@ -145,7 +145,7 @@ def test_where_no_lane_ends_closures_change_nothing(tmp_path: Path) -> None:
 
 
 DRAWN = {
-    "BrakeCommand": {"peak_mps2": (3.6, 8.0), "drop_mps": (4.0, 14.0)},
+    "BrakeCommand": {"peak_mps2": (3.6, 8.0), "rise_s": (0.1, 8.0), "drop_mps": (4.0, 14.0)},
     "Surge": {"peak_mps2": (2.8, 4.8), "power_w_per_kg": (80.0, 140.0), "headway_s": (0.4, 1.0)},
     "SwerveCommand": {"offset_m": (-1.7, 1.7), "peak_mps2": (4.0, 7.0), "hold_s": (0.0, 0.8)},
     "OvertakeCommand": {"clearance_m": (8.0, 22.0), "speed_gain": (1.0, 1.35)},
@@ -177,6 +177,7 @@ def test_every_command_has_parameters_of_its_own(monkeypatch: pytest.MonkeyPatch
         often = {
             **dict.fromkeys(RATES, 150.0),
             "debris_per_vehicle_hour": 20.0,
+            "surge_per_vehicle_hour": 250.0,
             "swerve_per_vehicle_hour": 1500.0,
             "overtake_per_vehicle_hour": 3000.0,
         }
@@ -199,7 +200,7 @@ def test_a_narrowed_range_reaches_the_motion_and_nothing_else_changes() -> None:
     traffic = TrafficSettings(run_in_s=40.0, duration_s=20.0)
     brakes = only(hard_brake_per_vehicle_hour=200.0)
     exact = DriverSettings(noise_share=(0.0, 0.0), pedal_lag_s=(0.1, 0.1))
-    narrow = BrakeCommandSettings(peak_mps2=(6.5, 6.5), drop_mps=(13.0, 13.0))
+    narrow = BrakeCommandSettings(peak_mps2=(6.5, 6.5), rise_s=(0.0, 0.0), drop_mps=(13.0, 13.0))
     stronger = brakes.model_copy(update={"hard_brake": narrow, "driver": exact})
     recording = record(load("motorway"), 3, traffic, stronger)
     peaks = []

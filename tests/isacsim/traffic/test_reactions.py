@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -87,17 +88,29 @@ def play(sumo: Any, maneuver: ManeuverCommand, after_s: float = 3.0, also: Any =
 def test_a_brake_takes_away_the_speed_it_is_for(lone: Scenario, seed: int) -> None:
     with driving(lone) as sumo:
         before = sumo.vehicle.getSpeed("a")
-        seen = play(sumo, BrakeCommand("a", 6.0, 10.0, 5.0, *person(seed)), after_s=0.0)
+        seen = play(sumo, BrakeCommand("a", 6.0, 0.0, 10.0, 5.0, *person(seed)), after_s=0.0)
     assert seen.speed.min() == pytest.approx(before - 10.0, abs=1.5)
     assert -8.0 < seen.along.min() < -4.0
     assert np.abs(condition(seen.speed, STEP, 0.15, 2)).max() < 25.0
+
+
+def test_a_brake_that_rises_is_hard_later_and_takes_away_more_speed(lone: Scenario) -> None:
+    """Half the peak after half the time, but for the lags; it takes half of peak times rise beside the drop."""
+    driver, rng = person(4)
+    exact = replace(driver, noise_share=0.0, correction_s=0.05, pedal_lag_s=0.1)
+    with driving(lone) as sumo:
+        before = sumo.vehicle.getSpeed("a")
+        seen = play(sumo, BrakeCommand("a", 5.0, 2.0, 6.0, 3.0, exact, rng), after_s=0.0)
+    np.testing.assert_allclose(seen.along[[75, 125, 175]], [-1.37, -2.62, -3.87], atol=0.3)
+    assert seen.along.min() == pytest.approx(-5.0, abs=0.2)
+    assert seen.speed.min() == pytest.approx(before - 11.0, abs=1.5)
 
 
 def test_two_people_do_not_brake_alike(lone: Scenario) -> None:
     series = []
     for seed in (1, 2):
         with driving(lone) as sumo:
-            series.append(play(sumo, BrakeCommand("a", 6.0, 10.0, 5.0, *person(seed)), after_s=0.0).along[:250])
+            series.append(play(sumo, BrakeCommand("a", 6.0, 0.0, 10.0, 5.0, *person(seed)), after_s=0.0).along[:250])
     assert np.abs(series[0] - series[1]).max() > 0.5
 
 
@@ -181,7 +194,7 @@ def test_an_inattentive_driver_brakes_late_for_a_braking_leader(tmp_path: Path) 
         for _ in range(100):
             sumo.simulationStep()
         evasion = Evasion("a", VehicleAhead("b"), EvasionPlan(brakes=True), *person(6), inattentive=True)
-        brake = BrakeCommand("b", 6.0, 14.0, 3.0, *person(7)).steps(sumo, STEP)
+        brake = BrakeCommand("b", 6.0, 0.0, 14.0, 3.0, *person(7)).steps(sumo, STEP)
         seen = play(sumo, evasion, after_s=0.0, also=brake)
         assert not sumo.simulation.getCollisions()
     rolls = round((evasion.driver.reaction_s + evasion.driver.look_away_s) / STEP)

@@ -23,7 +23,7 @@ from tests.support.roads import straight_road, vehicle
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
 STEADY = {"sway": SwaySettings(sd_m=(0.0, 0.0)), "speed_wander": SpeedWanderSettings(sd_share=(0.0, 0.0))}
 SHORT = TrafficSettings(sample_s=0.01, run_in_s=40.0, duration_s=15.0, **STEADY)
-HARD = BrakeCommandSettings(peak_mps2=(6.0, 8.0), drop_mps=(10.0, 14.0))
+HARD = BrakeCommandSettings(peak_mps2=(6.0, 8.0), rise_s=(0.0, 0.0), drop_mps=(10.0, 14.0))
 BRAKING = ManeuverSettings(hard_brake_per_vehicle_hour=200.0, hard_brake=HARD, rest_s=1.0)
 
 

@@ -223,8 +223,9 @@ def test_a_run_of_other_windows_cannot_be_compared(
 def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, folder: Path) -> None:
     """They hold no alarms for each rate, intervals without the number of seeds, and bootstrap settings.
 
-    Nor do they say that speeds do not wander, that trees do not see the lanes and learn from windows after the commit,
-    too, and that predictions come until the end of a track, which was so.
+    Nor do they say that speeds do not wander, that commanded brakes come at once and lane changes wherever there is a
+    lane, that trees do not see the lanes and learn from windows after the commit, too, and that predictions come until
+    the end of a track, which was so.
     """
 
     def former(content: Any) -> Any:
@@ -232,7 +233,7 @@ def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, f
             return [former(item) for item in content]
         if not isinstance(content, dict):
             return content
-        left_out = {"frozen_at", "speed_wander", "lanes", "until", "outcome_s"}
+        left_out = {"frozen_at", "speed_wander", "rise_s", "clear_s", "lanes", "until", "outcome_s"}
         left_out |= {"seeds"} if "low" in content else set()
         kept = {key: former(value) for key, value in content.items() if key not in left_out}
         if "choice" in kept:
@@ -247,6 +248,8 @@ def test_results_of_earlier_versions_still_open(evaluation: TrafficEvaluation, f
     study = opened.made_by.study
     assert study.live.scoring == evaluation.result.made_by.study.live.scoring
     assert study.dataset.traffic.speed_wander.sd_share == (0.0, 0.0)
+    assert study.dataset.maneuvers.hard_brake.rise_s == (0.0, 0.0)
+    assert study.dataset.maneuvers.lane_change.clear_s == 0.0
     assert not study.live.background.lanes
     assert study.live.background.until == "end"
     assert study.live.streams.outcome_s == 0
