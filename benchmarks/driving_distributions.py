@@ -31,6 +31,7 @@ PUBLISHED = {
     "sway outside events, standard deviation, m": "about 0.2 (Verster and Roth 2011)",
     "jerk along outside events, rms, m/s³": "",
     "hard brake, peak, m/s²": "0.50 g, sd 0.27 g, of drivers hit from behind (Belkadi and Campbell 2017)",
+    "hard brake, time from onset to 4 m/s², s": "",
     "hard brake, deceleration 1 s after onset, m/s²": "",
     "hard brake, deceleration 2.2 s after onset, m/s²": "",
     "evasive swerve, peak across, m/s²": "0.3 to 0.7 g in driving experiments",
@@ -58,6 +59,7 @@ def measured(recording: Recording, labels: Labels) -> Iterator[tuple[str, str, f
         reason = provenance(recording, event)
         if event.intention is Intention.HARD_BRAKE:
             yield "hard brake, peak, m/s²", reason.origin, -event.peak
+            yield "hard brake, time from onset to 4 m/s², s", reason.origin, event.commit - event.onset
             braking = motions.get(event.vehicle)
             if braking is not None:
                 for after_s in BRAKING_AFTER_S:
@@ -134,14 +136,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         recording = record(load(chosen.scenario), seed, traffic, ManeuverSettings())
         for quantity, origin, value in measured(recording, label(recording, LabelSettings())):
             values.setdefault((quantity, origin), []).append(value)
-    print("| quantity | origin | n | mean | sd | 5 % | 50 % | 95 % | published |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    quantiles = (0.05, 0.25, 0.5, 0.75, 0.95)
+    columns = ["quantity", "origin", "n", "mean", "sd", *(f"{100 * share:.0f} %" for share in quantiles), "published"]
+    for cells in (columns, ["---"] * len(columns)):
+        print(f"| {' | '.join(cells)} |")
     for quantity, published in PUBLISHED.items():
         for origin in ("", "natural", "reaction", "commanded"):
             if (quantity, origin) in values:
                 x = np.array(values[quantity, origin])
-                low, middle, high = np.quantile(x, [0.05, 0.5, 0.95])
-                numbers = " | ".join(f"{number:.2f}" for number in (x.mean(), x.std(), low, middle, high))
+                numbers = " | ".join(f"{number:.2f}" for number in (x.mean(), x.std(), *np.quantile(x, quantiles)))
                 print(f"| {quantity} | {origin} | {len(x)} | {numbers} | {published} |")
 
 
