@@ -21,12 +21,12 @@ class BrakeCommandSettings(Settings):
     peak_mps2: Annotated[Range, within(0.5, 10.0)] = sourced(
         (3.6, 8.0),
         "largest deceleration that is meant, m/s2; the smaller the likelier, never the largest",
-        "measured: half of SUMO's own hard brakes stay below 4.6 m/s²",
+        "measured: half of SUMO's own hard brakes stay below 5 m/s²",
     )
     rise_s: Annotated[Range, within(0.0, 10.0)] = sourced(
         (0.1, 8.0),
         "time over which the driver brakes harder and harder, s; drawn evenly in its logarithm",
-        "measured: SUMO's own hard brakes take 0.3, 1.4 and 3 s to 4 m/s² (quartiles)",
+        "measured: half of SUMO's own hard brakes take 0.3 to 3 s to 4 m/s²",
     )
     drop_mps: Annotated[Range, within(1.0, 40.0)] = sourced(
         (4.0, 14.0), "by how much the speed falls beside what that takes, m/s", "chosen: brakes of 1 to 3 s"
