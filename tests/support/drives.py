@@ -153,4 +153,8 @@ def thinned(recording: Recording, every: int) -> Recording:
         skip = -track.first_step % every
         columns = {c: getattr(track, c)[skip::every] for c in ("x", "y", "speed", "lane", "lane_pos", "lane_lat")}
         tracks[name] = replace(track, first_step=(track.first_step + skip) // every, **columns)
-    return replace(recording, step_s=recording.step_s * every, tracks=tracks)
+    parked = {
+        name: tuple((-(-first // every), -(-after // every)) for first, after in stays)
+        for name, stays in recording.parked.items()
+    }
+    return replace(recording, step_s=recording.step_s * every, tracks=tracks, parked=parked)
