@@ -126,10 +126,10 @@ def fates(changes: list[tuple[float, bool]], end: float) -> list[tuple[float, bo
 
 
 def evasions(recording: Recording) -> dict[str, list[tuple[float, float]]]:
-    """Begin and end of each evasion, s, by vehicle. The driver model steers in it, and SUMO reports no lane change."""
+    """Begin and end of each evasion and swerve, s, by vehicle. The driver model steers; SUMO reports no lane change."""
     result: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for command in recording.commands:
-        if command.maneuver == "evasion":
+        if command.maneuver in ("evasion", "evasive_swerve"):
             result[command.vehicle].append((command.start, command.end))
     return result
 
