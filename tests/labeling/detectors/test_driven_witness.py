@@ -82,7 +82,7 @@ def test_what_was_commanded_and_driven_is_labelled() -> None:
     wanted: dict[Intention, int] = defaultdict(int)
     labelled: dict[Intention, int] = defaultdict(int)
     misses, wrong = [], []
-    for seed in range(101, 110):
+    for seed in range(101, 111):
         recording = record(load("motorway"), seed, TrafficSettings(duration_s=240.0), RATES)
         labels = label(recording, LabelSettings())
         for command in recording.commands:
