@@ -41,9 +41,10 @@ def infer(trees_run: Run) -> Infer:
 
 @pytest.fixture(scope="session")
 def study(infer: Infer, road: Path) -> LiveStudy:
-    """Seven seconds of traffic in which vehicles now and then brake hard."""
+    """Seven seconds of traffic in which vehicles now and then brake hard, at once."""
     content = study_of(infer.run.card, str(road), (1, 2), (11, 12), 7.0, natural=True).model_dump()
     content["dataset"]["maneuvers"] |= {"hard_brake_per_vehicle_hour": 300.0}
+    content["dataset"]["maneuvers"]["hard_brake"] |= {"rise_s": (0.0, 0.0)}
     content["dataset"]["traffic"] |= {"run_in_s": 1.0}
     content["live"]["streams"] |= {"outcome_s": 0.0}
     content["live"]["background"] |= {"rounds": 5, "folds": 2}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Scenario:
 
 
 def driven(
-    scenario: Scenario, settings: AdvisorySettings, *advisories: Advisory, rates: dict[str, float] | None = None
+    scenario: Scenario, settings: AdvisorySettings, *advisories: Advisory, rates: dict[str, Any] | None = None
 ) -> tuple[Recording, Advisor]:
     """Drive the scenario and send advisories at their times."""
     maneuvers = ManeuverSettings.model_validate({**LEFT_ALONE, **(rates or {})})
@@ -93,7 +94,7 @@ def test_drivers_refuse_rest_and_have_one_advisory_at_a_time(alone: Scenario) ->
 
 
 def test_a_driver_who_brakes_for_itself_drops_the_advisory_and_the_brake_is_as_hard(alone: Scenario) -> None:
-    rates = {"hard_brake_per_vehicle_hour": 3600.0}
+    rates = {"hard_brake_per_vehicle_hour": 3600.0, "hard_brake": {"rise_s": (0.0, 0.0)}}
     settings = PROMPT.model_copy(update={"reaction_s": (0.0, 0.0), "network_delay_s": 0.0, "hold_s": 10.0})
     free, _ = driven(alone, PROMPT, rates=rates)
     braking = min(command.start for command in free.commands if command.start > 4.0)
