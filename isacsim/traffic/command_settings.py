@@ -168,7 +168,6 @@ class LaneChangeCommandSettings(Settings):
         le=120.0,
     )
     headway_s: float = sourced(1.0, "that distance as time gap, s", "chosen: most drivers keep more", ge=0.0, le=10.0)
-
     patience_s: float = sourced(
         8.0, "given up when not across after this time, s", "measured: 70 of 79 done within 6 s", gt=0.0, le=60.0
     )

@@ -28,7 +28,7 @@ from tests.support.scripted import InlineEngine
 CHANGES = ("left_lane_change", "right_lane_change", "overtake")
 BRIEF = {
     "seeds": {"first": 1, "last": 1},
-    "traffic": {"run_in_s": 30.0, "duration_s": 70.0},
+    "traffic": {"run_in_s": 30.0, "duration_s": 90.0},
     "maneuvers": {"left_change_per_vehicle_hour": 90.0, "right_change_per_vehicle_hour": 90.0},
     "pairs": {"fall_back": True},
     "selection": {"per_class": 40},
@@ -128,7 +128,7 @@ def check_motion(result: Witnessed) -> None:
 def test_changes_in_the_city_go_to_their_side(city: Witnessed) -> None:
     assert city.network.lefthand
     assert {city.intentions[row] for row in city.verdicts} >= {"left_lane_change", "right_lane_change"}
-    check_sides(city, least=8)
+    check_sides(city, least=10)
 
 
 def test_motion_in_the_city_is_that_of_drivers(city: Witnessed) -> None:
