@@ -71,7 +71,7 @@ def _peaks(
     after_onset = np.arange(truth.shape[2]) >= onset_row[:, None]
     peaks = []
     for component in ((ax * vx + ay * vy) / speed, (ay * vx - ax * vy) / speed):
-        largest = np.abs(component * after_onset).argmax(axis=1)
+        largest = np.where(after_onset, np.abs(component), -1.0).argmax(axis=1)
         peaks.append(np.take_along_axis(component, largest[:, None], axis=1)[:, 0].astype(np.float64))
     return peaks[0], peaks[1]
 

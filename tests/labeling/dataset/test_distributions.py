@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -10,6 +10,7 @@ from labeling.intentions import Intention
 
 @settings(max_examples=25, deadline=None)
 @given(angle=st.floats(0, 2 * np.pi), peak=st.floats(-9, 9), across=st.floats(-6, 6), onset=st.integers(0, 90))
+@example(angle=0.0, peak=0.0, across=0.0, onset=1)  # nothing happens after onset
 def test_peaks_are_along_and_across_the_driving_direction(angle: float, peak: float, across: float, onset: int) -> None:
     """A vehicle drives straight on, and accelerates in one row after the onset, and harder in one before it."""
     along, left = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
