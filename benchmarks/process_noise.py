@@ -16,9 +16,10 @@ import numpy as np
 import pandas as pd
 
 from isacsim.arrays import Array
-from isacsim.sensing import LEAST_SITES, before, fix, run_in_snapshots
+from isacsim.sensing import LEAST_SITES, fix, run_in, run_in_snapshots
 from isacsim.tracking.kalman import track
 from labeling.dataset.dataset import Dataset
+from labeling.dataset.shard import RUN_IN
 from labeling.generation.episode import record_key
 from labeling.generation.resense import own_sensing
 from labeling.intentions import Intention
@@ -39,17 +40,25 @@ class Sensed:
 
 
 def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
-    """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
+    """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings.
+
+    The draws are those of the dataset, so that the fixes are those that its stored states were filtered from.
+    """
     settings, table = own_sensing(dataset), dataset.frame()
-    truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
+    names = ("tv_truth", RUN_IN) if dataset.meta.run_in_length else ("tv_truth",)
+    states = {name: np.asarray(values, np.float64) for name, values in dataset.arrays(*names).items()}
+    truth, past = states["tv_truth"], states.get(RUN_IN)
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
     count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
+    known = min(dataset.meta.run_in_length, count)
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]
         key = record_key(row["scenario"], row["seed"], row["tv_id"], Intention(row["label"]), row["t_start"])
-        motion = np.concatenate([before(truth[k : k + 1], rate_hz, count), truth[k : k + 1]], axis=2)[0]
-        observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key))
+        one = truth[k : k + 1]
+        earlier = run_in(one, rate_hz, count, None if past is None else past[k : k + 1])
+        motion = np.concatenate([earlier, one], axis=2)[0]
+        observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key, known=known))
     good = [n for n, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
     return Sensed(
         state=np.stack([observed[n].fixes.state for n in good]),
