@@ -41,7 +41,7 @@ def network_import(
     part = None if box is None else box_of(box)
     placement = opt.placement_of(spacing, set_back, height, vehicles)
     new_scenario = import_map(source, out, part, *placement, seed, lefthand=left_hand)
-    output.print_json(as_json, output.show_scenario(new_scenario, str(source), output.console_of(quiet)))
+    output.print_json(as_json, output.show_scenario(new_scenario, output.console_of(quiet)))
 
 
 @network_app.command(
@@ -67,4 +67,4 @@ def network_sites(
     from isacsim.scenarios.making import add_sites
 
     new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
-    output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))
+    output.print_json(as_json, output.show_scenario(new_scenario, output.console_of(quiet)))

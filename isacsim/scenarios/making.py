@@ -16,9 +16,11 @@ from isacsim.errors import InputError
 from isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isacsim.scenarios.demand import DemandSettings, make_demand
 from isacsim.scenarios.reference_line import RoundingSettings
+from isacsim.scenarios.remarks import remarks
 from isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
 from isacsim.scenarios.sumo_files import has_demand, is_lefthand, one_line, parse, refuse_document_type, write_lines
+from isacsim.scenarios.sumo_values import in_full
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
@@ -43,7 +45,8 @@ class NewScenario:
     """A scenario that was made.
 
     sites, edges: how many sites it has, and along how many edges. made_demand: whether its demand was made too.
-    overridden: options of the user's configuration that are not passed to SUMO. corners: the places on these edges at
+    overridden: options of the user's configuration that are not passed to SUMO. remarks: what its author should know
+    (`isacsim.scenarios.remarks`). corners: the places on these edges at
     which the road bends too sharply for its speed limit; None where there are none.
     """
 
@@ -52,6 +55,7 @@ class NewScenario:
     edges: int
     made_demand: bool
     overridden: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     corners: SharpCorners | None = None
 
 
@@ -102,13 +106,16 @@ def import_map(
         network = folder / f"{out.name}.net.xml"
         _netconvert(source, network, box, lefthand)
         try:
-            lanes, origin = read_network(network)
+            roads = read_network(network)
         except NoRoadsError:
             where = " within the box" if box else ""
             raise InputError(
                 f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
-        bare = Scenario(out.name, network, (), (), origin, lanes, (), lefthand=is_lefthand(network))
+        bare = Scenario(
+            out.name, network, (), (), roads.origin, roads.lanes, (), lefthand=is_lefthand(network),
+            elevation=roads.elevation,
+        )  # fmt: skip
         return _complete(bare, folder, out, placement, demand, seed, corner_shift_m)
 
 
@@ -143,14 +150,16 @@ def _complete(
         "net-file": named([scenario.network]),
         "route-files": named(routes),
         "additional-files": named([*scenario.additional, additional]),
-        "begin": f"{scenario.begin_s:g}",
+        "begin": in_full(scenario.begin_s),
         **scenario.kept,
     }
     lines = [f"    <{name} value={quoteattr(value)}/>" for name, value in options.items() if value]
     write_lines(folder / f"{out.name}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
     limits = speed_limits(scenario.network)
     corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)
-    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners)
+    return NewScenario(
+        out, len(sites), len(edges), lacks_demand, scenario.overridden, tuple(remarks(scenario)), corners
+    )
 
 
 def _relative(file: Path, folder: Path) -> str:

@@ -13,6 +13,7 @@ import sumolib.net
 
 from isacsim.errors import InputError
 from isacsim.registry import nearest
+from isacsim.scenarios.demand_order import refused_types
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
@@ -27,10 +28,15 @@ from isacsim.scenarios.sumo_files import (
     refuse_outputs,
     with_includes,
 )
+from isacsim.scenarios.sumo_values import in_full
 
 SITE_TYPE = "isac_site"
 PLANE_REACH_M = 10_000.0
 """A network that keeps within this of SUMO's origin keeps SUMO's coordinates."""
+HIGHEST_SITE_M = 1000.0
+"""Sites are above the road, and at most so high, m."""
+LEVEL_M = 1.0
+"""An edge whose points are all within this of the median height of its network counts as level, m."""
 
 
 class NoRoadsError(InputError):
@@ -53,6 +59,32 @@ class Site:
 
 
 @dataclass(frozen=True)
+class Elevation:
+    """How far a network is from the plane that it is taken for.
+
+    edges: how many of the `of` edges leave the median height by more than `LEVEL_M`. low_m, high_m: the lowest and the
+    highest point of the network, m, above or below that height.
+    """
+
+    edges: int
+    of: int
+    low_m: float
+    high_m: float
+
+
+@dataclass(frozen=True)
+class RoadNetwork:
+    """What is read of a network: its lanes, also those inside junctions, and the origin of their plane, m.
+
+    elevation: None where all edges are level.
+    """
+
+    lanes: tuple[Lane, ...]
+    origin: tuple[float, float]
+    elevation: Elevation | None = None
+
+
+@dataclass(frozen=True)
 class Scenario:
     """A road network with its demand and its sites, as a simulation needs them.
 
@@ -66,6 +98,7 @@ class Scenario:
     overridden: names of those that are set otherwise (step length, seed) or left out (outputs, logs, windows).
     lefthand: whether traffic keeps left. SUMO simulates such a network as the mirror image of one where it keeps right:
     lanes are numbered from the left, and what SUMO calls left is right in the plane.
+    elevation: how far the network is from the plane; None where it is level.
     """
 
     name: str
@@ -79,6 +112,7 @@ class Scenario:
     kept: Mapping[str, str] = field(default_factory=dict)
     overridden: tuple[str, ...] = ()
     lefthand: bool = False
+    elevation: Elevation | None = None
 
 
 def bundled() -> dict[str, Path]:
@@ -112,22 +146,35 @@ def load_without_sites(where: str | Path) -> Scenario:
         for path in with_includes(file):
             refuse_document_type(path)
         refuse_outputs(file)
-    lanes, origin = read_network(inputs.network)
-    sites = tuple(_read_sites(inputs.additional, origin))
+    network = read_network(inputs.network)
+    sites = tuple(_read_sites(inputs.additional, network.origin))
+    _refuse_types((*inputs.demand, *inputs.additional))
     return Scenario(
-        name, inputs.network, inputs.demand, inputs.additional, origin, lanes, sites,
-        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network),
+        name, inputs.network, inputs.demand, inputs.additional, network.origin, network.lanes, sites,
+        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network), network.elevation,
     )  # fmt: skip
 
 
-def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
-    """Return the lanes of a network, also those inside junctions, and their plane's origin in SUMO's coordinates, m.
+def _refuse_types(files: tuple[Path, ...]) -> None:
+    """Raise InputError where a vehicle type changes lanes by a model that SUMO's sublane simulation refuses."""
+    if refused := refused_types(files):
+        file, name, model = refused[0]
+        others = f" (and {len(refused) - 1} more types)" if len(refused) > 1 else ""
+        raise InputError(
+            f"{file}: vehicle type {name!r} has laneChangeModel {model}{others}, but vehicles change lanes by SUMO's "
+            "sublane model: remove the attribute, or set it to SL2015"
+        )
+
+
+def read_network(network: Path) -> RoadNetwork:
+    """Return what is read of a network.
 
     Raises InputError where the network cannot be read, NoRoadsError where it has no road.
     """
     refuse_document_type(network)
     try:
-        lanes, origin = _lanes(sumolib.net.readNet(str(network), withInternal=True))
+        net = sumolib.net.readNet(str(network), withInternal=True)
+        (lanes, origin), elevation = _lanes(net), _elevation(net)
     except Exception as error:  # the reader raises whatever it meets
         raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     if all(lane.edge.startswith(":") for lane in lanes):
@@ -137,7 +184,7 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
             raise InputError(
                 f"{network}: the shape, width or length of lane {lane.id} is zero or not finite: fix the network"
             )
-    return lanes, origin
+    return RoadNetwork(lanes, origin, elevation)
 
 
 def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
@@ -161,6 +208,20 @@ def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
         for lane in edge.getLanes()
     )
     return lanes, origin
+
+
+def _elevation(net: Any) -> Elevation | None:
+    """Return how far a network that sumolib has read is from a plane; None where all its edges are level."""
+    heights = [
+        [point[2] for lane in edge.getLanes() for point in lane.getShape3D()]
+        for edge in net.getEdges(withInternal=False)
+    ]
+    every = np.concatenate([*map(np.asarray, heights), np.empty(0)])
+    middle = float(np.median(every)) if len(every) else 0.0
+    off = sum(max(abs(height - middle) for height in of_edge) > LEVEL_M for of_edge in heights)
+    if not off:
+        return None
+    return Elevation(off, len(heights), float(every.min()) - middle, float(every.max()) - middle)
 
 
 def _find(where: Path) -> tuple[str, Path]:
@@ -229,6 +290,11 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                 height, azimuth = float(params["height"] or ""), float(params["azimuth"] or "")
                 if not np.isfinite((x, y, height, azimuth)).all():
                     raise ValueError
+                if not 0.0 < height <= HIGHEST_SITE_M:
+                    raise InputError(
+                        f"{file}: site {poi.get('id')} is {in_full(height)} m high: give the height of its antenna "
+                        f"above the road, more than 0 and at most {in_full(HIGHEST_SITE_M)} m"
+                    )
                 yield Site(poi.attrib["id"], x - origin[0], y - origin[1], height, azimuth)
             except (KeyError, ValueError):
                 raise InputError(

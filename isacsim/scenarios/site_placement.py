@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from isacsim.arrays import Array
 from isacsim.scenarios.lane import Lane
 from isacsim.scenarios.scenario import SITE_TYPE, Site
+from isacsim.scenarios.sumo_values import in_full
 from isacsim.settings import Settings
 
 STATION_STEP_M = 5.0
@@ -77,7 +78,7 @@ def sites_file(sites: Iterable[Site], origin: tuple[float, float] = (0.0, 0.0)) 
     """Return an additional file with the sites as POIs, which sumo-gui and netedit show. origin: of their plane, m."""
     lines = [
         f'<poi id="{site.id}" x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
-        f'color="red" layer="100">\n    <param key="height" value="{site.height_m:g}"/>\n'
+        f'color="red" layer="100">\n    <param key="height" value="{in_full(site.height_m)}"/>\n'
         f'    <param key="azimuth" value="{site.azimuth_deg:.1f}"/>\n  </poi>'
         for site in sites
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import tempfile
 from collections import Counter
 from collections.abc import Generator, Iterator
@@ -14,8 +13,10 @@ from typing import Any
 from pydantic import Field
 
 from isacsim.errors import InputError, RunError
+from isacsim.scenarios.demand_order import first_departure_s, in_order
 from isacsim.scenarios.scenario import Scenario
 from isacsim.scenarios.sumo_files import one_line, without_outputs
+from isacsim.scenarios.sumo_values import in_full
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from isacsim.traffic.director import Director, ManeuverSettings
@@ -24,15 +25,16 @@ from isacsim.traffic.recording import Incidents, Recording
 from isacsim.traffic.sampled_log import SampledLog
 from isacsim.traffic.speed_wander import SpeedWander, SpeedWanderSettings
 from isacsim.traffic.state_log import EveryStepLog, StateLog
+from isacsim.traffic.sumo_library import load_libsumo
+from isacsim.traffic.sumo_messages import SumoWarning, heard, reason_of, warnings_in
 from isacsim.traffic.sway import SwaySettings, add_sway
+from isacsim.traffic.traffic_facts import TrafficFacts, discarded
 
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
 """The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
-WARNING = "Warning:"
-"""The beginning of each warning in SUMO's log."""
 
 
 class TrafficSettings(Settings):
@@ -104,12 +106,13 @@ def record_stepwise(
 
     Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation.
     """
-    messages: Counter[str] = Counter()
+    warnings: list[SumoWarning] = []
     begin = round(scenario.begin_s / traffic.step_s)
     first = begin + round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)
     log = state_log(scenario, traffic, first)
-    with session(scenario, seed, traffic, messages, log) as sumo:
+    given_up = 0
+    with session(scenario, seed, traffic, warnings, log) as sumo:
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         lasts_s = (last - begin) * traffic.step_s
@@ -124,12 +127,25 @@ def record_stepwise(
                 log.step(sumo, director.commanded | moment.steered)
                 let_stops_last(sumo, log.parking, traffic.step_s)
             log.finish(sumo)
+            given_up = discarded(sumo, log.departed)
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
     tracks = log.tracks()
     add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, scenario.name, seed)
+    facts = TrafficFacts(
+        from_s=first * traffic.step_s,
+        to_s=last * traffic.step_s,
+        vehicles=len(log.departed),
+        by_class=dict(sorted(Counter(log.departed.values()).items())),
+        discarded=given_up,
+        recorded=len(tracks),
+        first_departure_s=None
+        if tracks
+        else first_departure_s((*scenario.demand, *scenario.additional), scenario.begin_s),
+        warnings=tuple(warnings),
+    )
     return Recording(
         scenario=scenario.name,
         seed=seed,
@@ -138,7 +154,7 @@ def record_stepwise(
         tracks=tracks,
         commands=tuple(director.commands),
         incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
-        warnings=messages[WARNING],
+        facts=facts,
         lefthand=scenario.lefthand,
         parked=log.parked(tracks),
     )
@@ -157,64 +173,76 @@ def session(
     scenario: Scenario,
     seed: int,
     traffic: TrafficSettings,
-    messages: Counter[str] | None = None,
+    warnings: list[SumoWarning] | None = None,
     log: StateLog | None = None,
 ) -> Iterator[Any]:
     """A running libsumo simulation of a scenario, closed at the end. Yields the libsumo module.
 
-    messages: at the end, the number of SUMO's warnings is added under `WARNING`.
+    warnings: takes SUMO's warnings, by kind, at the end.
     log: receives the states, and can return tracks once the session has ended.
-    Raises InputError where SUMO refuses the scenario, or its step is not `traffic.step_s`.
+    Raises InputError where SUMO refuses the scenario, its step is not `traffic.step_s`, or it does not begin at a whole
+    number of steps.
     """
-    # Imported here, because loading libsumo takes a second and needs SUMO_HOME.
-    import sumo as sumo_package
-
-    os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
-    import libsumo
-
-    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        additional = [without_outputs(file, Path(folder)) for file in scenario.additional]
+    libsumo = load_libsumo()
+    with tempfile.TemporaryDirectory(prefix="cosim-") as name:
+        folder = Path(name)
+        additional = [without_outputs(file, folder) for file in scenario.additional]
+        demand = [in_order(file, folder, scenario.begin_s) for file in scenario.demand]
         options = {
             **scenario.kept,
             "net-file": str(scenario.network),
-            "route-files": ",".join(map(str, scenario.demand)),
+            "route-files": ",".join(map(str, demand)),
             "additional-files": ",".join(map(str, additional)),
-            "begin": f"{scenario.begin_s:g}",
-            "step-length": f"{traffic.step_s:g}",
-            "default.action-step-length": f"{traffic.action_step_s:g}",
-            "lateral-resolution": f"{traffic.lateral_resolution_m:g}",
+            "begin": in_full(scenario.begin_s),
+            "step-length": in_full(traffic.step_s),
+            "default.action-step-length": in_full(traffic.action_step_s),
+            "lateral-resolution": in_full(traffic.lateral_resolution_m),
             "step-method.ballistic": "true",
             "seed": str(seed % 2**31),
             "collision.action": "warn",
             "collision.check-junctions": "true",
             # A vehicle that can never move again would hold up all traffic behind it for good.
-            "time-to-teleport": f"{STUCK_S:g}",
-            "time-to-teleport.highways": f"{MISSED_EXIT_S:g}",
+            "time-to-teleport": in_full(STUCK_S),
+            "time-to-teleport.highways": in_full(MISSED_EXIT_S),
             "no-step-log": "true",
             # Warnings go to the log only, not to the console.
             "no-warnings": "true",
-            "error-log": str(Path(folder) / LOG_FILE),
+            "error-log": str(folder / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
-            **(log.options(Path(folder)) if log else {}),
+            **(log.options(folder) if log else {}),
         }
         arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
         try:
-            libsumo.start(["sumo", *arguments])
+            with heard(folder) as said:
+                libsumo.start(["sumo", *arguments])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
+            raise InputError(
+                f"SUMO refuses scenario {scenario.name} ({reason_of(error, said)}): fix its files"
+            ) from None
         try:
             if log:
                 log.attach()
-            # SUMO's time is in whole milliseconds. It rounds other steps without a message.
-            step_s = libsumo.simulation.getDeltaT()
-            if abs(step_s - traffic.step_s) > 1e-9:
-                raise InputError(
-                    f"SUMO steps at {step_s:g} s, not at step_s = {traffic.step_s:g}: give whole milliseconds"
-                )
+            _check_times(libsumo, scenario, traffic.step_s)
             yield libsumo
         finally:
             libsumo.close()
-            if messages is not None:
-                with (Path(folder) / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
-                    messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
+            if warnings is not None:
+                files = (scenario.network, *scenario.demand, *scenario.additional)
+                with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
+                    warnings += warnings_in(lines, (folder, *(file.parent for file in files)))
+
+
+def _check_times(sumo: Any, scenario: Scenario, step_s: float) -> None:
+    """Raise InputError where SUMO's clock is not that of the recording: it counts whole milliseconds, and rounds."""
+    stepped_s = sumo.simulation.getDeltaT()
+    if abs(stepped_s - step_s) > 1e-9:
+        raise InputError(
+            f"SUMO steps at {in_full(stepped_s)} s, not at step_s = {in_full(step_s)}: give whole milliseconds"
+        )
+    begun_s, expected_s = sumo.simulation.getTime(), round(scenario.begin_s / step_s) * step_s
+    if abs(begun_s - expected_s) > 1e-6:
+        raise InputError(
+            f"{scenario.name}: begins at {in_full(begun_s)} s, which is no whole number of steps of {in_full(step_s)} "
+            "s: give `begin` as a multiple of the step"
+        )

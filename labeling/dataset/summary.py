@@ -14,11 +14,11 @@ from labeling.dataset.dataset import SHARDS, Dataset
 from labeling.dataset.distributions import distributions, too_few_seeds
 from labeling.dataset.pull_outs import dropped_pull_outs
 from labeling.dataset.shard import read_episode
+from labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
 from labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
-    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "dropped_pull_outs", "counts", "collided",
-    "teleported",
+    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
@@ -33,6 +33,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
     median distances to the true position, before and after the filter; `left_out`, candidates that did not become
     samples, by reason; `dropped_pull_outs`, how many of these are kept beside the samples, by outcome;
+    `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None where the motion is not SUMO's;
     `label_agreement`, what the detectors make of the maneuvers of each intention, only where the motion source gives
     the labels.
     """
@@ -40,7 +41,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
     for name, seed in zip(shards.scenarios, shards.numbers("seed").tolist(), strict=True):
         seeds[name].append(seed)
-    errors = [read_episode(dataset.path / SHARDS / file) for file in shards.files]
+    episodes = [read_episode(dataset.path / SHARDS / file) for file in shards.files]
     counts = dict(sorted((+shards.totals("counts")).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
@@ -64,8 +65,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "snr_db": _quantiles(scalars["snr_db"].to_numpy(np.float64)),
         "n_sites": _quantiles(scalars["n_sites"].to_numpy(np.float64)),
         "position_error_m": {
-            "before_filter": _median([error for episode in errors for error in episode.fix_error_m]),
-            "sensed": _median([error for episode in errors for error in episode.state_error_m]),
+            "before_filter": _median([error for episode in episodes for error in episode.fix_error_m]),
+            "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
         },
         "left_out": meta.left_out(),
         "dropped_pull_outs": _outcomes(dataset),
@@ -73,6 +74,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         **({"label_agreement": agreed} if agreed else {}),
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
+        "traffic": traffic_summary(episodes),
         "distributions": distributions(dataset),
         "lost": [lost.model_dump(mode="json") for lost in meta.lost],
         "short": list(meta.short),
@@ -97,6 +99,8 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+    for key in ("collided", "teleported"):
+        console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 
 
 def _outcomes(dataset: Dataset) -> dict[str, int]:
@@ -178,6 +182,7 @@ def faults(values: dict[str, Any]) -> list[str]:
         f"episode {episode['scenario']}-{episode['seed']} was left out: {episode['reason']}"
         for episode in values["lost"]
     ]
+    lines += traffic_faults(values["traffic"])
     if not values["samples"]:
         lines.append("no sample was found; `left_out` shows the candidates and why they were left out")
     if values["short"]:

@@ -77,6 +77,7 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         teleported=len(recording.incidents.teleported),
         fix_error_m=[median_error_m(fix, sample.tv_truth) for fix, sample in zip(fixes, samples, strict=True)],
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in samples],
+        traffic=recording.facts,
     )
     run_in_s = study.sensing.tracking.run_in_s
     lengths = (

@@ -15,9 +15,11 @@ from pydantic import ValidationError
 
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
+from isacsim.scenarios.remarks import remarks
 from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.scenarios.sumo_files import with_includes
 from isacsim.traffic.motion_sources import MotionSource, motion_source
+from isacsim.traffic.traffic_facts import TrafficFacts
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
     CLASS_NAMES,
@@ -38,7 +40,7 @@ from labeling.generation.episode import ready, shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
 from labeling.generation.folder import claimed, fingerprint, finish
 from labeling.generation.journal import Journal
-from labeling.generation.log import Entry, Note, overridden
+from labeling.generation.log import Entry, Note
 from labeling.generation.settings import DatasetStudy
 
 
@@ -61,9 +63,8 @@ def generate(
     scenarios = read_scenarios(study, source)
     started = describe(study, scenarios)
     with claimed(out, started):
-        for name, scenario in scenarios.items():
-            if scenario.overridden:
-                feedback.message(overridden(name, scenario.overridden))
+        for remark in (line for scenario in scenarios.values() for line in remarks(scenario)):
+            feedback.message(remark)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -82,10 +83,10 @@ def generate(
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """An episode's shard, and the number of warnings of its simulation."""
+    """An episode's shard, and what became of the demand in its simulation."""
 
     shard: Shard
-    warnings: int
+    traffic: TrafficFacts | None
 
 
 def _add_existing(plan: Plan, jobs: Jobs, shards: ShardIndex) -> None:
@@ -114,7 +115,7 @@ def _run_missing(
             if result is not None:
                 journal.add(result.shard)
                 plan.add(job, result.shard.by_intention)
-                note(log.entry_of(result.shard, outcome, result.warnings))
+                note(log.entry_of(result.shard, outcome, result.traffic))
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
@@ -133,7 +134,7 @@ def _work(
         ready()
         scenario = _load(source, job.where)
         recording = source.record(scenario, job.seed)
-        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
+        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.facts)
     except (InputError, OutputError) as error:
         return error
     except OSError as error:

@@ -43,7 +43,11 @@ def test_a_number_is_not_its_text() -> None:
 
 @pytest.mark.parametrize(
     ("keys", "drawn"),
-    [(("echo", "motorway", 7, 3), 3702209243711890439), (("split", 0), 3889550728869416158), (("it's", -1), 770965992749696183)],
+    [
+        (("echo", "motorway", 7, 3), 3702209243711890439),
+        (("split", 0), 3889550728869416158),
+        (("it's", -1), 770965992749696183),
+    ],
 )
 def test_the_draws_of_stored_datasets_stay(keys: tuple[str | int, ...], drawn: int) -> None:
     assert first(*keys) == drawn

@@ -1,0 +1,34 @@
+"""What the author of a scenario should know before it is used: what is put right, and what is not simulated."""
+
+from __future__ import annotations
+
+from isacsim.scenarios.demand_order import is_put_in_order, read_demand
+from isacsim.scenarios.scenario import Elevation, Scenario
+from isacsim.scenarios.sumo_values import in_full
+
+
+def remarks(scenario: Scenario) -> list[str]:
+    """Return the remarks on a scenario, one line each."""
+    lines = []
+    for file in scenario.demand:
+        content = read_demand(file, scenario.begin_s)
+        if is_put_in_order(content):
+            lines.append(
+                f"{file}: is not sorted by departure: SUMO would leave out {len(content.late)} of its "
+                f"{content.departures} vehicles and flows, the first {content.late[0]!r}; it is given a sorted copy"
+            )
+    if scenario.elevation is not None:
+        lines.append(f"{scenario.network}: {flattened(scenario.elevation)}")
+    if scenario.overridden:
+        options = ", ".join(scenario.overridden)
+        lines.append(f"{scenario.name}: these options of its configuration are not passed to SUMO: {options}")
+    return lines
+
+
+def flattened(elevation: Elevation) -> str:
+    """Return what is not simulated of a network's heights."""
+    low, high = (in_full(round(value, 1)) for value in (elevation.low_m, elevation.high_m))
+    return (
+        f"{elevation.edges} of {elevation.of} edges leave the median height by more than 1 m ({low} to {high} m): the "
+        "network is taken as flat, and sites stand at their height above it"
+    )
