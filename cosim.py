@@ -5,6 +5,7 @@ The packages are imported inside the commands, so that help and usage errors ans
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -344,6 +345,8 @@ def bench(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    # Figures have a canvas of their own. A backend that the caller chose for pyplot need not exist here.
+    os.environ["MPLBACKEND"] = "agg"
     return exit_code(lambda: app(arguments, standalone_mode=False))
 
 

@@ -20,6 +20,7 @@ from pydantic import Field, ValidationError
 from isacsim.errors import InputError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
+from isacsim.scenarios.remarks import remarks
 from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.seeding import stream
 from isacsim.settings import Settings, checked, read_json
@@ -148,6 +149,8 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
+    for remark in remarks(scenario):
+        feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())

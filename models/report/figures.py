@@ -33,6 +33,8 @@ LEAST_WINDOWS = 20
 """Bins of lead time with fewer windows are not drawn."""
 BESIDE: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 """Place of a legend with any number of predictors: beside the axes."""
+BACKEND = ("backend", "backend_fallback")
+"""Settings of matplotlib that choose a backend for pyplot; a figure has a canvas of its own."""
 STYLE: Any = {
     "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#9ca3af", "axes.labelcolor": "#1f2937",
@@ -43,13 +45,20 @@ STYLE: Any = {
 
 
 @contextmanager
-def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure of that size, inches, and write it to `path` at the end."""
-    with mpl.rc_context(STYLE):
+def figure(
+    path: Path, width: float, height: float, style: Mapping[str, Any] = STYLE, dpi: float = 140
+) -> Iterator[Figure]:
+    """Yield an empty figure of that size, inches, and write it to `path` at the end.
+
+    style: what is not matplotlib's default. What the user has set (matplotlibrc, MPLBACKEND, rcParams) has no part in
+    the figure, and holds again afterwards. dpi: pixels per inch.
+    """
+    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in BACKEND}
+    with mpl.rc_context({**defaults, **style}):
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn
-        replace_file(path, lambda partial: drawn.savefig(partial, dpi=140, metadata={"Software": None}))
+        replace_file(path, lambda partial: drawn.savefig(partial, dpi=dpi, metadata={"Software": None}))
 
 
 def spoken(name: str) -> str:
