@@ -251,7 +251,9 @@ def test_a_finished_study_answers_again(
     after = json.loads(printed.out.splitlines()[-1])
     assert {**after, "seconds": 0} == {**before, "seconds": 0}
     assert {path: path.stat().st_mtime_ns for path in tiny.glob("dataset/shards/*")} == shards
-    assert [line for line in printed.err.splitlines() if not line.startswith(("warning: too few", "warning: SUMO"))] == []
+    assert [
+        line for line in printed.err.splitlines() if not line.startswith(("warning: too few", "warning: SUMO"))
+    ] == []
 
 
 def test_another_study_in_the_same_folder_is_refused(

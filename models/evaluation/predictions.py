@@ -115,14 +115,17 @@ def ends_at_lead(records: Records, windows: WindowSettings, lead_s: float) -> En
 def predict(run: Run, records: Records, ends: Ends) -> Predictions:
     """Return the run's predictions on the windows with those ends.
 
-    Raises InputError where the records have other sampling rates than the run was trained on.
+    Raises InputError where the records have other sampling rates than the run was trained on, RunError where an answer
+    is not finite.
     """
     if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
         raise InputError(
             f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, but the dataset has "
             f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset with the same rates"
         )
-    parts = [run.predictor(windows) for windows in batches(records, ends, run.card.settings.windows, BATCH)]
+    parts = [
+        run.predictor(windows).finite(run.path) for windows in batches(records, ends, run.card.settings.windows, BATCH)
+    ]
     table, end_s = records.table.iloc[ends.row], ends.times(records)
     return Predictions(
         outputs=Outputs(

@@ -12,13 +12,21 @@ from typing import Any
 
 import lightning
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from torch.multiprocessing.spawn import ProcessRaisedException
 
 from isacsim.feedback import Feedback
 from models.data.windows import Records
 from models.fit_settings import FitSettings
 from models.networks.checkpoints import HISTORY_FILE, read_tensors
 from models.networks.lightning_checkpoints import Checkpoints
-from models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
+from models.networks.lightning_module import (
+    MONITOR,
+    DivergedError,
+    EpochProgress,
+    History,
+    NetworkModule,
+    WindowData,
+)
 from models.networks.losses import inverse_frequency
 from models.networks.network import WindowNetwork
 
@@ -47,7 +55,7 @@ def fit_network(
 
     training, validation: records of the intentions to learn. folder: the run's, where the history and the checkpoints
     are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
-    can be written.
+    can be written, DivergedError if a loss is not finite.
     """
     # Networks do not look at lanes, and the lookup of lane maps cannot be sent to other processes.
     data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
@@ -97,6 +105,12 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         except SystemExit:
             # Lightning turns Ctrl-C into an exit of its own.
             raise KeyboardInterrupt from None
+        except ProcessRaisedException as error:
+            # Of a process that trained on one of several devices, only the text comes back.
+            name, _, reason = str(error).rstrip().rpartition("\n")[2].partition(": ")
+            if name.endswith(DivergedError.__name__):
+                raise DivergedError(reason) from None
+            raise
     return read_tensors(Path(keeper.best_model_path))
 
 

@@ -19,6 +19,7 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isacsim.arrays import IntArray
+from isacsim.errors import RunError
 from isacsim.feedback import Feedback, Move
 from isacsim.files import replace_file
 from isacsim.seeding import stream
@@ -171,6 +172,10 @@ class WindowBatches(IterableDataset[Batch]):
             yield torch.from_numpy(tv), torch.from_numpy(uv), torch.from_numpy(labels)
 
 
+class DivergedError(RunError):
+    """The loss of a training is not finite."""
+
+
 class NetworkModule(lightning.LightningModule):
     """A network with its loss, its optimiser and its validation macro-F1.
 
@@ -195,16 +200,18 @@ class NetworkModule(lightning.LightningModule):
                 loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
         else:
             loss = self._loss(logits, label)
+        self._refuse_nonfinite(loss, f"batch {k + 1}")
         self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label), sync_dist=self._is_shared)
         return loss
 
-    def validation_step(self, batch: Batch, _: int) -> None:
+    def validation_step(self, batch: Batch, k: int) -> None:
         """Log loss, accuracy and macro-F1 of a batch of validation windows."""
         logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
-        joint = logits["joint"]
+        joint, loss = logits["joint"], self._loss(logits, label)
+        self._refuse_nonfinite(loss, f"validation batch {k + 1}")
         self.f1(joint, label)
         accuracy = (joint.argmax(1) == label).float().mean()
-        for name, value in (("validation_loss", self._loss(logits, label)), ("validation_accuracy", accuracy)):
+        for name, value in (("validation_loss", loss), ("validation_accuracy", accuracy)):
             self.log(name, value, batch_size=len(label), sync_dist=self._is_shared)
         self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
 
@@ -233,6 +240,16 @@ class NetworkModule(lightning.LightningModule):
     def _is_shared(self) -> bool:
         """Whether several devices share each batch."""
         return self.trainer.world_size > 1
+
+    def _refuse_nonfinite(self, loss: Tensor, batch: str) -> None:
+        """Raise DivergedError where a loss is NaN or infinite: whatever is learnt from it on is, too."""
+        if not torch.isfinite(loss):
+            optimiser = self.settings.optimiser
+            unclipped = "" if optimiser.clip_norm else ", and clip gradients (clip_norm = 1)"
+            raise DivergedError(
+                f"{self.settings.model}: the loss of {batch} in epoch {self.current_epoch + 1} is {loss.item()}, so the "
+                f"training stopped; lower training.optimiser.learning_rate, now {optimiser.learning_rate}{unclipped}"
+            )
 
     def _loss(self, logits: dict[str, Tensor], label: Tensor) -> Tensor:
         return self.network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)

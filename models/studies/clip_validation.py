@@ -19,7 +19,7 @@ from sklearn.model_selection import StratifiedKFold
 from torch import Tensor
 
 from isacsim.arrays import IntArray
-from isacsim.errors import InputError
+from isacsim.errors import InputError, RunError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from models.data.clips import Clip, ClipBatch, batch, load_clips
@@ -147,6 +147,11 @@ def _trained(clips: list[Clip], settings: ClipSettings, fold: int) -> Castformer
             drawn = batch(members, settings.frames, settings.seed, fold, epoch)
             outputs = network.training_logits(*_tensors(drawn))
             loss = castformer_loss(outputs, torch.from_numpy(drawn.label), None, settings.castformer.alpha)
+            if not torch.isfinite(loss):
+                raise RunError(
+                    f"clips: a loss in epoch {epoch + 1} of fold {fold + 1} is {loss.item()}, so the training stopped; "
+                    f"lower learning_rate, now {settings.learning_rate}"
+                )
             adam.zero_grad()
             torch.autograd.backward(loss)
             adam.step()

@@ -110,7 +110,7 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     validation = records.take(offered & np.isin(records.groups, card.split["validation"]))
     windows = card.settings.windows
     ends = draw_ends(validation, windows, "validation", card.settings.seed, per_record=card.settings.validation_ends)
-    parts = [run.predictor(batch) for batch in batches(validation, ends, windows, BATCH)]
+    parts = [run.predictor(batch).finite(folder) for batch in batches(validation, ends, windows, BATCH)]
     outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
     known = np.isin(validation.label[ends.row], KNOWN)
     values = {name: score(outputs) for name, score in open_set.of_run(run).items()}
@@ -162,7 +162,7 @@ def _begin(folder: Path, card: RunCard) -> bool:
 def _write_reference(predictor: Predictor, task: FitTask) -> None:
     """Write the features and the label of a window of each training record, of at most REFERENCE_WINDOWS."""
     ends = draw_ends(task.training, task.settings.windows, "reference", task.settings.seed)[:REFERENCE_WINDOWS]
-    features = np.concatenate([predictor(batch).features for batch in task.batches(ends, BATCH)])
+    features = np.concatenate([predictor(batch).finite(task.folder).features for batch in task.batches(ends, BATCH)])
     label = task.training.label[ends.row]
     replace_file(
         task.folder / REFERENCE_FILE,
