@@ -37,6 +37,7 @@ from distributed import Client
 
 from benchmarks.scaling import MIB, apart, peak_memory
 from isacsim.feedback import Feedback
+from isacsim.files import json_text
 from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
@@ -244,4 +245,4 @@ if __name__ == "__main__":
     parser.add_argument("--episodes", type=int, default=EPISODES, help="0 leaves the cluster out")
     parser.add_argument("--shards", type=int, nargs="*", default=LISTED)
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.cluster").run(**vars(parser.parse_args())), indent=2))
+    print(json_text(importlib.import_module("benchmarks.cluster").run(**vars(parser.parse_args())), 2))

@@ -12,7 +12,6 @@ Run: python -m benchmarks.echo
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +21,7 @@ import torch
 
 from benchmarks.ratios import Ratio
 from isacsim.arrays import Array
+from isacsim.files import json_text
 from isacsim.radio.bounds import cell_bound
 from isacsim.radio.echo_tensor import observe_tensor
 from isacsim.radio.estimation import Estimates
@@ -174,4 +174,4 @@ def _gpu(waveform: Waveform) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -12,7 +12,6 @@ The first two run on one thread. Run: python -m benchmarks.generate
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks import scaling
 from benchmarks.echo import record_s
 from benchmarks.ratios import Ratio
+from isacsim.files import json_text
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.simulation import record
 from labeling.dataset.dataset import Episode, write_shard
@@ -98,4 +98,4 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     # Imported by name, so that other processes find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.generate").run(), indent=2))
+    print(json_text(importlib.import_module("benchmarks.generate").run(), 2))

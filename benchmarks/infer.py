@@ -8,7 +8,6 @@ Run: python -m benchmarks.infer
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -18,6 +17,7 @@ import torch
 
 from benchmarks.ratios import Ratio
 from benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
+from isacsim.files import json_text
 from models.data.windows import WindowSettings, in_frame
 from models.predictors.aligned import AlignedPredictor
 from models.predictors.asi_bip import AsiBip, AsiBipPredictor, AsiBipSettings
@@ -94,4 +94,4 @@ def _milliseconds(answer: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -8,11 +8,10 @@ Run: python -m benchmarks.interval_coverage
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from isacsim.arrays import Array
+from isacsim.files import json_text
 from models.evaluation import metrics
 from models.evaluation.intervals import jackknife_half_width
 
@@ -96,7 +95,7 @@ def main() -> None:
             "jackknife_of_difference": coverage_of_difference(groups, 4000),
             "bootstrap": coverage_of_bootstrap(groups, 2000),
         }
-        print(json.dumps({"seeds": groups, **{name: round(share, 3) for name, share in shares.items()}}))
+        print(json_text({"seeds": groups, **{name: round(share, 3) for name, share in shares.items()}}))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ Run: python -m benchmarks.kinematic_calibration [--episodes N] [--test-episodes 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -27,6 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from isacsim.arrays import Array
 from isacsim.feedback import SILENT
+from isacsim.files import json_text
 from isacsim.settings import checked
 from isacsim.traffic import motion
 from isacsim.traffic.kinematics import SCENARIO, KinematicSource
@@ -180,7 +180,7 @@ def main() -> None:
     study, settings = checked(DatasetStudy, content, "arguments"), checked(TrainSettings, training, "arguments")
     with threadpool_limits(1):
         result = run(study, settings, arguments.episodes, arguments.test_episodes, arguments.folder)
-        print(json.dumps(result), flush=True)
+        print(json_text(result), flush=True)
 
 
 if __name__ == "__main__":

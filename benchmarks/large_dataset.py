@@ -14,7 +14,6 @@ Run: python -m benchmarks.large_dataset [SAMPLES, 4000 if not given] [--disk-onl
 from __future__ import annotations
 
 import importlib
-import json
 import multiprocessing
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.memory import QUANTITIES, peaks, sampled
+from isacsim.files import json_text
 from isacsim.seeding import stream
 from labeling.dataset.dataset import (
     Dataset,
@@ -137,4 +137,4 @@ if __name__ == "__main__":
     kinds = ("disk",) if "--disk-only" in sys.argv else ("memory", "disk")
     # Imported by name, so that other processes find the functions that are sent to them.
     module = importlib.import_module("benchmarks.large_dataset")
-    print(json.dumps(module.run(*map(int, words[:1]), kinds=kinds), indent=2))
+    print(json_text(module.run(*map(int, words[:1]), kinds=kinds), 2))

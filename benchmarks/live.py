@@ -9,7 +9,6 @@ Run: python -m benchmarks.live
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from benchmarks.ratios import Ratio
 from isacsim.arrays import Array
+from isacsim.files import json_text
 from isacsim.scenarios.scenario import Scenario, Site
 from labeling.generation.settings import DatasetStudy
 from labeling.intentions import KNOWN
@@ -154,4 +154,4 @@ def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -10,7 +10,6 @@ Run: python -m benchmarks.origins DATASET OUT [--model trees] [--folds N] [--epo
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from rich.table import Table
 from command_line.progress import ConsoleFeedback
 from isacsim.arrays import BoolArray, IntArray
 from isacsim.feedback import Feedback
-from isacsim.files import write_json
+from isacsim.files import json_text, write_json
 from isacsim.seeding import stream
 from isacsim.settings import checked
 from isacsim.versions import OF_RUNS, versions
@@ -158,7 +157,7 @@ def main() -> None:
     feedback = ConsoleFeedback(Console(stderr=True))
     result = run(Records.of(opened), made_of, arguments.out, settings, arguments.folds, feedback)
     write_json(arguments.out / "origins.json", result)
-    Console(width=140).print(table(result), json.dumps(result["intentions"]))
+    Console(width=140).print(table(result), json_text(result["intentions"]))
 
 
 if __name__ == "__main__":

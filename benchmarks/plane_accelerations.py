@@ -9,13 +9,13 @@ Run: python -m benchmarks.plane_accelerations SCENARIO ...
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from isacsim.files import json_text
 from isacsim.scenarios.scenario import load
 from isacsim.traffic.director import ManeuverSettings
 from isacsim.traffic.motion import MotionSettings, across_travel, on_rounded_road, states
@@ -79,7 +79,7 @@ def _peak_across(recording: Recording, sample: Candidate, motion: MotionSettings
 
 def run(scenarios: Sequence[str]) -> None:
     for where in scenarios:
-        print(json.dumps(measured(where)), flush=True)
+        print(json_text(measured(where)), flush=True)
 
 
 if __name__ == "__main__":

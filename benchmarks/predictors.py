@@ -33,7 +33,7 @@ from rich.console import Console
 from command_line.progress import ConsoleFeedback
 from isacsim.errors import InputError, RunError
 from isacsim.feedback import SILENT, Feedback
-from isacsim.files import write_json
+from isacsim.files import json_text, write_json
 from isacsim.versions import OF_RUNS, versions
 from labeling.dataset.dataset import Dataset
 from labeling.generation.engine import Engine, LocalEngine
@@ -360,7 +360,7 @@ def main() -> None:
         LocalEngine(arguments.jobs),
         ConsoleFeedback(Console(stderr=True)),
     )
-    print(json.dumps(result, indent=1))
+    print(json_text(result, 1))
 
 
 if __name__ == "__main__":

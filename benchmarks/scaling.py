@@ -27,6 +27,7 @@ import numpy as np
 import psutil
 
 from isacsim.feedback import Feedback
+from isacsim.files import json_text
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.motion_sources import SumoSource
 from isacsim.traffic.recording import Recording
@@ -194,4 +195,4 @@ def _spread(rates: Sequence[float]) -> float:
 
 if __name__ == "__main__":
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.scaling").run(), indent=2))
+    print(json_text(importlib.import_module("benchmarks.scaling").run(), 2))

@@ -11,7 +11,6 @@ Run: python -m benchmarks.task_sizes
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
@@ -20,6 +19,7 @@ from distributed.protocol.pickle import dumps
 
 from benchmarks.cluster import SCENARIO, synthetic_shard
 from benchmarks.large_dataset import write_made_up
+from isacsim.files import json_text
 from isacsim.traffic.motion_sources import motion_source
 from labeling.dataset.dataset import Dataset, ShardIndex, read_meta, write_roads
 from labeling.generation.engine import Item, Outcome, Result, _Attempt, _try
@@ -121,4 +121,4 @@ def made_up(folder: Path) -> Dataset:
 
 
 if __name__ == "__main__":
-    print(json.dumps(importlib.import_module("benchmarks.task_sizes").run(), indent=2))
+    print(json_text(importlib.import_module("benchmarks.task_sizes").run(), 2))

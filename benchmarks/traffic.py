@@ -11,7 +11,6 @@ Run: python -m benchmarks.traffic
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ratios import Ratio
+from isacsim.files import json_text
 from isacsim.scenarios.scenario import load
 from isacsim.seeding import stream
 from isacsim.traffic.director import Director, ManeuverSettings
@@ -112,4 +112,4 @@ def simulate(traffic: TrafficSettings, record: bool) -> Spent:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -19,7 +19,6 @@ Run: python -m benchmarks.train
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -30,6 +29,7 @@ import torch
 
 from benchmarks import environment
 from benchmarks.ratios import Ratio
+from isacsim.files import json_text
 from models.data.windows import Ends, Records, WindowSettings, cut
 from models.fit_settings import OptimiserSettings
 from models.networks.losses import focal_loss
@@ -146,4 +146,4 @@ def _seconds(step: Callable[[], None], count: int) -> float:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

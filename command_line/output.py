@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from rich.console import Console
 
 from command_line.progress import ConsoleFeedback, print_line
 from isacsim.errors import InputError, RunError
+from isacsim.files import json_text
 
 if TYPE_CHECKING:
     from isacsim.scenarios.making import NewScenario
@@ -35,7 +35,7 @@ def feedback_of(console: Console, verbose: bool = False) -> ConsoleFeedback:
 def print_json(as_json: bool, result: dict[str, Any]) -> None:
     """Print the result of a command as one line of JSON, if that was asked for."""
     if as_json:
-        print(json.dumps(result))
+        print(json_text(result))
 
 
 def fail_if_incomplete(result: dict[str, Any]) -> None:
@@ -93,7 +93,7 @@ def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None
 def show_bench(result: dict[str, Any], console: Console) -> None:
     """Show the result of one benchmark, or the table of all of them."""
     if "table" not in result:
-        console.print_json(data=result)
+        console.print_json(json_text(result))
         return
     from benchmarks.ratios import Row, as_markdown
 

@@ -247,7 +247,7 @@ class NetworkModule(lightning.LightningModule):
             optimiser = self.settings.optimiser
             unclipped = "" if optimiser.clip_norm else ", and clip gradients (clip_norm = 1)"
             raise DivergedError(
-                f"{self.settings.model}: the loss of {batch} in epoch {self.current_epoch + 1} is {loss.item()}, so the "
+                f"{self.settings.model}: the loss of {batch} in epoch {self.current_epoch + 1} is {loss.item()}: the "
                 f"training stopped; lower training.optimiser.learning_rate, now {optimiser.learning_rate}{unclipped}"
             )
 

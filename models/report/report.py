@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import html
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isacsim.arrays import Array
-from isacsim.files import replace_file
+from isacsim.files import json_text, replace_file
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, fitting
 from models.evaluation.evaluation import Evaluation
@@ -120,7 +119,7 @@ commits is prediction; one that ends after it, recognition.</p>
 {_html_verdict(result)}
 {_html_passing(result)}
 {figures}
-{html_page.made_by(json.dumps(made_by.model_dump(mode="json"), indent=1))}"""
+{html_page.made_by(json_text(made_by.model_dump(mode="json"), 1))}"""
     return html_page.document(f"{result.name} on unseen traffic", body)
 
 

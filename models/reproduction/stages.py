@@ -18,7 +18,7 @@ from typing import Any
 
 from isacsim.errors import InputError
 from isacsim.feedback import Feedback
-from isacsim.files import claim, replace_file, write_json
+from isacsim.files import claim, json_text, replace_file, write_json
 from isacsim.settings import Settings
 from isacsim.versions import OF_RUNS, versions
 from models.training.progress import Steps
@@ -137,7 +137,7 @@ def run_stages(
             with steps.step(title, duration_s, file.is_file()):
                 if not file.is_file():
                     # Without line breaks: matrices would take a line for every number.
-                    content = json.dumps(stage.run()) + "\n"
+                    content = json_text(stage.run()) + "\n"
                     replace_file(file, partial(Path.write_text, data=content, encoding="utf-8"))
 
 

@@ -8,7 +8,6 @@ Run: python -m models.studies.clip_validation FOLDER
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 
@@ -20,6 +19,7 @@ from torch import Tensor
 
 from isacsim.arrays import IntArray
 from isacsim.errors import InputError, RunError
+from isacsim.files import json_text
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 from models.data.clips import Clip, ClipBatch, batch, load_clips
@@ -165,4 +165,4 @@ def _tensors(clips: ClipBatch) -> tuple[Tensor, Tensor, Tensor]:
 if __name__ == "__main__":
     default_settings = ClipSettings()
     result = cross_validate(load_clips(sys.argv[1], default_settings.classes), default_settings)
-    print(json.dumps(result.model_dump(mode="json"), indent=1))
+    print(json_text(result.model_dump(mode="json"), 1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pandas as pd
 from rich import box
 from rich.table import Table
 
-from isacsim.files import replace_file, write_json
+from isacsim.files import json_text, replace_file, write_json
 from models.evaluation.metrics import spread
 from models.evaluation.results import ComparedResult, EvaluationResult, PredictorResult, RunResult, ScoreName
 from models.evaluation.score_results import Interval, PairedDifference
@@ -215,5 +214,5 @@ same windows before the commit; its interval is a t interval of the delete-one j
             for failed in result.failed
         )
         body += f"<h2>Left out</h2><ul>{reasons}</ul>"
-    body += html_page.made_by(json.dumps(result.made_by.model_dump(mode="json"), indent=1))
+    body += html_page.made_by(json_text(result.made_by.model_dump(mode="json"), 1))
     return html_page.document(f"Sweep {result.study}", body)

@@ -6,7 +6,9 @@ import importlib
 import pytest
 
 
-@pytest.mark.parametrize("name", ["radio.channel", "radio.cross_section", "radio.waveform"])
+@pytest.mark.parametrize(
+    "name", ["files", "radio.channel", "radio.cross_section", "radio.waveform", "scenarios.sumo_values"]
+)
 def test_examples(name: str) -> None:
     results = doctest.testmod(importlib.import_module(f"isacsim.{name}"))
     assert results.attempted > 0

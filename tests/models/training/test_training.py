@@ -294,7 +294,7 @@ def test_a_training_that_diverges_ends_in_one_line(records: Records, tmp_path: P
     settings = TrainSettings.model_validate({**content, "optimiser": {**content["optimiser"], **wild}})
     with pytest.raises(
         RunError,
-        match=r"asi-bip: the loss of (validation )?batch \d+ in epoch 1 is (nan|inf), so the training stopped; lower "
+        match=r"asi-bip: the loss of (validation )?batch \d+ in epoch 1 is (nan|inf): the training stopped; lower "
         r"training\.optimiser\.learning_rate, now 1e\+30, and clip gradients \(clip_norm = 1\)$",
     ):
         train_records(records, MADE_OF, tmp_path / "run", settings)
