@@ -209,17 +209,14 @@ def train(
 
     Repeat the command to continue an interrupted training.
     """
+    from command_line.training import train_and_show
     from isacsim.settings import checked
-    from labeling.dataset.dataset import Dataset
     from models.settings import TrainSettings
-    from models.training.training import train as train_predictor
 
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")
-    console = output.console_of(quiet)
-    trained = train_predictor(Dataset.open(dataset), out, settings, output.feedback_of(console))
-    output.print_json(as_json, output.show_run(trained, console))
+    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet)))
 
 
 @app.command(

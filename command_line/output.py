@@ -55,8 +55,13 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     content = summary(dataset)
     show(content, console)
     for fault in faults(content):
-        print(f"warning: {fault}", file=sys.stderr)
+        warn(fault)
     return content
+
+
+def warn(line: str) -> None:
+    """Print a warning on standard error, also where the console is quiet."""
+    print(f"warning: {line}", file=sys.stderr)
 
 
 def show_scenario(scenario: NewScenario, console: Console) -> dict[str, Any]:
@@ -72,11 +77,19 @@ def show_scenario(scenario: NewScenario, console: Console) -> dict[str, Any]:
 
 def show_run(run: Run, console: Console) -> dict[str, Any]:
     """Show how a training ended. Returns what `--json` prints."""
+    from labeling.intentions import over_text
+
     card = run.card
     if card.validation_macro_f1 is not None:
-        best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}"
+        over = over_text(card.validated, card.classes)
+        best = f"best epoch {card.best_epoch}, validation macro-F1 {card.validation_macro_f1:.3f}{over}"
         print_line(console, f"{best}, {card.parameters} parameters")
-    return {"run": str(run.path), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
+    return {
+        "run": str(run.path),
+        "best_epoch": card.best_epoch,
+        "validation_macro_f1": card.validation_macro_f1,
+        "validation_macro_f1_over": card.validated,
+    }
 
 
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:

@@ -37,10 +37,10 @@ class RunCard(Settings):
     """The content of `run.json`.
 
     classes: the intentions, in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training
-    records per class. tv_length, uv_length: samples per window. dataset: its digest and study. best_epoch, parameters,
-    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the
-    one that best separated `following` from the known intentions on the validation seeds; validation_auroc has the
-    AUROC of each.
+    records per class. validation_counts: validation records per class; None on cards of earlier versions. tv_length,
+    uv_length: samples per window. dataset: its digest and study. best_epoch, parameters, validation_macro_f1,
+    lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the one that best
+    separated `following` from the known intentions on the validation seeds; validation_auroc has the AUROC of each.
     unknown_threshold: windows that score below it are rejected; 95 % of the known validation windows score above it.
     temperature: logits are divided by it for calibrated probabilities; it is fitted on the validation seeds.
     """
@@ -51,6 +51,7 @@ class RunCard(Settings):
     classes: tuple[str, ...]
     split: dict[str, list[str]]
     counts: dict[str, int]
+    validation_counts: dict[str, int] | None = None
     tv_length: int
     uv_length: int
     tv_rate_hz: float
@@ -65,6 +66,13 @@ class RunCard(Settings):
     unknown_threshold: float | None = None
     temperature: float = 1.0
     validation_auroc: dict[str, float] = Field(default_factory=dict)
+
+    @property
+    def validated(self) -> list[str] | None:
+        """The classes that the validation records hold; None if the card does not say."""
+        if self.validation_counts is None:
+            return None
+        return [name for name in self.classes if self.validation_counts.get(name)]
 
     @property
     def shape(self) -> WindowShape:

@@ -212,10 +212,10 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
             predictions.lead_s[known],
             label,
             predicted,
-            len(classes),
+            classes,
             unknown.separation_of_rows(chosen[known], chosen[predictions.unknown]),
         ),
-        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, len(classes)),
+        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, classes),
     )
 
 

@@ -15,6 +15,7 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from torch.multiprocessing.spawn import ProcessRaisedException
 
 from isacsim.feedback import Feedback
+from labeling.intentions import KNOWN, over_text
 from models.data.windows import Records
 from models.fit_settings import FitSettings
 from models.networks.checkpoints import HISTORY_FILE, read_tensors
@@ -88,7 +89,7 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         History(folder / HISTORY_FILE),
         EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
         keeper,
-        EpochProgress(feedback, module.settings.model, MONITOR),
+        EpochProgress(feedback, module.settings.model, MONITOR, over_text(data.validated, KNOWN)),
     ]
     last = checkpoints / "last.ckpt"
     with _quiet():

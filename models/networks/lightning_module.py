@@ -23,6 +23,7 @@ from isacsim.errors import RunError
 from isacsim.feedback import Feedback, Move
 from isacsim.files import replace_file
 from isacsim.seeding import stream
+from labeling.intentions import KNOWN, Intention
 from models.data.augment import AugmentSettings, augmented
 from models.data.pre_onset import pre_onset_windows
 from models.data.windows import Ends, Records, Windows, cut, draw_ends
@@ -53,6 +54,12 @@ class WindowData(lightning.LightningDataModule):
         self.fixed = draw_ends(
             validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
         )
+
+    @property
+    def validated(self) -> list[Intention]:
+        """The intentions that have a validation window."""
+        present = set(self.validation.label[self.fixed.row].tolist())
+        return [intention for intention in KNOWN if intention in present]
 
     def first_windows(self) -> tuple[Tensor, Tensor]:
         """Return windows of the first epoch to standardise by, at most SCALE_WINDOWS: (n, 6, T) and (n, 6, U)."""
@@ -289,11 +296,11 @@ class History(Callback):
 class EpochProgress(Callback):
     """The progress bar of a training: the batches that are done, with epoch and score beside it.
 
-    name: of the predictor. monitor: the score that is shown.
+    name: of the predictor. monitor: the score that is shown. over: over which intentions it is a mean, if not all.
     """
 
-    def __init__(self, feedback: Feedback, name: str, monitor: str) -> None:
-        self.feedback, self.name, self.monitor = feedback, name, monitor
+    def __init__(self, feedback: Feedback, name: str, monitor: str, over: str = "") -> None:
+        self.feedback, self.name, self.monitor, self.over = feedback, name, monitor, over
         self.bar = ExitStack()
         self.move: Move | None = None
         self.done, self.total, self.note = 0, 1, ""
@@ -317,7 +324,9 @@ class EpochProgress(Callback):
         """Show the score of the epoch."""
         score = trainer.callback_metrics.get(self.monitor)
         if score is not None:
-            self.note = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}"
+            self.note = (
+                f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}{self.over}"
+            )
             self._show()
 
     def on_train_end(self, *_: Any) -> None:

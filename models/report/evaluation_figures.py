@@ -10,6 +10,7 @@ from sklearn.metrics import roc_curve
 
 from isacsim.arrays import Array
 from isacsim.errors import InputError
+from labeling.intentions import over_text
 from models.evaluation import repeats
 from models.evaluation.evaluation import Evaluation
 from models.evaluation.repeats import Measured
@@ -45,7 +46,8 @@ def draw_figures(evaluation: Evaluation, folder: Path) -> None:
     if curves := {name: answer.reliability for name, answer in trained.items() if answer is not None}:
         figures.reliability(curves, folder / "passing.png")
     if (run.path / HISTORY_FILE).exists():
-        figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png")
+        over = over_text(run.card.validated, run.card.classes)
+        figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png", over)
 
 
 def read_history(path: Path) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from models.reproduction import castformer_variants as variants
 from models.reproduction import drawings
 from models.reproduction.castformer_claims import castformer_claims
 from models.reproduction.claims import Claim
-from models.reproduction.estimates import Trainings, maneuver_f1, pooled, score
+from models.reproduction.estimates import Trainings, class_mean, maneuver_f1, pooled
 from models.reproduction.pages import FIGURES, Part, Row, claims_part
 from models.reproduction.paper_figures import ABLATION, HORIZON, HORIZONS_S, ORDERS, contradictions, end_of
 from models.reproduction.stages import result_of
@@ -111,7 +111,7 @@ def _table(out: Path, stage: str, measured: Sequence[Measured]) -> Part:
     curves: dict[str, list[float]] = {}
     reference: dict[str, list[float]] = {}
     for row in measured:
-        scores = {h: score(maneuver_f1, row.at(h)) for h in HORIZONS_S}
+        scores = {h: class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S}
         cells: dict[str, Any] = {"network": row.title}
         for k, h in enumerate(HORIZONS_S):
             if row.name in paper:
@@ -145,7 +145,7 @@ def _compared(out: Path) -> Part | None:
                 "parameters": row.scores[0].parameters,
                 "processor time of a training, s": float(np.mean([fold.cpu_s for fold in row.scores])),
                 "time of a prediction, ms": float(np.mean(window_ms)) if window_ms else None,
-                **{f"F1: {end_of(h)}": score(maneuver_f1, row.at(h)) for h in HORIZONS_S},
+                **{f"F1: {end_of(h)}": class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S},
             }
         )
     text = (

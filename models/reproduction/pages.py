@@ -91,7 +91,8 @@ def text_of(cell: Cell) -> str:
             return NO_VALUE
         spread = "" if cell.sd is None else f" ±{cell.sd:.3f}"
         interval = "" if cell.low is None or cell.high is None else f" ({cell.low:.3f} to {cell.high:.3f})"
-        return f"{cell.value:.3f}{spread}{interval}"
+        over = "" if cell.over is None else f" over {cell.over[0]} of {cell.over[1]} intentions"
+        return f"{cell.value:.3f}{spread}{interval}{over}"
     if cell is None:
         return NO_VALUE
     return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
@@ -102,6 +103,8 @@ def _flat(row: Row) -> dict[str, str | float | int]:
     for name, cell in row.items():
         if isinstance(cell, Estimate):
             numbers = {"": cell.value, " low": cell.low, " high": cell.high, " sd": cell.sd}
+            if cell.over is not None:
+                numbers[" over intentions"] = cell.over[0]
             flat |= {f"{name}{end}": "" if number is None else round(number, 6) for end, number in numbers.items()}
         else:
             flat[name] = "" if cell is None else cell

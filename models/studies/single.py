@@ -21,6 +21,7 @@ from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, write_json
 from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
+from models.evaluation.coverage import lacking
 from models.evaluation.evaluation import evaluate
 from models.evaluation.results import EvaluationResult
 from models.report.report import write_report
@@ -38,6 +39,8 @@ def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
     """
     with claim_study(out, study):
         dataset = generate(study.dataset, out / "dataset", engine, feedback)
+        for line in lacking(dataset, study.training, study.evaluation):
+            feedback.message(f"warning: {line}")
         trained = train(dataset, out / "run", study.training, feedback)
         floor = train(dataset, out / "floor", study.floor, feedback)
         evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])

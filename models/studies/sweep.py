@@ -17,8 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from isacsim.errors import InputError, OutputError, RunError
 from isacsim.feedback import SILENT, Feedback
 from isacsim.versions import OF_RUNS, versions
@@ -29,7 +27,8 @@ from labeling.generation.generate import generate
 from labeling.generation.kept_workers import kept_running
 from labeling.generation.resense import ResenseSettings, resense
 from labeling.generation.settings import DatasetStudy
-from models.data.windows import COLUMNS, Records, SplitSettings, split
+from models.data.windows import SplitSettings, split
+from models.evaluation.coverage import lacking, records_without_states
 from models.evaluation.results import EvaluationResult, read_metrics
 from models.report.report import PAGE
 from models.roles import FLOOR
@@ -95,6 +94,8 @@ class Sweep:
                 cells = [cell for cell in self.study.cells if cell.network == network]
                 self._leave_out(cells, self.axes.training_seeds, describe(error))
                 continue
+            for line in lacking(generated, self.study.training, self.study.evaluation, self.sides[network]):
+                self.feedback.message(f"warning: {network}: {line}")
             self._sense(network, study, generated)
 
     def measure_cells(self) -> None:
@@ -255,10 +256,8 @@ def shared_split(dataset: Dataset, settings: SplitSettings) -> dict[str, list[st
 
     Raises RunError where the dataset has too few seeds.
     """
-    table = dataset.frame(COLUMNS)
-    no_states = np.empty((len(table), 6, 0), np.float32)
     try:
-        return split(Records(no_states, no_states, dataset.meta.tv_rate_hz, dataset.meta.uv_rate_hz, table), settings)
+        return split(records_without_states(dataset), settings)
     except InputError as error:
         raise RunError(str(error)) from None
 

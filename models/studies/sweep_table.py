@@ -11,6 +11,7 @@ from rich import box
 from rich.table import Table
 
 from isacsim.files import json_text, replace_file, write_json
+from labeling.intentions import KNOWN
 from models.evaluation.metrics import spread
 from models.evaluation.results import ComparedResult, EvaluationResult, PredictorResult, RunResult, ScoreName
 from models.evaluation.score_results import Interval, PairedDifference
@@ -57,8 +58,10 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
         before_commit_windows=None if result.before_commit is None else result.before_commit.n,
         before_commit_macro_f1=early.mean,
         before_commit_macro_f1_sd=early.sd,
+        before_commit_macro_f1_over=None if result.before_commit is None else len(result.before_commit.macro_f1_over),
         macro_f1=macro_f1.mean,
         macro_f1_sd=macro_f1.sd,
+        macro_f1_over=None if result.macro_f1_over is None else len(result.macro_f1_over),
         accuracy=accuracy.mean,
         accuracy_sd=accuracy.sd,
         auroc_unknown=auroc.mean,
@@ -170,7 +173,9 @@ def _score(row: SweepRow, name: ScoreName) -> str:
     mean, deviation = row.score(name)
     if mean is None:
         return "-"
-    return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}"
+    over = row.over(name)
+    of_fewer = "" if over is None or over == len(KNOWN) else f" over {over} of {len(KNOWN)}"
+    return (f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}") + of_fewer
 
 
 def _ahead(row: SweepRow) -> str:
@@ -200,7 +205,8 @@ def _page(result: SweepResult, report: Path) -> str:
     ]  # fmt: skip
     body = f"""<p>Measured on scenario seeds that were used neither for training nor for any choice, the same in all
 cells of a network. Scores are means over training seeds, ± their standard deviation. Windows that end before the
-maneuver commits are predicted, the others only recognised. The difference to the macro-F1 of the trees is paired on the
+maneuver commits are predicted, the others only recognised. A macro-F1 is the mean over all intentions, or over as many
+as stand beside it. The difference to the macro-F1 of the trees is paired on the
 same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds.</p>
 {html_page.table(head, lines)}
 """

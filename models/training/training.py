@@ -132,11 +132,13 @@ def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, si
     n_tv, n_uv = lengths(records, settings.windows)
     side = np.isin(records.groups, sides["train"])
     label = records.label[side & (_is_taught(records, settings) | (records.label == Intention.FOLLOWING))]
+    validated = records.label[np.isin(records.groups, sides["validation"]) & _is_taught(records, settings)]
     if len(np.intersect1d(label, KNOWN)) < 2:
         raise InputError("the dataset's training seeds hold fewer than two known intentions: generate more seeds")
     return RunCard(
         complete=False, settings=settings, classes=tuple(i.text for i in KNOWN), split=sides,
-        counts={i.text: int((label == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
+        counts={i.text: int((label == i).sum()) for i in KNOWN},
+        validation_counts={i.text: int((validated == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
         tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(OF_RUNS),
     )  # fmt: skip
 
