@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from command_line import options as opt
-from command_line import output
-from command_line.help import HelpfulCommand, examples
+from isac_cosim.command_line import options as opt
+from isac_cosim.command_line import output
+from isac_cosim.command_line.help import HelpfulCommand, examples
 
 network_app = typer.Typer(help="Make a scenario from a map, or from a network without base-station sites.")
 
@@ -35,8 +35,8 @@ def network_import(
     quiet: opt.Quiet = False,
 ) -> None:
     """Make a scenario from a map: network, demand, and sites along the roads."""
-    from command_line.arguments import box_of
-    from isacsim.scenarios.making import import_map
+    from isac_cosim.command_line.arguments import box_of
+    from isac_cosim.isacsim.scenarios.making import import_map
 
     part = None if box is None else box_of(box)
     placement = opt.placement_of(spacing, set_back, height, vehicles)
@@ -64,7 +64,7 @@ def network_sites(
 
     Nothing is written beside the original.
     """
-    from isacsim.scenarios.making import add_sites
+    from isac_cosim.isacsim.scenarios.making import add_sites
 
     new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
     output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import sumo
 
-from isacsim.arrays import Array
-from isacsim.scenarios.demand import drivers
-from isacsim.scenarios.scenario import read_network
-from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import is_lefthand, write_lines
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.demand import drivers
+from isac_cosim.isacsim.scenarios.scenario import read_network
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
+from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand, write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)

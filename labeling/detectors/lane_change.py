@@ -8,11 +8,11 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.protocol import VehicleView
-from labeling.detectors.threshold_crossings import first_below, intervals_above
-from labeling.intentions import LANE_CHANGES, Event, Intention
-from labeling.road.road_motion import Crossing, RoadMotion
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.detectors.threshold_crossings import first_below, intervals_above
+from isac_cosim.labeling.intentions import LANE_CHANGES, Event, Intention
+from isac_cosim.labeling.road.road_motion import Crossing, RoadMotion
 
 
 class LaneChangeSettings(Settings):
@@ -59,8 +59,8 @@ class LaneChangeDetector:
 
     A vehicle moves one lane to the left, 3.2 m within four seconds:
 
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> changing = ScriptedVehicle("tv", lateral=[(10, 0.0), (14, 3.2)])
     >>> [change] = LaneChangeDetector(LaneChangeSettings()).detect(vehicle_view(straight_road(changing), "tv"))
     >>> change.intention.text, round(change.onset, 1), round(change.commit, 1), round(change.end, 1)

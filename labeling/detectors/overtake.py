@@ -9,10 +9,10 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.protocol import VehicleView
-from labeling.intentions import Event, Intention, outward
-from labeling.road.surroundings import Surroundings
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.intentions import Event, Intention, outward
+from isac_cosim.labeling.road.surroundings import Surroundings
 
 Verdict = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
 
@@ -66,9 +66,9 @@ class OvertakeDetector:
     A vehicle pulls out at 10 s, passes a slower one, and returns at 24 s:
 
     >>> from dataclasses import replace
-    >>> from labeling.detectors.lane_change import LaneChangeDetector, LaneChangeSettings
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.lane_change import LaneChangeDetector, LaneChangeSettings
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> fast = ScriptedVehicle("tv", speed=32.0, lateral=[(10, 0.0), (14, 3.2), (24, 3.2), (28, 0.0)])
     >>> slow = ScriptedVehicle("uv", speed=24.0, start_m=120.0)
     >>> view = vehicle_view(straight_road(fast, slow), "tv")

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from isacsim.sensors import SENSORS
-from isacsim.traffic.motion_sources import motion_source
-from labeling.generation.settings import DatasetStudy
-from labeling.intentions import KNOWN
+from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.traffic.sources.registry import motion_source
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.intentions import KNOWN
 
 SENSED_S = 23e-6
 """Processor time per sensing instant, s."""

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import overload
 
-from labeling.dataset.dataset import Lost
-from labeling.generation.settings import SeedRange, SelectionSettings
-from labeling.intentions import KNOWN
+from isac_cosim.labeling.dataset.dataset import Lost
+from isac_cosim.labeling.generation.settings import SeedRange, SelectionSettings
+from isac_cosim.labeling.intentions import KNOWN
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
-from isacsim.feedback import SILENT, Feedback, Move
-from isacsim.scenarios.scenario import Scenario, resolved
-from isacsim.scenarios.sumo_files import with_includes
-from isacsim.traffic.motion_sources import MotionSource, motion_source
-from isacsim.versions import OF_DATASETS, versions
-from labeling.dataset.dataset import (
+from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
+from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.versions import OF_DATASETS, versions
+from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
+from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
+from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
     SHARDS,
     Dataset,
@@ -32,14 +33,13 @@ from labeling.dataset.dataset import (
     shard_name,
     write_roads,
 )
-from labeling.generation import log
-from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import ready, shard_of
-from labeling.generation.episode_plan import Job, Jobs, Plan
-from labeling.generation.folder import claimed, fingerprint, finish
-from labeling.generation.journal import Journal
-from labeling.generation.log import Entry, Note, overridden
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation import log
+from isac_cosim.labeling.generation.episode import ready, shard_of
+from isac_cosim.labeling.generation.episode_plan import Job, Jobs, Plan
+from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
+from isac_cosim.labeling.generation.journal import Journal
+from isac_cosim.labeling.generation.log import Entry, Note, overridden
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 
 def generate(

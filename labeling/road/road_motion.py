@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array, reflected
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.lane_graph import LaneGraph, LaneStep
+from isac_cosim.base.arrays import Array, reflected
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.lane_graph import LaneGraph, LaneStep
 
 WIDTH_S = 0.15
 """Default standard deviation of the conditioning kernel, s."""

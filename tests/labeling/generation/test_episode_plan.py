@@ -8,10 +8,10 @@ from collections import Counter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.dataset.dataset import Lost
-from labeling.generation.episode_plan import Counts, Job, Jobs, Plan
-from labeling.generation.settings import SeedRange, SelectionSettings
-from labeling.intentions import KNOWN
+from isac_cosim.labeling.dataset.dataset import Lost
+from isac_cosim.labeling.generation.episode_plan import Counts, Job, Jobs, Plan
+from isac_cosim.labeling.generation.settings import SeedRange, SelectionSettings
+from isac_cosim.labeling.intentions import KNOWN
 
 NAMES = [intention.text for intention in KNOWN]
 
