@@ -17,7 +17,7 @@ from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import HelpfulCommand, examples
-from isac_cosim.command_line.network import network_app
+from isac_cosim.command_line.road_network import network_app
 from isac_cosim.models import DEFAULT, FLOOR
 
 app = typer.Typer(

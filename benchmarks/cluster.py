@@ -42,7 +42,7 @@ from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
-from isac_cosim.labeling.generation.episode_plan import Jobs, Plan
+from isac_cosim.labeling.generation.episode_plan import EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import finish
 from isac_cosim.labeling.generation.generate import describe, generate
 from isac_cosim.labeling.generation.journal import Journal
@@ -167,7 +167,7 @@ def indexed(episodes: int) -> dict[str, Any]:
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
-    plan = Plan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
+    plan = EpisodePlan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
     with tempfile.TemporaryDirectory(prefix="cosim-") as name:
         folder = Path(name)
         (folder / SHARDS).mkdir()

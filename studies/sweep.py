@@ -38,7 +38,7 @@ from isac_cosim.studies.cell_tasks import CellEvaluation, CellTraining, run_task
 from isac_cosim.studies.cost_estimate import cell_s, estimate_study
 from isac_cosim.studies.single import claim_study
 from isac_cosim.studies.study import Study
-from isac_cosim.studies.sweep_axes import Cell, Sensing, sensings
+from isac_cosim.studies.sweep_axes import Cell, WayOfSensing, sensings
 from isac_cosim.studies.sweep_results import FailedTraining, SweepMadeBy, SweepResult, SweepRow
 from isac_cosim.studies.sweep_table import row_of, write_sweep
 
@@ -74,7 +74,7 @@ class Sweep:
     def __init__(self, study: Study, out: Path, engine: Engine, feedback: Feedback) -> None:
         self.study, self.out, self.engine, self.feedback = study, out, engine, feedback
         self.axes = study.axes
-        self.datasets: dict[tuple[str, Sensing], Dataset] = {}
+        self.datasets: dict[tuple[str, WayOfSensing], Dataset] = {}
         self.sides: dict[str, dict[str, list[str]]] = {}
         self.rows: list[SweepRow] = []
         self.failed: list[FailedTraining] = []
@@ -232,7 +232,7 @@ class Sweep:
         cpu_s = sum(cell_s(self.study, cell.model, samples[cell.network]) for cell in cells)
         return cpu_s * len(self.axes.training_seeds) / self.estimate.trainings_at_once(self.engine.workers)
 
-    def _folder(self, network: str, sensing: Sensing) -> Path:
+    def _folder(self, network: str, sensing: WayOfSensing) -> Path:
         return self.out / "datasets" / network / sensing.name
 
     def _run(self, cell: Cell, seed: int) -> Path:

@@ -66,7 +66,7 @@ class SweepAxes(Settings):
 
 
 @dataclass(frozen=True)
-class Sensing:
+class WayOfSensing:
     """A way of sensing: the sensor, and for the sites the SNR.
 
     snr: as `cosim sense --snr` takes it; None for the study's own channel, and for other sensors.
@@ -91,7 +91,7 @@ class Cell:
     """One network, by its short name, one way of sensing and one predictor."""
 
     network: str
-    sensing: Sensing
+    sensing: WayOfSensing
     model: str
 
     @property
@@ -103,10 +103,10 @@ class Cell:
         return f"{self.network}, {self.sensing}, {self.model}"
 
 
-def sensings(axes: SweepAxes) -> list[Sensing]:
+def sensings(axes: SweepAxes) -> list[WayOfSensing]:
     """Return the ways of sensing. The SNR applies to the sites only, so radar and truth are one way each."""
     return [
-        Sensing(sensor, snr)
+        WayOfSensing(sensor, snr)
         for sensor in axes.sensors
         for snr in ((axes.snr or (None,)) if SENSORS[sensor].by_sites else (None,))
     ]

@@ -20,7 +20,7 @@ from isac_cosim.evaluation.on_windows.results import (
     RunResult,
     ScoreName,
 )
-from isac_cosim.evaluation.on_windows.score_results import Interval, PairedDifference
+from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDifference
 from isac_cosim.evaluation.report import page as html_page
 from isac_cosim.evaluation.report.figures import CYCLE, figure
 from isac_cosim.evaluation.report.report import PAGE
@@ -140,12 +140,12 @@ def _compared_floor(result: EvaluationResult) -> PredictorResult | ComparedResul
     return result.compared[-1]
 
 
-def _macro_f1(paired: PairedDifference | None) -> Interval:
+def _macro_f1(paired: PairedDifference | None) -> Difference:
     """Return the difference in macro-F1, without bounds where a single test seed gives none."""
     if paired is None:
-        return Interval(difference=None, low=None, high=None)
+        return Difference(difference=None, low=None, high=None)
     if not paired.has_interval:
-        return Interval(difference=paired.macro_f1.difference, low=None, high=None)
+        return Difference(difference=paired.macro_f1.difference, low=None, high=None)
     return paired.macro_f1
 
 

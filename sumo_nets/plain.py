@@ -54,7 +54,7 @@ class Plain:
 
 
 @dataclass(frozen=True)
-class Road:
+class PlainRoad:
     """The middle line of a straight road with one bend to the left.
 
     bend_m: where the bend begins, m along the road. radius_m, angle: of the bend, m and rad.
@@ -102,10 +102,10 @@ class Carriageway:
 
     speed: limit, m/s. lanes: of its main part, half of them on either side of the road's middle.
     pieces: name, start, end (m along the road) and number of lanes of each edge. Additional lanes lie on the right.
-    Each edge must be either straight or bent, see `Road`.
+    Each edge must be either straight or bent, see `PlainRoad`.
     """
 
-    road: Road
+    road: PlainRoad
     speed: float
     lanes: int
     pieces: tuple[tuple[str, float, float, int], ...]

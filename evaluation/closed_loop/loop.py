@@ -8,7 +8,7 @@ from typing import cast
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.closed_loop.advising import Advisor
-from isac_cosim.evaluation.closed_loop.network import Knowledge, Network
+from isac_cosim.evaluation.closed_loop.mobile_network import Knowledge, Network
 from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import timing_of

@@ -14,13 +14,13 @@ import pyarrow.parquet as pq
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
-from isac_cosim.evaluation.closed_loop.safety import Driving, Encroachments
+from isac_cosim.evaluation.closed_loop.safety import Encroachments, VehicleMotions
 from isac_cosim.evaluation.closed_loop.settings import Arm
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 
 FACTS_KEY = b"isac_cosim.closed_loop_arm"
 NUMBERS = ("time_s", "x", "y", "speed", "acceleration", "ttc_s", "drac_mps2")
-"""The numeric columns of a file, as in `Driving`."""
+"""The numeric columns of a file, as in `VehicleMotions`."""
 
 
 class AlarmFacts(Settings):
@@ -81,7 +81,7 @@ class ArmEpisode:
     """One arm of one seed."""
 
     facts: ArmFacts
-    driving: Driving
+    driving: VehicleMotions
 
     @property
     def encroachments(self) -> Encroachments:
@@ -156,7 +156,7 @@ def read_arm(path: Path) -> ArmEpisode:
     numbers = {name: table[name].to_numpy() for name in NUMBERS}
     return ArmEpisode(
         facts,
-        Driving(
+        VehicleMotions(
             names=tuple(vehicle.dictionary.to_pylist()),
             every_s=facts.every_s,
             vehicle=vehicle.indices.to_numpy().astype(np.int64),

@@ -19,7 +19,7 @@ from isac_cosim.evaluation.on_windows import commit as unknown
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
 from isac_cosim.evaluation.on_windows.prediction_table import write_predictions
 from isac_cosim.evaluation.on_windows.predictions import Predictions, ends_at_lead, predict, unseen
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import (
     METRICS_FILE,
     ComparedResult,
@@ -49,7 +49,7 @@ class Evaluation:
     """
 
     result: EvaluationResult
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredRun, ...]
     passing: Passing | None = None
 
 
@@ -161,7 +161,7 @@ def _dropped_ends(
     return (dropped, ends) if len(ends) else None
 
 
-def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> Measured:
+def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> MeasuredRun:
     """Return a run's predictions on the windows with those ends, and all its metrics.
 
     name: of the run in the result.
@@ -174,7 +174,7 @@ def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: E
     result = run_result(run, name, predictions, at_leads)
     if curve is not None:
         result = result.model_copy(update={"by_window_end": window_end_scores(run, at_ends)})
-    return Measured(run, predictions, result, at_leads, at_ends, dropped)
+    return MeasuredRun(run, predictions, result, at_leads, at_ends, dropped)
 
 
 def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[float, Predictions]) -> RunResult:

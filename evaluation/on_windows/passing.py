@@ -20,7 +20,7 @@ from sklearn.metrics import roc_auc_score
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
 from isac_cosim.evaluation.on_windows.predictions import Predictions
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import PassAnswer, PassScores, ReliabilityBin, TrainedPassAnswer
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.statistics import jackknife_interval
@@ -53,7 +53,7 @@ class Passing:
 
 
 def ask(
-    pull_outs: PullOuts, records: Records, measured: Measured, windows: WindowSettings, settings: EvaluateSettings
+    pull_outs: PullOuts, records: Records, measured: MeasuredRun, windows: WindowSettings, settings: EvaluateSettings
 ) -> Passing:
     """Return the measured windows of pull-outs, and the answers of models that are trained on the question.
 
@@ -72,13 +72,13 @@ def ask(
     return Passing(pull_outs, tested.windows, models, probability)
 
 
-def pass_scores(passing: Passing, measured: Sequence[Measured]) -> list[PassScores]:
+def pass_scores(passing: Passing, measured: Sequence[MeasuredRun]) -> list[PassScores]:
     """Return the scores of the runs' own answers and of the trained models, for each time in WITHIN_S."""
     own = {member.result.name: own_answer(passing.pull_outs, member) for member in measured}
     return [_scores(passing, own, within_s) for within_s in WITHIN_S]
 
 
-def own_answer(pull_outs: PullOuts, measured: Measured) -> Array | None:
+def own_answer(pull_outs: PullOuts, measured: MeasuredRun) -> Array | None:
     """Return what a run's probabilities say about passing, (n,), for the windows of `Passing.windows`.
 
     It is the probability of an overtake as a share of that of an overtake or a change to the faster side. None for a

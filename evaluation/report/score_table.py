@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
-from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Interval, PairedDifference
+from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
 from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.passing_table import QUESTION, passing_rows
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
@@ -220,12 +220,14 @@ def _macro_text(scores: ClassifiedWindows) -> str:
     return f"{with_interval(scores)}, {len(scores.macro_f1_over)} intentions, {scores.n} windows"
 
 
-def _of_class(name: str) -> Callable[[PairedDifference], Interval]:
+def _of_class(name: str) -> Callable[[PairedDifference], Difference]:
     """Return what chooses the difference in the F1 of an intention."""
     return lambda paired: paired.per_class_f1[name]
 
 
-def _differences(pairs: Sequence[PairedDifference | None], choose: Callable[[PairedDifference], Interval]) -> list[str]:
+def _differences(
+    pairs: Sequence[PairedDifference | None], choose: Callable[[PairedDifference], Difference]
+) -> list[str]:
     """Return a cell for the difference to each compared run."""
     return ["-" if paired is None else difference_text(paired, choose(paired)) for paired in pairs]
 

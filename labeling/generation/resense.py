@@ -65,7 +65,7 @@ class ResenseSettings(SensorSettings):
 
 
 @dataclass(frozen=True)
-class Job:
+class ShardJob:
     """One shard to sense anew: all its `samples` records `times` over, and the first `more` of them once more."""
 
     file: str
@@ -144,7 +144,7 @@ def resense(
     return Dataset.open(out)
 
 
-def plan(shards: ShardIndex, records: int | None) -> list[Job]:
+def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
     """Return how often to sense the records of each shard.
 
     records: number of records to sense in all, each once if None. They are taken in their order, over and over.
@@ -155,14 +155,14 @@ def plan(shards: ShardIndex, records: int | None) -> list[Job]:
     jobs = []
     for file, number in zip(shards.files, samples, strict=True):
         more = min(rest, number)
-        jobs.append(Job(file, number, times, more))
+        jobs.append(ShardJob(file, number, times, more))
         rest -= more
     return jobs
 
 
 def _sense_missing(
-    task: Callable[[Job], Shard | InputError | OutputError],
-    jobs: Sequence[Job],
+    task: Callable[[ShardJob], Shard | InputError | OutputError],
+    jobs: Sequence[ShardJob],
     stored: Collection[str],
     journal: Journal,
     engine: Engine,
@@ -187,7 +187,7 @@ def _sense_missing(
 
 
 def _work(
-    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job
+    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob
 ) -> Shard | InputError | OutputError:
     """Sense one shard; runs in a worker. Returns an error that a second try would not fix."""
     try:
@@ -196,7 +196,7 @@ def _work(
         return error
 
 
-def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job) -> Shard:
+def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
     path = dataset.path / SHARDS / job.file
     stored, episode = read_samples(path), read_episode(path)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]

@@ -27,7 +27,7 @@ DENSITIES = (1.0, 3.0, 10.0, 20.0, 30.0, 100.0)
 
 
 @dataclass(frozen=True)
-class Sensed:
+class SensedRecords:
     """Fixes of B records with their run-in of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
 
     state: Array
@@ -38,7 +38,7 @@ class Sensed:
     count: int
 
 
-def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
+def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> SensedRecords:
     """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
     settings, table = own_sensing(dataset), dataset.frame()
     truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
@@ -51,7 +51,7 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
         motion = np.concatenate([before(truth[k : k + 1], rate_hz, count), truth[k : k + 1]], axis=2)[0]
         observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key))
     good = [n for n, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
-    return Sensed(
+    return SensedRecords(
         state=np.stack([observed[n].fixes.state for n in good]),
         covariance=np.stack([observed[n].fixes.covariance for n in good]),
         valid=np.stack([observed[n].fixes.valid for n in good]),
@@ -61,7 +61,7 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
     )
 
 
-def scores(dataset: Dataset, given: Sensed) -> pd.DataFrame:
+def scores(dataset: Dataset, given: SensedRecords) -> pd.DataFrame:
     """RMS error of the acceleration, m/s2: a row for each density and axis, a column for each intention and `all`."""
     settings, rate_hz = own_sensing(dataset).tracking, dataset.meta.tv_rate_hz
     heading = np.arctan2(given.truth[:, 3], given.truth[:, 2])

@@ -34,7 +34,7 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
 )
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, Spent, timing_of
+from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
@@ -274,7 +274,7 @@ def _run_missing(
     begun = any(finished(seed) for seed in study.seeds)
     spent = read_speed(out) if begun else {}
 
-    def keep(seed: int, result: Spent) -> None:
+    def keep(seed: int, result: ProcessorTime) -> None:
         spent[str(seed)] = asdict(result)
         write_json(out / SPEED_FILE, dict(sorted(spent.items())))
 

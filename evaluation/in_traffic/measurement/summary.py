@@ -14,7 +14,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement import measuring
-from isac_cosim.evaluation.in_traffic.measurement.measuring import Measured
+from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.scores.curves import recall_lost
 from isac_cosim.evaluation.in_traffic.scores.five_classes import as_five
 from isac_cosim.evaluation.in_traffic.scores.results import (
@@ -60,9 +60,9 @@ class TrafficEvaluation:
 
     result: TrafficResult
     truths: tuple[Truth, ...]
-    methods: dict[Method, Measured]
-    baselines: dict[str, Measured]
-    true_motion: Measured | None
+    methods: dict[Method, MeasuredAlarms]
+    baselines: dict[str, MeasuredAlarms]
+    true_motion: MeasuredAlarms | None
     real_time_factor: float | None
 
 
@@ -101,7 +101,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     """
     run, study, live = evaluated.run, evaluated.study, evaluated.study.live
     development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
-    true_motion = dict[Method, Measured]()
+    true_motion = dict[Method, MeasuredAlarms]()
     with feedback.bar("choosing alarms", "predictors") as move:
         total = 3 + live.streams.truth + (evaluated.alone is not None)
         methods = measuring.measure_methods(development, measured, RUN, live, run.name, kept=evaluated.kept)
@@ -153,9 +153,11 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     )
 
 
-def _compared(development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated) -> dict[str, Measured]:
+def _compared(
+    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated
+) -> dict[str, MeasuredAlarms]:
     """Measure the rule of the road, trees on what it sees of the situation, and the compared runs, by their names."""
-    live, compared = evaluated.study.live, dict[str, Measured]()
+    live, compared = evaluated.study.live, dict[str, MeasuredAlarms]()
     for name in (RULE, *evaluated.against):
         shown = "rule of the road" if name == RULE else name
         baseline = measuring.measure_reject(development, measured, name, live, shown)
@@ -189,7 +191,7 @@ def _five_classes(
 
 
 def _truth(
-    true_motion: Mapping[Method, Measured], sensed: Mapping[Method, Measured], live: LiveSettings
+    true_motion: Mapping[Method, MeasuredAlarms], sensed: Mapping[Method, MeasuredAlarms], live: LiveSettings
 ) -> TruthResult:
     """Return the result on true motion, and what sensing costs with the kind of alarm that the run uses."""
     method = next(iter(sensed), None)

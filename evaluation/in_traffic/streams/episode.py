@@ -26,7 +26,7 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import Sensing, Track
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.store import (
     RULE,
     RUN,
@@ -37,7 +37,7 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
     no_answers,
     write_episode,
 )
-from isac_cosim.evaluation.in_traffic.streams.stretches import Driving, Stretch, Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource
@@ -79,7 +79,7 @@ def _load(path: Path) -> Infer:
 
 
 @dataclass(frozen=True)
-class Spent:
+class ProcessorTime:
     """Processor time of an episode, s, by purpose.
 
     predicting_s: of the evaluated run. comparing_s: of the other predictors. simulated_s: recorded time. predicted_s:
@@ -110,7 +110,7 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
-    def __call__(self, seed: int) -> Spent | InputError | OutputError:
+    def __call__(self, seed: int) -> ProcessorTime | InputError | OutputError:
         """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
         try:
             began = time.process_time()
@@ -167,7 +167,9 @@ class _Collected:
     answering_s: float = 0.0
     predicting_s: float = 0.0
 
-    def add(self, track: Track, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap) -> None:
+    def add(
+        self, track: SensedStretch, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap
+    ) -> None:
         """Predict a track."""
         stretch = track.stretch
         self.tv += [stretch.tv] * len(stretch.decision_s)
@@ -210,7 +212,7 @@ class _Collected:
 
 
 @dataclass(frozen=True)
-class Streams:
+class EpisodeAnswers:
     """The answers of predictors in one recording.
 
     episode: for TVs with a UV. alone: for TVs without a UV; None if there is no predictor for them. spent: processor
@@ -219,12 +221,12 @@ class Streams:
 
     episode: LiveEpisode
     alone: LiveEpisode | None
-    spent: Spent
+    spent: ProcessorTime
 
 
 def predicted(
     study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
-) -> Streams:
+) -> EpisodeAnswers:
     """Label a recording, and sense and predict its vehicles."""
     infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
@@ -235,7 +237,7 @@ def predicted(
     watching = _Watching(study.dataset, scenario, recording, surroundings, labels, timing, fingerprint)
     episode, collected = watching.predict(driving.stretches, driving, infer.run.card.shape, answering)
     watched_s = time.process_time() - labelled
-    spent = Spent(
+    spent = ProcessorTime(
         seed=recording.seed,
         traffic_s=0.0,
         labels_s=labelled - began,
@@ -250,7 +252,7 @@ def predicted(
         by_itself = _load(predictors.alone)
         answering = {RUN: run_answering(by_itself)}
         alone, _ = watching.predict(driving.alone, driving, by_itself.run.card.shape, answering, alone=True)
-    return Streams(episode, alone, spent)
+    return EpisodeAnswers(episode, alone, spent)
 
 
 @dataclass(frozen=True)
@@ -268,14 +270,14 @@ class _Watching:
     def predict(
         self,
         stretches: Sequence[Stretch],
-        driving: Driving,
+        driving: WatchedStretches,
         shape: WindowShape,
         answering: Mapping[str, Answering],
         alone: bool = False,
     ) -> tuple[LiveEpisode, _Collected]:
         """Sense and predict stretches. alone: whether they have no UV."""
         timing = self.timing
-        sensing = Sensing(self.study, self.scenario, self.recording, timing.before_decision_s)
+        sensing = StretchSensing(self.study, self.scenario, self.recording, timing.before_decision_s)
         reports = NoReports() if alone else Reports(sensing)
         cutter = WindowCutter(reports, self.study, shape, timing.report_delay_s, timing.decision_s)
         lanes, collected = lanes_of(self.recording), _Collected()

@@ -31,7 +31,7 @@ NOT_DETECTED = "not_detected"
 
 
 @dataclass(frozen=True)
-class Track:
+class SensedStretch:
     """A stretch as the network knows it.
 
     state: x, y, vx, vy, ax, ay in m, m/s and m/s2 after the filter, at tv_rate_hz from `stretch.start_s` on, (6, S).
@@ -44,13 +44,13 @@ class Track:
     fixes: Observed
 
     @property
-    def true(self) -> Track:
+    def true(self) -> SensedStretch:
         """The same stretch, with the true motion in place of the sensed one."""
         return replace(self, state=np.ascontiguousarray(self.truth, dtype=np.float32))
 
 
 @dataclass
-class Sensing:
+class StretchSensing:
     """Senses the stretches of one recording.
 
     before_decision_s: how long a TV has to be sensed before its first prediction, s. uncovered: number of predictions
@@ -63,7 +63,7 @@ class Sensing:
     before_decision_s: float
     uncovered: Counter[str] = field(default_factory=Counter)
 
-    def tracks(self, stretches: Sequence[Stretch]) -> Iterator[Track]:
+    def tracks(self, stretches: Sequence[Stretch]) -> Iterator[SensedStretch]:
         """Yield the tracks of stretches in order, in bounded memory: one for each part of a stretch that is in view."""
         waiting: list[tuple[Stretch, Array, Observed]] = []
         snapshots = 0
@@ -115,7 +115,7 @@ class Sensing:
             blockers = blockers_of(self.recording, start_s, part.end_s, {part.tv}, motion)
         return fix(truth, self.study.record.tv_rate_hz, self.scenario.sites, sensing, key, blockers)
 
-    def _filtered(self, waiting: Sequence[tuple[Stretch, Array, Observed]]) -> Iterator[Track]:
+    def _filtered(self, waiting: Sequence[tuple[Stretch, Array, Observed]]) -> Iterator[SensedStretch]:
         """Filter the fixes of several parts together: shorter parts go on without fixes, and are then cut to length."""
         count, length = len(waiting), max(truth.shape[1] for _, truth, _ in waiting)
         fixes = np.zeros((count, length, 4))
@@ -131,7 +131,7 @@ class Sensing:
         ).state
         for row, (part, truth, observed) in enumerate(waiting):
             state = np.ascontiguousarray(states[row, : truth.shape[1]].T, dtype=np.float32)
-            yield Track(part, state, truth, observed)
+            yield SensedStretch(part, state, truth, observed)
 
 
 def spans(mask: BoolArray) -> list[tuple[int, int]]:

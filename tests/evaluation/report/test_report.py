@@ -10,7 +10,7 @@ from rich.console import Console
 
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation, evaluate_records
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.on_windows.score_results import Interval, PairedDifference
+from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDifference
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.record_view import draw_record
@@ -43,7 +43,7 @@ def result(evaluation: Evaluation) -> EvaluationResult:
 def with_difference(result: EvaluationResult, groups: int, difference: float, low: float, high: float):
     """The result with another difference in macro-F1 before the commit to the compared run, by so many test seeds."""
     (other,) = result.compared
-    gap = Interval(difference=difference, low=low, high=high)
+    gap = Difference(difference=difference, low=low, high=high)
     paired = PairedDifference(groups=groups, macro_f1=gap, per_class_f1=dict.fromkeys(result.classes, gap))
     compared = other.model_copy(update={"paired_difference_before_commit": paired})
     return result.model_copy(update={"compared": [compared]})
