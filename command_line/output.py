@@ -83,10 +83,7 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
 
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from isac_cosim.evaluation.report.score_table import table
-    from isac_cosim.evaluation.report.verdict import verdict
+    from isac_cosim.evaluation.report.report import show
 
-    console.print(table(result))
-    for line in verdict(result):
-        print_line(console, line)
+    show(result, page.parent, console)
     print_line(console, f"figures and report: {page}")

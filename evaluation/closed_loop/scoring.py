@@ -17,8 +17,7 @@ from isac_cosim.evaluation.closed_loop.results import ArmResult, Difference
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, Totals, figures
 from isac_cosim.evaluation.closed_loop.settings import ARMS, Arm, ClosedLoopSettings
 from isac_cosim.evaluation.closed_loop.store import ArmEpisode
-from isac_cosim.evaluation.in_traffic.scores.results import Interval
-from isac_cosim.evaluation.statistics import jackknife_half_width
+from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 
 REFERENCE: Arm = "none"
 """The arm that the others are compared with."""

@@ -20,6 +20,9 @@ from isac_cosim.evaluation.closed_loop.scoring import differences
 from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.measurement import evaluation
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
+from isac_cosim.evaluation.report import terminal
+from isac_cosim.evaluation.report.live_parts import Advisories
+from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
@@ -63,7 +66,7 @@ def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: 
     assert "vehicle-hours" in captured.err
     assert "rule of the road" in captured.err
     names = {path.name for path in out.iterdir()}
-    assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png"} <= names
+    assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png", "index.html"} <= names
 
 
 def test_ranges_are_checked_before_anything_runs(run: Run, tmp_path: Path) -> None:
@@ -150,11 +153,12 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
     )
     result = ClosedLoopResult.model_construct(arms={"none": arm(none, 0), "isac": arm(advised, 5)}, closed_loop=facts)
     console = Console(file=io.StringIO(), width=140)
-    console.print(live.arm_table(result))
+    parts = Advisories().parts(Shown(result, Path()))
+    terminal.show(parts, console)
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "3.00 vehicle-hours after alarms, 3 seeds" in shown
     assert "-25 %" in shown
-    lines = live.arm_verdict(result)
+    lines = parts[-1].lines
     assert lines[0].startswith("latency: sensing 0.6 s, network 0.1 s, driver 0.6 to 1.6 s")
     assert lines[1] == (
         "ISAC against none: time below 1.5 s of TTC -25.0 % (-25 to -25 %), -5.00 (-5.00 to -5.00) s per vehicle-hour"

@@ -14,8 +14,7 @@ from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDif
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.record_view import draw_record
-from isac_cosim.evaluation.report.report import record_view, write_page
-from isac_cosim.evaluation.report.score_table import table
+from isac_cosim.evaluation.report.report import record_view, show, write_page
 from isac_cosim.evaluation.report.verdict import verdict
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
@@ -51,7 +50,7 @@ def with_difference(result: EvaluationResult, groups: int, difference: float, lo
 
 def printed(result: EvaluationResult) -> str:
     console = Console(file=io.StringIO(), width=200)
-    console.print(table(result))
+    show(result, Path(), console)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
