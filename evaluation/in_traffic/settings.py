@@ -13,6 +13,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.trees.boosting import BoostingSettings
 
 Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
@@ -145,7 +146,7 @@ class ChoiceSettings(Settings):
         return self
 
 
-class BackgroundSettings(Settings):
+class BackgroundSettings(BoostingSettings):
     """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
     lanes: bool = Field(
@@ -166,9 +167,6 @@ class BackgroundSettings(Settings):
         0.5, ge=0.0, description="how early before onset a window already counts as the maneuver, s"
     )
     rounds: int = Field(100, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
     folds: int = Field(4, ge=2, description="parts of the development seeds; trees of the others answer a part")
 
 
