@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from isac_cosim.evaluation.in_traffic.settings import LiveSettings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LiveArguments:
     """The arguments of `evaluate` that apply to running traffic; None where not given."""
 
-    seeds: str | None
-    development: str | None
-    duration: float | None
-    jobs: int | None
+    seeds: str | None = None
+    development: str | None = None
+    duration: float | None = None
+    jobs: int | None = None
     natural: bool | None = None
     advisories: bool | None = None
     conditioning: str | None = None
