@@ -41,7 +41,7 @@ from isacsim.scenarios import scenario
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.recording import Recording
 from labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
-from labeling.generation.engine import ClusterEngine
+from labeling.generation.cluster import ClusterEngine
 from labeling.generation.episode_plan import Jobs, Plan
 from labeling.generation.folder import finish
 from labeling.generation.generate import describe, generate

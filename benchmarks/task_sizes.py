@@ -22,7 +22,8 @@ from benchmarks.cluster import SCENARIO, synthetic_shard
 from benchmarks.large_dataset import write_made_up
 from isacsim.traffic.motion_sources import motion_source
 from labeling.dataset.dataset import Dataset, ShardIndex, read_meta, write_roads
-from labeling.generation.engine import Item, Outcome, Result, _Attempt, _try
+from labeling.generation.worker import Attempt, Item, Result, try_task
+from labeling.generation.worker_pool import Outcome
 from labeling.generation.generate import EpisodeResult, generate
 from labeling.generation.resense import ResenseSettings, resense
 from labeling.generation.settings import DatasetStudy, SeedRange
@@ -48,7 +49,7 @@ class Measuring:
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
-        raise MeasuredError(size(_try, task, next(iter(items))))
+        raise MeasuredError(size(try_task, task, next(iter(items))))
         yield
 
 
@@ -84,9 +85,9 @@ def run() -> dict[str, dict[str, int]]:
     return {
         "generate": _sizes(generated, EpisodeResult(shard, 0)),
         "sense": _sizes(sensed, shard),
-        "run, a training of a sweep": _sizes(size(_try, attempt, swept), None),
-        "evaluate --traffic": _sizes(size(_try, live, 1), Spent(1, *(1.5 for _ in range(7)))),
-        "reproduce, a training": _sizes(size(_try, train_and_measure, reproduced), scores),
+        "run, a training of a sweep": _sizes(size(try_task, attempt, swept), None),
+        "evaluate --traffic": _sizes(size(try_task, live, 1), Spent(1, *(1.5 for _ in range(7)))),
+        "reproduce, a training": _sizes(size(try_task, train_and_measure, reproduced), scores),
     }
 
 
@@ -105,7 +106,7 @@ def size(*parts: object) -> int:
 
 
 def _sizes(task_bytes: int, result: object) -> dict[str, int]:
-    return {"task_bytes": task_bytes, "result_bytes": size(_Attempt(result, None, 1.0))}
+    return {"task_bytes": task_bytes, "result_bytes": size(Attempt(result, None, 1.0))}
 
 
 def made_up(folder: Path) -> Dataset:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from isacsim.arrays import Array
-from isacsim.errors import InputError, OutputError
+from isacsim.errors import InputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.traffic.motion_sources import MotionSource
 from isacsim.traffic.recording import Recording
@@ -101,20 +101,17 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
-    def __call__(self, seed: int) -> Spent | InputError | OutputError:
-        """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
-        try:
-            began = time.process_time()
-            scenario = self.source.load(self.where)
-            recording = self.source.record(scenario, seed)
-            traffic_s = time.process_time() - began
-            streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
-            if streams.alone is not None:
-                write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
-            write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
-            return replace(streams.spent, traffic_s=traffic_s)
-        except (InputError, OutputError) as error:
-            return error
+    def __call__(self, seed: int) -> Spent:
+        """Run one episode and write its file."""
+        began = time.process_time()
+        scenario = self.source.load(self.where)
+        recording = self.source.record(scenario, seed)
+        traffic_s = time.process_time() - began
+        streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+        if streams.alone is not None:
+            write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
+        write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
+        return replace(streams.spent, traffic_s=traffic_s)
 
 
 def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:

@@ -13,10 +13,12 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from isacsim.errors import NO_ROOM, OutputError
+from isacsim.errors import RunError
 from isacsim.feedback import Feedback
+from isacsim.shortages import shortage
 from labeling.dataset.dataset import Dataset
-from labeling.generation.engine import Engine, describe
+from labeling.generation.engine import Engine
+from labeling.generation.worker import describe
 from models.data.windows import Records
 from models.evaluation.evaluation import evaluate_records
 from models.evaluation.settings import EvaluateSettings
@@ -30,10 +32,9 @@ from models.training.training import train_records
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a task failed, in one line. error: the error, if no other task would survive it either."""
+    """Why a task failed, in one line."""
 
     reason: str
-    error: OSError | OutputError | None = None
 
 
 class CellTask(Protocol):
@@ -106,7 +107,7 @@ def run_tasks(
     """Run tasks side by side, and yield those that fail, with the reason.
 
     title, unit: of the progress bar. threads: that a task uses.
-    Raises OutputError or OSError if nothing can be written.
+    Raises OutputError if nothing can be written, ShortageError if the machine lacks something.
     """
     if not tasks:
         return
@@ -114,8 +115,6 @@ def run_tasks(
         move(0, len(tasks))
         for done, outcome in enumerate(outcomes, 1):
             problem = outcome.result
-            if problem is not None and problem.error is not None:
-                raise problem.error
             move(done, len(tasks))
             reason = outcome.error if problem is None else problem.reason
             if reason is not None:
@@ -123,14 +122,16 @@ def run_tasks(
 
 
 def attempt(task: CellTask) -> Problem | None:
-    """Run a task in a worker, and return what went wrong: unlike a worker that died, it would go wrong again."""
+    """Run a task in a worker, and return what went wrong: unlike a worker that died, it would go wrong again.
+
+    Raises RunError if no other task would fare better.
+    """
     try:
         task.work()
-    except OutputError as error:
-        return Problem(describe(error), error)
-    except OSError as error:
-        return Problem(describe(error), error if error.errno in NO_ROOM else None)
     except Exception as error:
+        lacking: RunError | None = shortage(error)
+        if lacking is not None:
+            raise lacking from None
         return Problem(describe(error))
     return None
 

@@ -24,7 +24,7 @@ from isacsim.feedback import SILENT, Feedback
 from isacsim.versions import OF_RUNS, versions
 from labeling.dataset.dataset import Dataset, read_description
 from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.engine import Engine, describe
+from labeling.generation.engine import Engine
 from labeling.generation.generate import generate
 from labeling.generation.kept_workers import kept_running
 from labeling.generation.resense import ResenseSettings, resense
