@@ -11,8 +11,8 @@ from typing import Any
 
 import typer
 
-from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
-from labeling.generation import interrupts
+from isac_cosim.base.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
+from isac_cosim.base.workers import interrupts
 
 DONE, FAILED, WRONG_INPUT, SIGNALLED = 0, 1, 2, 128
 """SIGNALLED is added to the number of the signal that ended the command, as shells do: 130 Ctrl-C, 143 SIGTERM."""
@@ -43,7 +43,7 @@ def _code_of(error: BaseException) -> int:
     usage_error: Any = typer.BadParameter.__base__
     if isinstance(error, usage_error):
         return _complain(f"{error.format_message()} Try `cosim --help`.", WRONG_INPUT)
-    from isacsim.shortages import shortage  # only now, because help has to answer at once
+    from isac_cosim.base.shortages import shortage  # only now, because help has to answer at once
 
     if isinstance(error, Exception) and (lacking := shortage(error)) is not None:
         return _complain(str(lacking), FAILED)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.demand import DemandSettings
-    from isacsim.scenarios.site_placement import PlacementSettings
-    from labeling.generation.engine import Engine
+    from isac_cosim.base.workers.engine import Engine
+    from isac_cosim.isacsim.scenarios.demand import DemandSettings
+    from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 
 
 def _print_version(asked: bool) -> None:
@@ -156,20 +156,20 @@ def engine_of(jobs: int | None, cluster: str | None, out: Path) -> Engine:
 
     out: the folder that the command writes.
     """
-    from labeling.generation.engine import LocalEngine
+    from isac_cosim.base.workers.engine import LocalEngine
 
     if cluster is None:
         return LocalEngine(jobs or cores(), out.absolute())
     if jobs is not None:
         raise InputError("--jobs is for local worker processes and --cluster for a scheduler's; give one of them")
-    from labeling.generation.cluster import ClusterEngine
+    from isac_cosim.base.workers.cluster import ClusterEngine
 
     engine = ClusterEngine(cluster, out.absolute())
     engine.check()
     if not engine.encrypted:
         print(
-            f"warning: --cluster {cluster}: without TLS, everyone who can connect to this scheduler can run code as you; "
-            "docs/cluster.md says how to use tls://",
+            f"warning: --cluster {cluster}: without TLS, everyone who can connect to this scheduler can run code as "
+            "you; docs/cluster.md says how to use tls://",
             file=sys.stderr,
         )
     return engine
@@ -179,9 +179,9 @@ def placement_of(
     spacing: float | None, set_back: float | None, height: float | None, vehicles: int | None
 ) -> tuple[PlacementSettings, DemandSettings]:
     """Return where masts stand and how much traffic is made, from the arguments."""
-    from isacsim.scenarios.demand import DemandSettings
-    from isacsim.scenarios.site_placement import PlacementSettings
-    from isacsim.settings import checked
+    from isac_cosim.base.settings import checked
+    from isac_cosim.isacsim.scenarios.demand import DemandSettings
+    from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 
     arguments = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
     given = {name: value for name, value in arguments.items() if value is not None}
@@ -191,6 +191,6 @@ def placement_of(
 
 def cores() -> int:
     """Return how many processor cores this process may use, its affinity and the container's limit considered."""
-    from labeling.generation.engine import cpu_count
+    from isac_cosim.base.workers.engine import cpu_count
 
     return cpu_count()

@@ -17,8 +17,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.temporary import TemporaryFolder, writing_temporary
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 
 COMPONENTS = 6
 
