@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from isac_cosim.base.errors import InputError, RunError
-from isac_cosim.base.shortages import shortage
+from isac_cosim.base.shortages import hidden_shortage, shortage
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -90,7 +90,7 @@ def describe(error: BaseException | None) -> str:
 
 def failed(error: Exception, output: Path | None) -> Attempt:
     """Return the try that an error ended. output: the folder that the command writes, if it is known."""
-    stop = shortage(error, output)
+    stop: RunError | InputError | None = shortage(error, output) or hidden_shortage()
     if stop is None and isinstance(error, InputError):
         stop = error
     # Our own errors, such as a TrafficError, come again with the same scenario and seed.

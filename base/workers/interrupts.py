@@ -82,10 +82,11 @@ def _blocked() -> Iterator[None]:
         return
     from multiprocessing import resource_tracker  # of POSIX
 
-    # Starting multiprocessing's resource tracker would unblock the signal.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
+        # Multiprocessing's own process inherits the blocked signals; when it starts, it unblocks some of them here.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_SETMASK, {*before, signal.SIGINT})
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)

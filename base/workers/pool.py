@@ -71,8 +71,9 @@ class WorkerPool:
                 attempt = worker.answer()
                 if attempt is None:
                     continue
-                tries = busy.pop(worker)
-                self._release(worker)
+                with interrupts.deferred():
+                    tries = busy.pop(worker)
+                    self._release(worker)
                 outcome = None if worker.never_started else tries.outcome(attempt)
                 if outcome is None:
                     self._begin(task, tries, busy)
@@ -89,12 +90,14 @@ class WorkerPool:
     def _begin(self, task: Callable[[Item], Result], tries: Tries[Item], busy: dict[_Worker, Tries[Item]]) -> None:
         """Give an item to an idle worker or to a new one."""
         content = cloudpickle.dumps((task, tries.item))
-        while True:
-            worker = self._idle.pop() if self._idle else self._new_worker()
-            if worker.give(content):
-                busy[worker] = tries
-                return
-            worker.end()
+        # Otherwise a signal could leave a process behind that nobody ends.
+        with interrupts.deferred():
+            while True:
+                worker = self._idle.pop() if self._idle else self._new_worker()
+                if worker.give(content):
+                    busy[worker] = tries
+                    return
+                worker.end()
 
     def _new_worker(self) -> _Worker:
         """Start a worker process. Raises RunError where none starts."""
@@ -149,7 +152,7 @@ class _Worker:
         try:
             self.connection, theirs = SPAWN.Pipe()
             self.process = SPAWN.Process(target=serve, args=(theirs, workplace), name="cosim worker")
-            with interrupts.deferred(), _environment(dict.fromkeys(ONE_THREAD, "1")):
+            with _environment(dict.fromkeys(ONE_THREAD, "1")):
                 self.process.start()
             theirs.close()
         except BrokenPipeError:
