@@ -16,6 +16,8 @@ Result = TypeVar("Result")
 
 RETRIES = 2
 """How often a task is retried after it failed or its worker died."""
+DIED = "the worker process died"
+"""How the error of a try begins that ended with its process."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from isac_cosim.base.shortages import MEMORY_WORDS, no_memory, shortage
 from isac_cosim.base.temporary import TemporaryFolder, temporary_root, writing_temporary
 from isac_cosim.base.workers import interrupts
 from isac_cosim.base.workers.activity import Reading
-from isac_cosim.base.workers.attempts import RETRIES, Attempt, Item, Outcome, Result, Tries, describe
+from isac_cosim.base.workers.attempts import DIED, RETRIES, Attempt, Item, Outcome, Result, Tries, describe
 from isac_cosim.base.workers.worker import MESSAGES_FILE, Ready, Workplace, last_words, serve
 
 ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -222,7 +222,7 @@ class _Worker:
         elif self._reading is not None:
             files = ", ".join(self._reading.files)
             stop = InputError(f"SUMO crashed while it read {self._reading.what} ({how}){said}; fix its files: {files}")
-        return Attempt(error=f"the worker process died ({how}){said}", stop=stop, printed=words)
+        return Attempt(error=f"{DIED} ({how}){said}", stop=stop, printed=words)
 
 
 def _first_to_answer(busy: Collection[_Worker]) -> _Worker:
