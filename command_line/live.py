@@ -69,7 +69,7 @@ def evaluate_and_show(
     settings, natural = live_settings(arguments), bool(arguments.natural)
     study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural)
     folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
-    engine, feedback = options.engine_of(arguments.jobs, arguments.cluster), output.feedback_of(console)
+    engine, feedback = options.engine_of(arguments.jobs, arguments.cluster, folder), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
     closed: ClosedLoopResult | None = None

@@ -23,7 +23,7 @@ def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine
 
     if jobs is None and cluster is None:
         jobs = best_workers(wanted, cores())
-    return engine_of(jobs, cluster)
+    return engine_of(jobs, cluster, wanted.out)
 
 
 def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:

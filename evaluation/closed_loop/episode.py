@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.base.errors import InputError, OutputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
@@ -68,17 +67,14 @@ class ArmTask:
     fingerprints: Mapping[Arm, str]
     folder: Path
 
-    def __call__(self, item: tuple[int, Arm]) -> str | InputError | OutputError:
-        """Run one arm and write it. An error that a retry would not fix is returned, not raised."""
+    def __call__(self, item: tuple[int, Arm]) -> str:
+        """Run one arm and write it."""
         seed, arm = item
-        try:
-            scenario = self.source.load(self.where)
-            episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
-            facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
-            write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
-            return arm
-        except (InputError, OutputError) as error:
-            return error
+        scenario = self.source.load(self.where)
+        episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
+        facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
+        write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
+        return arm
 
 
 @lru_cache(maxsize=4)

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from isac_cosim.base.errors import InputError, OutputError, RunError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_DATASETS, versions
@@ -161,7 +161,7 @@ def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
 
 
 def _sense_missing(
-    task: Callable[[ShardJob], Shard | InputError | OutputError],
+    task: Callable[[ShardJob], Shard],
     jobs: Sequence[ShardJob],
     stored: Collection[str],
     journal: Journal,
@@ -176,8 +176,6 @@ def _sense_missing(
     move(done, total)
     with closing(engine.run(task, missing)) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.result, InputError | OutputError):
-                raise outcome.result
             if outcome.result is None:
                 raise RunError(f"{outcome.item.file}: {outcome.error}")
             journal.add(outcome.result)
@@ -186,17 +184,8 @@ def _sense_missing(
             move(done, total)
 
 
-def _work(
-    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob
-) -> Shard | InputError | OutputError:
-    """Sense one shard; runs in a worker. Returns an error that a second try would not fix."""
-    try:
-        return _sense_shard(dataset, settings, mark, folder, job)
-    except (InputError, OutputError) as error:
-        return error
-
-
-def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
+def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
+    """Sense one shard and write it; runs in a worker."""
     path = dataset.path / SHARDS / job.file
     stored, episode = read_samples(path), read_episode(path)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]

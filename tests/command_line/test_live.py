@@ -51,7 +51,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Traffic from formulas, of which one seed has none, in this process."""
     source = ScriptedSource(tmp_path, empty=(2002, 2003, 2004, 1002))
     monkeypatch.setattr(evaluation, "motion_source", lambda study: source)
-    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda jobs: InlineEngine())
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
 
 
 @pytest.mark.usefixtures("scripted")

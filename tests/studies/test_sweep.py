@@ -337,7 +337,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         return Dataset.open(out) if out.exists() else write_dataset(out, *study.scenarios)
 
     monkeypatch.setattr(sweep, "generate", generate)
-    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda jobs: InlineEngine())
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
     monkeypatch.chdir(tmp_path)
     (tmp_path / "both.toml").write_text(TOML)
     return tmp_path

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
@@ -110,20 +110,17 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
-    def __call__(self, seed: int) -> ProcessorTime | InputError | OutputError:
-        """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
-        try:
-            began = time.process_time()
-            scenario = self.source.load(self.where)
-            recording = self.source.record(scenario, seed)
-            traffic_s = time.process_time() - began
-            streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
-            if streams.alone is not None:
-                write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
-            write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
-            return replace(streams.spent, traffic_s=traffic_s)
-        except (InputError, OutputError) as error:
-            return error
+    def __call__(self, seed: int) -> ProcessorTime:
+        """Run one episode and write its file."""
+        began = time.process_time()
+        scenario = self.source.load(self.where)
+        recording = self.source.record(scenario, seed)
+        traffic_s = time.process_time() - began
+        streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+        if streams.alone is not None:
+            write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
+        write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
+        return replace(streams.spent, traffic_s=traffic_s)
 
 
 def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections import Counter
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from pydantic import Field
@@ -16,6 +14,8 @@ from pydantic import Field
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
+from isac_cosim.base.workers.activity import reading
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import one_line, without_outputs
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
@@ -172,8 +172,10 @@ def session(
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
     import libsumo
 
-    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        additional = [without_outputs(file, Path(folder)) for file in scenario.additional]
+    with TemporaryFolder() as temporary:
+        folder = temporary.path
+        with writing_temporary():
+            additional = [without_outputs(file, folder) for file in scenario.additional]
         options = {
             **scenario.kept,
             "net-file": str(scenario.network),
@@ -193,14 +195,16 @@ def session(
             "no-step-log": "true",
             # Warnings go to the log only, not to the console.
             "no-warnings": "true",
-            "error-log": str(Path(folder) / LOG_FILE),
+            "error-log": str(folder / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
-            **(log.options(Path(folder)) if log else {}),
+            **(log.options(folder) if log else {}),
         }
         arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
+        files = (scenario.network, *scenario.demand, *scenario.additional)
         try:
-            libsumo.start(["sumo", *arguments])
+            with reading(f"scenario {scenario.name}, seed {seed}", files):
+                libsumo.start(["sumo", *arguments])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
         try:
@@ -216,5 +220,5 @@ def session(
         finally:
             libsumo.close()
             if messages is not None:
-                with (Path(folder) / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
+                with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
