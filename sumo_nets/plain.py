@@ -15,7 +15,8 @@ from isacsim.arrays import Array
 from isacsim.scenarios.demand import drivers
 from isacsim.scenarios.scenario import read_network
 from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import is_lefthand, write_lines
+from isacsim.scenarios.sumo_files import is_lefthand
+from isacsim.scenarios.xml_files import write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)

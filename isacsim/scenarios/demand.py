@@ -14,7 +14,8 @@ import sumolib.net
 from pydantic import Field
 
 from isacsim.errors import InputError
-from isacsim.scenarios.sumo_files import one_line
+from isacsim.scenarios.sumo_files import cleaned
+from isacsim.scenarios.xml_files import one_line
 from isacsim.seeding import stream
 from isacsim.settings import Settings
 
@@ -116,7 +117,10 @@ def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
     Raises InputError where the network cannot be read or has no road for cars.
     """
     try:
-        net = sumolib.net.readNet(str(network))
+        with cleaned(network) as readable:
+            net = sumolib.net.readNet(str(readable))
+    except InputError:
+        raise
     except Exception as error:  # the reader raises whatever its parser meets
         raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     rng = stream("demand", seed)

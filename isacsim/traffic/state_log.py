@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 
+from isacsim import landlock
 from isacsim.arrays import Array
 from isacsim.errors import InputError
 from isacsim.scenarios.scenario import Scenario
@@ -224,7 +225,7 @@ class BlockFile:
     """A temporary file of blocks of states, which come back as views into it."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
+        self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed when the last view is gone
         self._written = 0
 
     def write(self, block: Array) -> tuple[int, int]:

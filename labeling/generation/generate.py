@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
+from isacsim.scenarios.naming import check_name
 from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.scenarios.sumo_files import with_includes
 from isacsim.traffic.motion_sources import MotionSource, motion_source
@@ -38,7 +37,7 @@ from labeling.generation.episode import ready, shard_of
 from labeling.generation.episode_plan import Job, Jobs, Plan
 from labeling.generation.folder import claimed, fingerprint, finish
 from labeling.generation.journal import Journal
-from labeling.generation.log import Entry, Note, overridden
+from labeling.generation.log import Entry, Note, withheld
 from labeling.generation.settings import DatasetStudy
 
 
@@ -62,8 +61,8 @@ def generate(
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            if scenario.overridden:
-                feedback.message(overridden(name, scenario.overridden))
+            for line in withheld(name, scenario):
+                feedback.message(line)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = Plan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -201,12 +200,7 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
-    try:
-        return ScenarioMeta(
-            name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
-        )
-    except ValidationError:
-        raise InputError(
-            f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
-            "use letters, digits, '-', '_' and '.'"
-        ) from None
+    check_name(scenario.name, source)
+    return ScenarioMeta(
+        name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+    )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from isacsim import landlock
 from isacsim.errors import InputError, OutputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
@@ -73,7 +74,11 @@ class ArmTask:
         seed, arm = item
         try:
             scenario = self.source.load(self.where)
-            episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
+            infer = _load(self.run)
+            # SUMO runs in between the other work, all of which is therefore kept from writing files.
+            episode = landlock.confined(
+                lambda: run_arm(self.study, self.settings, scenario, seed, arm, infer, self.alarming)
+            )
             facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
             write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
             return arm

@@ -29,6 +29,7 @@ from isacsim.versions import OF_EPISODES, versions
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.folder import fingerprint
 from labeling.generation.generate import describe
+from labeling.generation.log import withheld
 from labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from models.inference import Infer
 from models.live.episode import EpisodeTask, Predictors, Spent, timing_of
@@ -150,6 +151,8 @@ def evaluate_traffic(
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)

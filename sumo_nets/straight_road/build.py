@@ -11,7 +11,7 @@ import numpy as np
 from isacsim.scenarios.demand import flow
 from isacsim.scenarios.scenario import Site
 from isacsim.scenarios.site_placement import sites_file
-from isacsim.scenarios.sumo_files import write_lines
+from isacsim.scenarios.xml_files import write_lines
 from sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Road, write_scenario
 
 START_M, END_M = -800.0, 2000.0
