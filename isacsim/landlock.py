@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -92,10 +92,11 @@ def confined(task: Callable[[], Result]) -> Result:
         thread = threading.Thread(target=run, name="confined", daemon=True)
         try:
             thread.start()
-            thread.join()
+            wait([future])  # `thread.join` takes the thread for ended when it is interrupted
         except BaseException:
-            _interrupt(thread)
-            thread.join()
+            if thread.ident is not None:  # it has begun
+                _interrupt(thread.ident)
+                wait([future])
             raise
     return future.result()
 
@@ -141,7 +142,6 @@ def _as_wide(argument: object) -> object:
     return ctypes.c_ulong(argument) if isinstance(argument, int) else argument
 
 
-def _interrupt(thread: threading.Thread) -> None:
+def _interrupt(thread: int) -> None:
     """Have a thread raise KeyboardInterrupt at its next step."""
-    if thread.ident is not None:
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(KeyboardInterrupt))
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(KeyboardInterrupt))

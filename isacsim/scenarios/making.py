@@ -222,7 +222,7 @@ def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out`, which is renamed to it if all goes well, and removed otherwise."""
+    """A temporary folder beside `out`, which becomes it if all goes well, and is removed otherwise."""
     check_name(name_of(out), out)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists and is not an empty folder: give another folder with -o")
@@ -230,9 +230,11 @@ def _new_folder(out: Path) -> Iterator[Path]:
     folder = Path(tempfile.mkdtemp(prefix=f".{name_of(out)}-", dir=out.parent))
     try:
         yield folder
-        if out.exists():
-            out.rmdir()
-        folder.chmod(0o755)
-        folder.rename(out)
+        if out.exists():  # it may be the current folder, which cannot be replaced
+            for file in sorted(folder.iterdir()):
+                file.rename(out / file.name)
+        else:
+            folder.chmod(0o755)
+            folder.rename(out)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

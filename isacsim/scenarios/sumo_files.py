@@ -58,8 +58,8 @@ spaces at the ends, commas, `${`, colons other than a drive's, and letters that 
 class Content:
     """What a file holds.
 
-    names: of its elements. inputs: the files that it names, in order, as often as it does. removed: what SUMO does not
-    get of it, with the number of occurrences. as_it_is: whether SUMO may get the file itself.
+    names: of its elements. inputs: paths of the files that it makes SUMO read, in order, as often as it does. removed:
+    what SUMO does not get of it, with the number of occurrences. as_it_is: whether SUMO may get the file itself.
     """
 
     names: frozenset[str]
@@ -71,13 +71,18 @@ class Content:
 def content(file: Path) -> Content:
     """Return what a file holds. It is read once, as long as it does not change.
 
-    Raises InputError where it cannot be read, or names a file that does not exist.
+    Raises InputError where it cannot be read, or makes SUMO read a file that does not exist.
     """
     try:
         state = file.stat()
     except OSError as error:
         raise InputError(f"{file} cannot be read ({error.strerror}): fix that") from None
-    return _content(file, state.st_ino, state.st_size, state.st_mtime_ns)
+    held = _content(file, state.st_ino, state.st_size, state.st_mtime_ns)
+    for path in held.inputs:
+        if not path.is_file():
+            name = os.path.relpath(path, file.parent)
+            raise InputError(f"{file} includes {name!r}, which does not exist: add the file or remove the element")
+    return held
 
 
 @lru_cache(maxsize=256)
@@ -91,20 +96,11 @@ def _content(file: Path, *_: int) -> Content:
         rewritten |= passed is not element
         reads = INPUT_ATTRIBUTES.get(passed.name)
         if reads and (name := passed.attributes.get(reads)):
-            inputs.append(_input(file, passed.name, name))
+            inputs.append(file.parent / name)  # SUMO expands nothing in it
             # SUMO takes a name with a colon or a backslash for an absolute one.
             rewritten |= MISREAD.search(name) is not None or "\\" in name
     as_it_is = reader.plain and not rewritten and not removed
     return Content(frozenset(names), tuple(inputs), tuple(sorted(removed.items())), as_it_is)
-
-
-def _input(file: Path, element: str, name: str) -> Path:
-    """The path of a file that an element names. SUMO expands nothing in it."""
-    path = file.parent / name
-    if not path.is_file():
-        verb = "includes" if element == "include" else f"has a {element} that reads"
-        raise InputError(f"{file} {verb} {name!r}, which does not exist: add the file or remove the element")
-    return path
 
 
 @cache

@@ -28,7 +28,7 @@ LONGEST_PIECE = 16_000_000
 """Longest tag, comment or instruction, in bytes. The parser holds a whole one in memory."""
 DEEPEST = 200
 """Elements within elements."""
-BLOCK = 1 << 20
+BLOCK = 1 << 18
 """Bytes read at once."""
 XML_FAULTS = (expat.ExpatError, EOFError, LookupError, OSError, ValueError, zlib.error)
 """What reading other files raises."""
@@ -92,29 +92,30 @@ class XmlReader:
             self._parser.Parse(b"", True)
             yield from self._begun
 
-    def _blocks(self, packed: IO[bytes]) -> Iterator[bytes]:
+    def _blocks(self, file: IO[bytes]) -> Iterator[bytes]:
         """Yield the content, decompressed, in blocks. Compressed files are recognised by their first bytes."""
-        size = os.fstat(packed.fileno()).st_size
-        block = packed.read(BLOCK)
-        self.plain &= not block.startswith(WIDE)
-        if not _is_compressed(block):
-            if size > self._most:
-                raise _RefusedError(_too_large(self._most))
-            while block:
-                yield block
-                block = packed.read(BLOCK)
-            return
-        self.plain &= block.startswith(GZIP)
-        unpacked = 0
-        for part in _decompressed(block, packed):
-            if not unpacked:
-                self.plain &= not part.startswith(WIDE)
-            unpacked += len(part)
-            if unpacked > self._most:
-                raise _RefusedError(_too_large(self._most))
-            if unpacked > max(MOST_RATIO * size, RATIO_FREE):
-                raise _RefusedError(f"holds more than {MOST_RATIO} times its size: decompress it, if you trust it")
-            yield part
+        size = os.fstat(file.fileno()).st_size
+        first = file.read(4)
+        file.seek(0)
+        blocks, held = _plain, size
+        if first.startswith((GZIP, *ZLIB)):
+            # Measured before it is parsed, which takes a hundred times as long.
+            blocks, held = _decompressed, 0
+            for block in _decompressed(file):
+                held += len(block)
+                if held > self._most:
+                    break
+                if held > max(MOST_RATIO * size, RATIO_FREE):
+                    raise _RefusedError(f"holds more than {MOST_RATIO} times its size: decompress it, if you trust it")
+            file.seek(0)
+        if held > self._most:
+            raise _RefusedError(f"holds more than {self._most / 1e9:g} GB: set {LIMIT_VARIABLE} higher if you trust it")
+        self.plain = not first.startswith(ZLIB)
+        begins = True
+        for block in blocks(file):
+            self.plain &= not (begins and block.startswith(WIDE))
+            begins = False
+            yield block
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         self._begun.append(Element(self._depth, name, attributes))
@@ -140,20 +141,24 @@ class XmlReader:
         )
 
 
-def _is_compressed(block: bytes) -> bool:
-    return block.startswith((GZIP, *ZLIB))
+def _plain(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield what a file holds, in blocks."""
+    while block := file.read(BLOCK):
+        yield block
 
 
-def _decompressed(block: bytes, packed: IO[bytes]) -> Iterator[bytes]:
-    """Yield what a compressed file holds, in blocks. block: its first bytes, which have been read already."""
-    part = zlib.decompressobj(zlib.MAX_WBITS + 32)  # either format
-    while block:
+def _decompressed(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield what a compressed file of either format holds, in blocks. It may have several parts."""
+    part = zlib.decompressobj(zlib.MAX_WBITS + 32)
+    packed = file.read(BLOCK)
+    while packed:
         if part.eof:
             part = zlib.decompressobj(zlib.MAX_WBITS + 32)
-        if unpacked := part.decompress(block, BLOCK):
-            yield unpacked
-        block = part.unused_data if part.eof else part.unconsumed_tail
-        block = block or packed.read(BLOCK)
+        if block := part.decompress(packed, BLOCK):
+            yield block
+        packed = (part.unused_data if part.eof else part.unconsumed_tail) or file.read(BLOCK)
+    while block := part.decompress(b"", BLOCK):
+        yield block
     if not part.eof:
         raise EOFError("the compressed file ends early")
 
@@ -179,10 +184,6 @@ def limit_bytes() -> float:
     if not limit > 0.0:
         raise InputError(f"{LIMIT_VARIABLE} = {given!r} is not a number above 0: give GB, or remove the variable")
     return limit * 1e9
-
-
-def _too_large(most: float) -> str:
-    return f"holds more than {most / 1e9:g} GB: set {LIMIT_VARIABLE} higher if you trust it"
 
 
 @contextmanager
