@@ -5,49 +5,32 @@ Each way to write is tried against both walls, and without any, so that a way th
 
 from __future__ import annotations
 
-import contextlib
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from isacsim import landlock
 from isacsim.errors import InputError
-from isacsim.scenarios import sumo_config, sumo_files
 from isacsim.scenarios.scenario import load
-from isacsim.traffic import simulation
-from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
-from isacsim.traffic.simulation import TrafficError, TrafficSettings, record
+from isacsim.traffic.simulation import record
 from tests.support.roads import straight_road, vehicle
+from tests.support.simulate_ways import BRIEF, NATURAL
 from tests.support.ways_to_write import WAYS
 
-BRIEF = TrafficSettings(step_s=0.1, sample_s=0.1, run_in_s=0.0, duration_s=3.0)
 OPTIONS = ("a_word_after_an_option", "saving_the_configuration", "another_configuration")
-NATURAL = ManeuverSettings(**LEFT_ALONE)
-
-
-@pytest.fixture
-def road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = straight_road(tmp_path / "road", vehicle("a"))
-    monkeypatch.setenv("EVIL", "../road/")
-    monkeypatch.chdir(folder)  # where SUMO writes what a calibrator reports
-    return folder
-
-
-def without_first_wall(patch: pytest.MonkeyPatch) -> None:
-    """Files and options reach SUMO as a scenario has them."""
-    patch.setattr(sumo_files.Handover, "path_of", lambda self, file: file)
-    patch.setattr(sumo_config.sumo_schemas, "fits", lambda value, kind: True)
-    patch.setattr(
-        simulation,
-        "_arguments",
-        lambda options: [word for name, value in options.items() if value for word in (f"--{name}", value)],
-    )
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_a_way_to_write_is_closed_by_the_first_wall(road: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_way_to_write_is_closed_by_the_first_wall(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The scenario is refused, or it runs and what makes it write is named."""
     monkeypatch.setattr(landlock, "version", lambda: 0)
+    road = straight_road(tmp_path / "road", vehicle("a"))
+    monkeypatch.setenv("EVIL", "../road/")
+    monkeypatch.chdir(road)  # where SUMO writes what a calibrator reports
     WAYS[name](road)
     before = sorted(road.iterdir())
     if name in OPTIONS:
@@ -60,25 +43,38 @@ def test_a_way_to_write_is_closed_by_the_first_wall(road: Path, name: str, monke
     assert sorted(road.iterdir()) == before
 
 
+def outcomes(folder: Path, wall: str) -> dict[str, tuple[bool, bool, str]]:
+    """By way: whether the file was written, whether the folder stayed as it was, and the error's message."""
+    straight_road(folder / "road", vehicle("a"))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "EVIL": "../road/"}
+    command = [sys.executable, "-m", "tests.support.simulate_ways", str(folder), wall]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+    return {name: (written, same, message) for name, written, same, message in lines}
+
+
+@pytest.fixture(scope="module")
+def confined(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bool, bool, str]]:
+    return outcomes(tmp_path_factory.mktemp("kernel"), "kernel")
+
+
+@pytest.fixture(scope="module")
+def free(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[bool, bool, str]]:
+    return outcomes(tmp_path_factory.mktemp("none"), "none")
+
+
 @pytest.mark.skipif(not landlock.version(), reason="the kernel has no Landlock")
 @pytest.mark.parametrize("name", WAYS)
-def test_a_way_to_write_is_closed_by_the_second_wall(road: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    without_first_wall(monkeypatch)
-    written = WAYS[name](road)
-    before = sorted(road.iterdir())
-    with contextlib.suppress(InputError, TrafficError):
-        record(load(road), 1, BRIEF, NATURAL)
-    assert not written.exists()
-    assert sorted(road.iterdir()) == before
+def test_a_way_to_write_is_closed_by_the_second_wall(confined: dict[str, tuple[bool, bool, str]], name: str) -> None:
+    written, same, message = confined[name]
+    assert not written
+    assert same
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_without_walls_each_way_writes_and_the_folder_says_so(
-    road: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    without_first_wall(monkeypatch)
-    monkeypatch.setattr(landlock, "version", lambda: 0)
-    written = WAYS[name](road)
-    with pytest.raises(InputError, match=r"evil\.xml changed while SUMO simulated road: remove what"):
-        record(load(road), 1, BRIEF, NATURAL)
-    assert written.exists()
+def test_without_walls_each_way_writes_and_the_folder_tells(free: dict[str, tuple[bool, bool, str]], name: str) -> None:
+    written, same, message = free[name]
+    assert written
+    assert not same
+    assert "evil.xml changed while SUMO simulated road: remove what makes SUMO write" in message
