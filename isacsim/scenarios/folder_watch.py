@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 SMALL_BYTES = 65_536
 """Files up to this size are compared by their content too."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter, ValidationError
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 NAME = r"^[\pL\pN_](?:[\pL\pM\pN_ .-]*[\pL\pM\pN_-])?$"
 """Letters of any script, digits and underscores; inside also blanks, dots and hyphens. No name leads out of a folder.

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import sumolib.net
 
-from isacsim.errors import InputError
-from isacsim.registry import nearest
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.naming import check_name, name_of
-from isacsim.scenarios.sumo_config import Inputs, read_config
-from isacsim.scenarios.sumo_files import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.registry import nearest
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.naming import check_name, name_of
+from isac_cosim.isacsim.scenarios.sumo_config import Inputs, read_config
+from isac_cosim.isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
     NETWORK_ENDINGS,
     cleaned,
@@ -26,7 +26,7 @@ from isacsim.scenarios.sumo_files import (
     removed_from,
     with_includes,
 )
-from isacsim.scenarios.xml_files import elements, one_line
+from isac_cosim.isacsim.scenarios.xml_files import elements, one_line
 
 SITE_TYPE = "isac_site"
 PLANE_REACH_M = 10_000.0
@@ -85,7 +85,7 @@ class Scenario:
 
 def bundled() -> dict[str, Path]:
     """Return the folders of the bundled scenarios, by name."""
-    root = Path(str(importlib.resources.files("sumo_nets")))
+    root = Path(str(importlib.resources.files("isac_cosim.sumo_nets")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if any(folder.glob("*.sumocfg"))}
 
 

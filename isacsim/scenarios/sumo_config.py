@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from isacsim.errors import InputError
-from isacsim.scenarios import sumo_schemas
-from isacsim.scenarios.xml_files import XmlReader
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import sumo_schemas
+from isac_cosim.isacsim.scenarios.xml_files import XmlReader
 
 SYNONYMS = {
     "net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files",

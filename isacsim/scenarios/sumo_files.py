@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import TextIO
 from xml.sax.saxutils import quoteattr
 
-from isacsim import landlock
-from isacsim.errors import InputError
-from isacsim.scenarios import sumo_schemas
-from isacsim.scenarios.sumo_schemas import TRUE
-from isacsim.scenarios.xml_files import Element, XmlReader, elements
+from isac_cosim.base import landlock
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import sumo_schemas
+from isac_cosim.isacsim.scenarios.sumo_schemas import TRUE
+from isac_cosim.isacsim.scenarios.xml_files import Element, XmlReader, elements
 
 CONFIG_ENDINGS = (".sumocfg", ".sumo.cfg")
 NETWORK_ENDINGS = (".net.xml", ".net.xml.gz")

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from isacsim.errors import RunError
+from isac_cosim.base.errors import RunError
 
 SCHEMAS = ("net_file.xsd", "routes_file.xsd", "additional_file.xsd")
 """SUMO reads the elements of all three in each of its input files."""

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 LIMIT_VARIABLE = "ISAC_COSIM_XML_LIMIT_GB"
 """Environment variable that sets how much is read of one file, decompressed, GB."""

@@ -13,13 +13,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from isacsim import landlock
-from isacsim.errors import InputError
-from isacsim.scenarios import sumo_config, sumo_files
-from isacsim.scenarios.scenario import load
-from isacsim.traffic import simulation
-from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
-from isacsim.traffic.simulation import TrafficError, TrafficSettings, record
+from isac_cosim.base import landlock
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import sumo_config, sumo_files
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.sources import sumo as simulation
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficError, TrafficSettings, record
 from tests.support.ways_to_write import WAYS
 
 BRIEF = TrafficSettings(step_s=0.1, sample_s=0.1, run_in_s=0.0, duration_s=3.0)

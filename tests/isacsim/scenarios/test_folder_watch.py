@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.scenarios.folder_watch import SMALL_BYTES, unchanged
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.folder_watch import SMALL_BYTES, unchanged
 
 
 def keeping_the_time(file: Path, write: Callable[[Path], object]) -> None:

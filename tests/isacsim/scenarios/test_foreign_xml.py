@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.scenarios import making, scenario
-from isacsim.scenarios.demand import DemandSettings
-from isacsim.scenarios.making import import_map
-from isacsim.scenarios.scenario import load, load_without_sites
-from isacsim.scenarios.site_placement import PlacementSettings
-from isacsim.scenarios.xml_files import LIMIT_VARIABLE, LONGEST_PIECE, elements, read_through
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import making, scenario
+from isac_cosim.isacsim.scenarios.demand import DemandSettings
+from isac_cosim.isacsim.scenarios.making import import_map
+from isac_cosim.isacsim.scenarios.scenario import load, load_without_sites
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
+from isac_cosim.isacsim.scenarios.xml_files import LIMIT_VARIABLE, LONGEST_PIECE, elements, read_through
 from tests.support.roads import straight_road, vehicle
 
 

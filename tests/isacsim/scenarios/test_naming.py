@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.errors import InputError
-from isacsim.scenarios.demand import DemandSettings
-from isacsim.scenarios.making import add_sites
-from isacsim.scenarios.naming import NAME, check_name
-from isacsim.scenarios.scenario import load, load_without_sites
-from isacsim.scenarios.site_placement import PlacementSettings
-from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.generation.generate import generate
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.demand import DemandSettings
+from isac_cosim.isacsim.scenarios.making import add_sites
+from isac_cosim.isacsim.scenarios.naming import NAME, check_name
+from isac_cosim.isacsim.scenarios.scenario import load, load_without_sites
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
+from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.generation.generate import generate
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, small_study
 

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isacsim.errors import InputError
-from isacsim.scenarios import sumo_schemas
-from isacsim.scenarios.scenario import bundled, load
-from isacsim.scenarios.sumo_files import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import sumo_schemas
+from isac_cosim.isacsim.scenarios.scenario import bundled, load
+from isac_cosim.isacsim.scenarios.sumo_files import (
     DEEPEST_INCLUDE,
     NETWORK_ENDINGS,
     Handover,
@@ -24,8 +24,8 @@ from isacsim.scenarios.sumo_files import (
     removed_from,
     with_includes,
 )
-from isacsim.traffic.director import LEFT_ALONE, ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, record
+from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 
 BRIEF = TrafficSettings(step_s=0.1, sample_s=0.1, run_in_s=0.0, duration_s=2.0)

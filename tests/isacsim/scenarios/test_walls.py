@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from isacsim import landlock
-from isacsim.errors import InputError
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.simulation import record
+from isac_cosim.base import landlock
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.sources.sumo import record
 from tests.support.roads import straight_road, vehicle
 from tests.support.simulate_ways import BRIEF, NATURAL
 from tests.support.ways_to_write import WAYS
