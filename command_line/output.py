@@ -61,10 +61,10 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    from isac_cosim.labeling.generation.log import overridden
+    from isac_cosim.labeling.generation.log import withheld
 
-    if scenario.overridden:
-        print_line(console, overridden(source, scenario.overridden))
+    for line in withheld(source, scenario):
+        print_line(console, line)
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
     if scenario.corners:

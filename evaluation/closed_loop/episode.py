@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from isac_cosim.base import landlock
 from isac_cosim.base.seeding import stream
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
@@ -71,7 +72,11 @@ class ArmTask:
         """Run one arm and write it."""
         seed, arm = item
         scenario = self.source.load(self.where)
-        episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
+        infer = _load(self.run)
+        # SUMO runs in between the other work, all of which is therefore kept from writing files.
+        episode = landlock.confined(
+            lambda: run_arm(self.study, self.settings, scenario, seed, arm, infer, self.alarming)
+        )
         facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
         write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
         return arm

@@ -181,8 +181,10 @@ class Dataset:
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
 
-        Raises InputError if their file is damaged or missing.
+        Raises InputError if their file is damaged or missing, or if the dataset lists no such scenario.
         """
+        if scenario not in (meta.name for meta in self.meta.scenarios):
+            raise InputError(f"{self.path}: has samples of {scenario[:60]!r}, which it does not list as a scenario")
         path = self.path / ROADS / f"{scenario}.parquet"
         try:
             rows = pq.ParquetFile(path).read().to_pylist()

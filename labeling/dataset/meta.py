@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings, checked, read_json
+from isac_cosim.isacsim.scenarios.naming import NAME
 from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE, file_digest
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
@@ -34,7 +35,7 @@ class ScenarioMeta(Settings):
     SUMO's coordinates, m.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
+    name: str = Field(pattern=NAME)
     source: str
     sha256: str
     origin: tuple[float, float]
@@ -44,7 +45,7 @@ class ScenarioMeta(Settings):
 class Lost(Settings):
     """An episode that failed and was left out."""
 
-    scenario: str
+    scenario: str = Field(pattern=NAME)
     seed: int
     reason: str
 

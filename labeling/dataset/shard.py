@@ -25,6 +25,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
+from isac_cosim.isacsim.scenarios.naming import NAME
 from isac_cosim.labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[3] = 3
@@ -45,7 +46,7 @@ CLASS_NAMES = tuple(intention.text for intention in Intention)
 PASSING = ("pull_out", "t_pass", "t_pair_end")
 """The columns that say whether and when the TV passes the UV."""
 ROW_GROUP = 256
-SHARD_FILE = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$"
+SHARD_FILE = rf"{NAME.removesuffix('$')}\.parquet$"
 """Names of shards' files."""
 DIGEST = r"^[0-9a-f]{64}$"
 """A SHA-256 digest, hexadecimal."""
@@ -104,7 +105,7 @@ class Episode(Settings):
     filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
     """
 
-    scenario: str
+    scenario: str = Field(pattern=NAME)
     seed: int
     schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
     fingerprint: str = ""

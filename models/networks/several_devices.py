@@ -54,4 +54,4 @@ def quieten() -> None:
 def _own_interface() -> str:
     """Return the network interface that leads to this machine alone."""
     interfaces = psutil.net_if_addrs().items()
-    return next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses))
+    return str(next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses)))

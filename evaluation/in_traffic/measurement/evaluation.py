@@ -44,6 +44,7 @@ from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.generation.folder import fingerprint
 from isac_cosim.labeling.generation.generate import describe
+from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
@@ -158,6 +159,8 @@ def evaluate_traffic(
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)

@@ -23,6 +23,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isac_cosim.base import landlock
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.temporary import temporary_error, writing_temporary
@@ -231,7 +232,7 @@ class BlockFile:
 
     def __init__(self) -> None:
         with writing_temporary():
-            self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
+            self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed when the last view is gone
         self._written = 0
 
     def write(self, block: Array) -> tuple[int, int]:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import contextlib
 import os
 from collections import Counter
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
+from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 from isac_cosim.base.workers.activity import reading
+from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.scenarios.sumo_files import one_line, without_outputs
+from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
+from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
@@ -85,10 +89,13 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     """Simulate a scenario and record every vehicle's state at every step after the run-in.
 
     Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
-    recordings. Only one simulation can run in a process at a time.
+    recordings. Only one simulation can run in a process at a time. SUMO can write nothing but temporary files.
     Raises InputError where SUMO refuses the scenario, TrafficError where it fails during the simulation.
     """
-    moments = record_stepwise(scenario, seed, traffic, maneuvers)
+    return landlock.confined(lambda: _record(record_stepwise(scenario, seed, traffic, maneuvers)))
+
+
+def _record(moments: Generator[Moment, None, Recording]) -> Recording:
     while True:
         try:
             next(moments)
@@ -172,15 +179,19 @@ def session(
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
     import libsumo
 
-    with TemporaryFolder() as temporary:
+    with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
-        with writing_temporary():
-            additional = [without_outputs(file, folder) for file in scenario.additional]
+        handover = Handover(folder)
+
+        def handed(*files: Path) -> str:
+            with writing_temporary():
+                return ",".join(str(handover.path_of(file)) for file in files)
+
         options = {
             **scenario.kept,
-            "net-file": str(scenario.network),
-            "route-files": ",".join(map(str, scenario.demand)),
-            "additional-files": ",".join(map(str, additional)),
+            "net-file": handed(scenario.network),
+            "route-files": handed(*scenario.demand),
+            "additional-files": handed(*scenario.additional),
             "begin": f"{scenario.begin_s:g}",
             "step-length": f"{traffic.step_s:g}",
             "default.action-step-length": f"{traffic.action_step_s:g}",
@@ -200,11 +211,10 @@ def session(
             "xml-validation": "never",
             **(log.options(folder) if log else {}),
         }
-        arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
         files = (scenario.network, *scenario.demand, *scenario.additional)
         try:
             with reading(f"scenario {scenario.name}, seed {seed}", files):
-                libsumo.start(["sumo", *arguments])
+                libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
         try:
@@ -222,3 +232,16 @@ def session(
             if messages is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
+
+
+def _arguments(options: Mapping[str, str]) -> list[str]:
+    """Options as SUMO gets them: in one word with their values, so that no value can be read as another option."""
+    return [f"--{name}={value}" for name, value in options.items() if value]
+
+
+def _guarded(scenario: Scenario) -> contextlib.AbstractContextManager[None]:
+    """Watches the scenario's folders where SUMO runs in a thread that could write there."""
+    if landlock.folder() is not None:
+        return contextlib.nullcontext()
+    files = (scenario.network, *scenario.demand, *scenario.additional)
+    return unchanged(scenario.name, [part for file in files for part in with_includes(file)])
