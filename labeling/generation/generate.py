@@ -17,6 +17,7 @@ from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
 from isacsim.feedback import SILENT, Feedback, Move
 from isacsim.scenarios.scenario import Scenario, resolved
 from isacsim.scenarios.sumo_files import with_includes
+from isacsim.threads import limited
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from isacsim.versions import OF_DATASETS, versions
 from labeling.dataset.dataset import (
@@ -125,6 +126,7 @@ def _run_missing(
                 return
 
 
+@limited()
 def _work(
     study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: Job
 ) -> EpisodeResult | InputError | OutputError:

@@ -12,6 +12,7 @@ import numpy as np
 from isacsim.errors import InputError, OutputError
 from isacsim.scenarios.scenario import Scenario
 from isacsim.seeding import stream
+from isacsim.threads import limited
 from isacsim.traffic.motion_sources import MotionSource
 from isacsim.traffic.recording import Recording
 from isacsim.traffic.simulation import record
@@ -68,6 +69,7 @@ class ArmTask:
     fingerprints: Mapping[Arm, str]
     folder: Path
 
+    @limited()
     def __call__(self, item: tuple[int, Arm]) -> str | InputError | OutputError:
         """Run one arm and write it. An error that a retry would not fix is returned, not raised."""
         seed, arm = item

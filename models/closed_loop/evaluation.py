@@ -17,6 +17,7 @@ from isacsim.feedback import SILENT, Feedback
 from isacsim.files import claim, remove_partial, write_json
 from isacsim.scenarios.scenario import resolved
 from isacsim.settings import Settings, read_json
+from isacsim.threads import limited
 from isacsim.traffic.motion_sources import MotionSource, motion_source
 from labeling.generation.engine import Engine, LocalEngine
 from labeling.generation.folder import fingerprint
@@ -106,6 +107,7 @@ def evaluate_advisories(
     return ClosedLoopEvaluation(result, opened)
 
 
+@limited()
 def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out: Path) -> Alarming:
     """Return how the closed loop raises alarms: as the open loop chose on the development seeds.
 
@@ -172,6 +174,7 @@ def _run_missing(
     run_missing(task, arms, engine, feedback)
 
 
+@limited()
 def _result(
     opened: TrafficEvaluation, study: LiveStudy, settings: ClosedLoopSettings, scenario: str, out: Path
 ) -> ClosedLoopResult:

@@ -13,6 +13,7 @@ from scipy.special import softmax
 
 from isacsim.arrays import Array, IntArray
 from isacsim.files import claim, write_json
+from isacsim.threads import limited
 from isacsim.versions import OF_RUNS, versions
 from models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from models.evaluation import commit, metrics, repeats, unknown
@@ -80,6 +81,7 @@ def evaluate(
     return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
 
 
+@limited()
 def evaluate_records(
     run: Run,
     records: Records,

@@ -14,6 +14,7 @@ import numpy as np
 from isacsim.arrays import Array
 from isacsim.errors import InputError, OutputError
 from isacsim.scenarios.scenario import Scenario
+from isacsim.threads import limited
 from isacsim.traffic.motion_sources import MotionSource
 from isacsim.traffic.recording import Recording
 from labeling.events import Labels, label
@@ -101,6 +102,7 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
+    @limited()
     def __call__(self, seed: int) -> Spent | InputError | OutputError:
         """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.errors import InputError
 from isacsim.files import remove_partial
 from models.live.settings import BackgroundSettings
-from models.networks.checkpoints import READ_ERRORS
+from models.networks.checkpoints import READ_ERRORS, reason_of
 from models.predictors.stored_trees import read_trees, write_trees
 
 TREES_FOLDER = "trees"
@@ -48,7 +49,7 @@ class KeptTrees:
         path = self.folder / (_digest(trees, features, label, weight) + SUFFIX)
         self._wanted.add(path.name)
         if path.is_file():
-            return _read(path)
+            return _read(path, features.shape[1], np.unique(label).tolist())
         trees.fit(features, label, sample_weight=weight)
         self.folder.mkdir(exist_ok=True)
         write_trees(path, trees)
@@ -68,12 +69,14 @@ NOT_KEPT = KeptTrees()
 """Trains trees every time."""
 
 
-def _read(path: Path) -> HistGradientBoostingClassifier:
+def _read(path: Path, n_features: int, classes: Sequence[int]) -> HistGradientBoostingClassifier:
     try:
-        return read_trees(path)
+        trees = read_trees(path, n_features, classes)
+        if trees.classes_.tolist() != classes:
+            raise ValueError(f"classes_: are not {classes}")
+        return trees
     except READ_ERRORS as error:
-        reason = str(error).partition("\n")[0]
-        raise InputError(f"{path}: is damaged ({reason}); delete it, and the trees are trained again") from None
+        raise InputError(f"{path}: is damaged ({reason_of(error)}); delete it, and the trees are trained again") from None
 
 
 def _digest(trees: HistGradientBoostingClassifier, features: Float32Array, label: IntArray, weight: Array) -> str:

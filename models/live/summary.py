@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isacsim.feedback import SILENT, Feedback
+from isacsim.threads import limited
 from isacsim.traffic.motion import REACH
 from isacsim.versions import OF_EPISODES, versions
 from labeling.generation.settings import SeedRange
@@ -85,6 +86,7 @@ class Evaluated:
         return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
 
 
+@limited()
 def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 

@@ -20,7 +20,7 @@ from isacsim.arrays import Array, BoolArray, IntArray
 from isacsim.errors import InputError
 from isacsim.feedback import Feedback
 from isacsim.files import replace_file
-from isacsim.settings import Settings
+from isacsim.settings import Settings, read_json
 from labeling.intentions import KNOWN, Intention
 from models.data.lane_motion import LaneMotion, places, slopes, smoothed
 from models.data.windows import OnMap, Windows
@@ -91,7 +91,10 @@ class RulePredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+        stored = read_json(RuleSettings, folder / RULE_FILE)
+        if stored is None:
+            raise FileNotFoundError(f"{RULE_FILE}: is missing")
+        return cls(stored)
 
     def __call__(self, windows: Windows) -> Outputs:
         answer = logits(drive(windows, self.settings.smooth_s), self.settings)

@@ -12,6 +12,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isacsim.arrays import Array, Float32Array, IntArray
 from isacsim.feedback import Feedback
 from isacsim.settings import Settings
+from labeling.intentions import KNOWN
 from models.data.windows import Windows
 from models.fit_settings import FitSettings
 from models.predictors.protocol import STATISTICS_S, FitTask, Outputs, Predictor, WindowShape, Workload, among_known
@@ -31,6 +32,8 @@ STATISTICS = (
     "mean_last_third",
 )
 """Statistics of each of a window's twelve state components; the slope is the least-squares one, per sample."""
+N_STATISTICS = 12 * len(STATISTICS)
+"""Number of all statistics of a window."""
 BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
 """Processor time of sorting features into bins before the trees grow, and what each window adds to it, s."""
 ROUND_S = 0.025
@@ -69,7 +72,7 @@ class TreesPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(read_trees(folder / TREES_FILE))
+        return cls(read_trees(folder / TREES_FILE, N_STATISTICS, KNOWN))
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)

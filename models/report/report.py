@@ -11,6 +11,7 @@ import numpy as np
 
 from isacsim.arrays import Array
 from isacsim.files import replace_file
+from isacsim.threads import limited
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, fitting
 from models.evaluation.evaluation import Evaluation
@@ -47,6 +48,7 @@ CAPTIONS = {
 """Figures of a page, in order, with their captions; those that the folder does not hold are left out."""
 
 
+@limited()
 def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -> Path:
     """Draw all figures of an evaluation into its folder, with that of one record, and write index.html.
 
@@ -98,7 +100,7 @@ def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordVie
         commit_s=float(table["t_commit"] - table["t_onset"]),
         classes=run.card.classes,
         t_end=steps / records.uv_rate_hz - onset,
-        probabilities=run.predictor(windows).probabilities,
+        probabilities=run.answer(windows).probabilities,
     )
 
 

@@ -23,6 +23,7 @@ from isacsim.errors import RunError
 from isacsim.feedback import Feedback
 from isacsim.files import write_json
 from isacsim.settings import Settings, read_json
+from isacsim.threads import limited
 from labeling.dataset.dataset import Dataset
 from labeling.generation.engine import Engine
 from models.data.windows import Records, WindowSettings, draw_ends
@@ -136,6 +137,7 @@ def run_tasks(
     return [result for task in tasks if (result := scores[task.name]) is not None]
 
 
+@limited()
 def train_and_measure(task: WindowTraining) -> Scores:
     """Train a predictor, unless its folder holds it already, and measure it."""
     dataset = Dataset.open(task.dataset)

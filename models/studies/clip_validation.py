@@ -22,6 +22,7 @@ from isacsim.arrays import IntArray
 from isacsim.errors import InputError
 from isacsim.seeding import stream
 from isacsim.settings import Settings
+from isacsim.threads import limited
 from models.data.clips import Clip, ClipBatch, batch, load_clips
 from models.evaluation import metrics
 from models.evaluation.score_results import Spread
@@ -79,6 +80,7 @@ class ClipResult(Settings):
     settings: ClipSettings
 
 
+@limited()
 def cross_validate(clips: list[Clip], settings: ClipSettings) -> ClipResult:
     """Predict every clip by a network that was not trained on it, and return the scores.
 
