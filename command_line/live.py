@@ -73,6 +73,7 @@ def evaluate_and_show(
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
+    output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     closed: ClosedLoopResult | None = None
     if arguments.advisories:
         from models.closed_loop.evaluation import evaluate_advisories

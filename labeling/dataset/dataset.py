@@ -216,8 +216,11 @@ class Dataset:
         return [Site(**site.model_dump()) for site in meta.sites]
 
     def verify(self) -> None:
-        """Check every shard against its digest and the contract. Raises InputError with the first fault."""
-        shards, faults = self.meta.shards, []
+        """Check every file against its digest, the index and the contract. Raises InputError with the first fault."""
+        shards, faults = self.meta.shards, list[str]()
+        for scenario in self.meta.scenarios:
+            if (self.path / ROADS / f"{scenario.name}.parquet").exists() or self.meta.roads:
+                self.roads(scenario.name)
         with ThreadPoolExecutor() as threads:
             for start in range(0, len(shards), TOGETHER):
                 for of_shard in threads.map(lambda shard: list(self._faults(shard)), shards[start : start + TOGETHER]):
@@ -236,8 +239,9 @@ class Dataset:
     def _table(self, shard: Shard, columns: list[str] | None = None) -> pa.Table:
         """Return columns of a shard, all when absent. Raises InputError if it is damaged, or not what was written."""
         path = self.checked_path(shard)
+        every = [*SCALARS, *(name for name in ARRAYS if name != RUN_IN or self.meta.run_in_length)]
         try:
-            table = read_table(path, columns)
+            table = read_table(path, columns or every)
             check_rows(table, shard, self.meta)
         except (OSError, ValueError) as error:
             raise self._refusal(path, " ".join(str(error).split())) from None

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any
+
+from pydantic import TypeAdapter
 
 from isacsim.feedback import SILENT, Feedback
 from isacsim.threads import limited
@@ -17,6 +19,7 @@ from isacsim.versions import OF_EPISODES, versions
 from labeling.generation.settings import SeedRange
 from models.live import measuring
 from models.live.curves import recall_lost
+from models.live.episode import Spent
 from models.live.five_classes import as_five
 from models.live.kept_trees import TREES_FOLDER, KeptTrees
 from models.live.measuring import Measured
@@ -39,6 +42,10 @@ CLOSED_LOOP_REACH = 4.0
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
+
+
+_SPEED = TypeAdapter(dict[str, Spent])
+"""The content of SPEED_FILE."""
 
 
 @dataclass(frozen=True)
@@ -219,10 +226,11 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
 def read_speed(out: Path) -> dict[str, Any]:
     """Return the processor times of the episodes by seed, empty if the file is missing or damaged."""
     try:
-        content: dict[str, Any] = json.loads((out / SPEED_FILE).read_text(encoding="utf-8"))
+        rows = _SPEED.validate_json((out / SPEED_FILE).read_bytes())
     except (OSError, ValueError):
         return {}
-    return content
+    content = {seed: asdict(row) for seed, row in rows.items()}
+    return content if all(isfinite(value) for row in content.values() for value in row.values()) else {}
 
 
 def real_time_factor(spent: dict[str, Any], vehicles: int = 10) -> float | None:
