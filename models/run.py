@@ -145,7 +145,7 @@ class Run:
             values = getattr(outputs, name)
             if values.shape != (len(windows), width):
                 raise InputError(
-                    f"{self.path}: {name} are of {values.shape[1:]} numbers a window, not {width}; its files belong to "
+                    f"{self.path}: {name} are of {values.shape[-1]} numbers a window, not {width}; its files belong to "
                     "different runs: train it again"
                 )
             if not (np.abs(values) < LARGEST).all():
