@@ -23,8 +23,8 @@ def evaluate_and_show(
     loaded, dataset = load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
     others = [load_run(path) for path in against]
-    output.note_former([loaded, *others], console)
     evaluation = evaluate(loaded, dataset, folder, against=others)
     page = report.write_report(evaluation, dataset, folder)
+    output.note_former([loaded, *others], console)
     output.show_metrics(evaluation.result, page, console)
     return {"report": str(folder), **evaluation.result.model_dump(mode="json")}

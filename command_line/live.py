@@ -73,7 +73,6 @@ def evaluate_and_show(
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
-    output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     closed: ClosedLoopResult | None = None
     if arguments.advisories:
         from models.closed_loop.evaluation import evaluate_advisories
@@ -86,6 +85,7 @@ def evaluate_and_show(
     else:
         evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others, alone=alone)
     draw_live_figures(evaluation, folder)
+    output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     console.print(table(evaluation.result))
     for line in verdict(evaluation.result):
         print_line(console, line)

@@ -46,15 +46,17 @@ FASTEST_HZ = 100_000.0
 UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude"]
 """Names of the scores in `models.scores.open_set`."""
 Share = Annotated[float, Field(ge=0, le=1)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
+Digest = Annotated[str, Field(pattern=DIGEST)]
 
 
 class RunCard(Sealed):
     """The content of `run.json`.
 
     files: digest of each file of the predictor, and of the others in the folder that belong to the run, by name; empty
-    in runs of earlier versions, schema 1. classes: the intentions, in the order of the logits.
-    split: `<scenario>-<seed>` of each side. counts: training
-    records per class. tv_length, uv_length: samples per window. dataset: its digest and study. best_epoch, parameters,
+    in runs of earlier versions, schema 1. classes: the intentions, in the order of the logits. split:
+    `<scenario>-<seed>` of each side. counts: training records per class. tv_length, uv_length: samples per window.
+    dataset: its digest and study. best_epoch, parameters,
     validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the
     one that best separated `following` from the known intentions on the validation seeds; validation_auroc has the
     AUROC of each.
@@ -76,9 +78,7 @@ class RunCard(Sealed):
     uv_rate_hz: float = Field(gt=0, le=FASTEST_HZ)
     dataset: dict[str, Any]
     versions: dict[str, str]
-    files: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")], Annotated[str, Field(pattern=DIGEST)]] = (
-        Field(default_factory=dict)
-    )
+    files: dict[FileName, Digest] = Field(default_factory=dict)
     best_epoch: int | None = Field(None, ge=0)
     parameters: int | None = Field(None, ge=0)
     validation_macro_f1: Share | None = None

@@ -76,11 +76,11 @@ def case(inputs: Path, folder: Path, number: int) -> tuple[str, str, str]:
     digests = random.choice(("kept", "forged", "forged" if kind == "data" else "former"))
     done = damage(random.choice(files), random)
     if kind == "data":
-        command = random.choice(OF_DATASET)
+        command = f"{random.choice(OF_DATASET)} --quiet"
         if digests == "forged":
             forge_dataset(folder / "data")
     else:
-        command = f"evaluate {kind} --data data -o new --json"
+        command = f"evaluate {kind} --data data -o new --json --quiet"
         if digests == "forged":
             forge_run(folder / kind)
         elif digests == "former":

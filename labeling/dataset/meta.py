@@ -59,9 +59,10 @@ class Meta(Sealed):
     complete: False while episodes are missing. study: all settings, with their defaults. tv_rate_hz, uv_rate_hz,
     duration_s: sampling rates and length of the records. run_in_s: how long before each record the TV's true states are
     stored; 0 before schema version 3. shards: the index. index_sha256: its digest, None while episodes are missing.
-    roads: digest of each file of roads, by its name; empty in datasets of earlier versions. lost: episodes that failed. short: known intentions with fewer
-    samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
-    that they were sensed anew with (labeling.generation.resense), None if they were generated.
+    roads: digest of each file of roads, by its name; empty in datasets of earlier versions. lost: episodes that failed.
+    short: known intentions with fewer samples than the study requires. resensed: digest of the dataset that the records
+    were taken from and the settings that they were sensed anew with (labeling.generation.resense), None if they were
+    generated.
     """
 
     sealed_since: ClassVar[int] = 4

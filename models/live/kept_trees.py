@@ -76,7 +76,9 @@ def _read(path: Path, n_features: int, classes: Sequence[int]) -> HistGradientBo
             raise ValueError(f"classes_: are not {classes}")
         return trees
     except READ_ERRORS as error:
-        raise InputError(f"{path}: is damaged ({reason_of(error)}); delete it, and the trees are trained again") from None
+        raise InputError(
+            f"{path}: is damaged ({reason_of(error)}); delete it, and the trees are trained again"
+        ) from None
 
 
 def _digest(trees: HistGradientBoostingClassifier, features: Float32Array, label: IntArray, weight: Array) -> str:

@@ -34,9 +34,7 @@ TRUTH = "truth"
 """The name of the evaluated run where it answers the true motion of the TV."""
 WITH_FEATURES = (RUN, TRUTH, RULE)
 """The predictors whose features are stored, because alarms by background need them."""
-COLUMNS = pa.schema(
-    [("tv", pa.dictionary(pa.int32(), pa.string())), ("time_s", pa.float64()), ("group", pa.int8())]
-)
+COLUMNS = pa.schema([("tv", pa.dictionary(pa.int32(), pa.string())), ("time_s", pa.float64()), ("group", pa.int8())])
 """The columns of every file, beside those of the predictors."""
 PROBABILITIES = pa.list_(pa.float32(), len(KNOWN))
 

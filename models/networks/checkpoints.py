@@ -26,8 +26,8 @@ HISTORY_FILE = "history.csv"
 SCALES = ("tv_sd", "uv_sd", "sd")
 """Names of the tensors by which networks divide their input."""
 READ_ERRORS = (
-    OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError, EOFError,
-    MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile, zlib.error,
+    OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError,
+    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
 """What the readers of tensors, trees and arrays raise if a file is cut off or holds something else."""
 
@@ -74,7 +74,7 @@ def reason_of(error: BaseException) -> str:
 
 def _content(path: Path) -> dict[str, Any]:
     """Return the values in a file by name. Raises one of READ_ERRORS."""
-    check_archive(path)
+    check_archive(path, checksums=True)
     content = torch.load(path, map_location="cpu", weights_only=True)
     if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
         raise ValueError(f"{path.name}: holds no values by name")

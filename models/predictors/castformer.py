@@ -48,9 +48,7 @@ class CastformerSettings(Settings):
     frame_s: float = Field(0.1, gt=0, description="length of a frame, s")
     width: int = Field(64, ge=1, description="features per frame, D")
     heads: int = Field(8, ge=1, description="attention heads")
-    encoder_layers: int = Field(
-        2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder of each stream"
-    )
+    encoder_layers: int = Field(2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder of each stream")
     feedforward: int = Field(128, ge=1, description="hidden units of the feed-forward blocks in encoders and FSN")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout in encoders, attention and RSF, and before the logits")
     causal_encoder: bool = Field(True, description="encoders do not let a frame see a later one")

@@ -21,7 +21,15 @@ from models.fit_settings import FitSettings
 from models.predictors.asi_bip import AsiBipPredictor, AsiBipSettings
 from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload
 from models.predictors.stored_trees import read_trees, write_trees
-from models.predictors.trees import N_STATISTICS, TREES_FILE, TreesPredictor, TreesSettings, fit_trees, statistics, tree_logits
+from models.predictors.trees import (
+    N_STATISTICS,
+    TREES_FILE,
+    TreesPredictor,
+    TreesSettings,
+    fit_trees,
+    statistics,
+    tree_logits,
+)
 
 
 class EmbeddingTreesPredictor(Predictor):

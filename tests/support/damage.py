@@ -25,7 +25,7 @@ from models.predictors.stored_trees import read_trees, write_trees
 from tests.support.mutations import INSERTED, KEYS, ODD_NUMBERS, ODD_TEXTS, nested, paths
 
 ODD_VALUES: tuple[Any, ...] = (
-    *ODD_NUMBERS, *ODD_TEXTS, None, True, False, [], {}, [1, 2], ["a"], {"a": 1}, nested(60), float("nan"), float("inf"),
+    *ODD_NUMBERS, *ODD_TEXTS, None, True, False, [], {}, [1, 2], ["a"], {"a": 1}, nested(60), np.nan, np.inf,
 )  # fmt: skip
 ODD_FLOATS = (0.0, -1.0, 1.0, np.nan, np.inf, -np.inf, 1e30, 3e38, -1e9, 1e-30)
 TREE_ATTRIBUTES = (

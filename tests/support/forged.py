@@ -10,9 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from isacsim.files import content_digest, file_digest
-from labeling.dataset.dataset import INDEX_FILE, META_FILE, ROADS, SHARDS
+from labeling.dataset.dataset import DROPPED_PULL_OUTS, INDEX_FILE, META_FILE, ROADS, SHARDS
 
 CARD_FILE = "run.json"
+PULL_OUTS_KEY = b"cosim.pull_outs"
 
 
 def resealed(content: dict[str, Any]) -> dict[str, Any]:
@@ -49,6 +50,8 @@ def forge_run(folder: Path) -> None:
 def forge_dataset(folder: Path) -> None:
     """Make all digests of a dataset right, as far as its index and its description can still be read."""
     index, path = folder / INDEX_FILE, folder / META_FILE
+    for dropped in (folder / DROPPED_PULL_OUTS).glob("*.parquet"):
+        _belong_together(folder / SHARDS / dropped.name, dropped)
     try:
         table = pq.read_table(index)
         digests = [file_digest(folder / SHARDS / name) for name in table["file"].to_pylist()]
@@ -67,6 +70,17 @@ def forge_dataset(folder: Path) -> None:
     except (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError):
         return
     reseal(path)
+
+
+def _belong_together(shard: Path, dropped: Path) -> None:
+    """Make the digest right that a shard holds of its shard of dropped pull-outs."""
+    try:
+        table, digest = pq.read_table(shard), file_digest(dropped).encode()
+        metadata = dict(table.schema.metadata)
+        if metadata[PULL_OUTS_KEY] != digest:
+            pq.write_table(table.replace_schema_metadata(metadata | {PULL_OUTS_KEY: digest}), shard, compression="zstd")
+    except (KeyError, OSError, TypeError, ValueError):
+        return
 
 
 def as_former_run(folder: Path) -> None:

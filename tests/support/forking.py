@@ -77,9 +77,9 @@ def warm() -> None:
     torch.set_num_threads(1)
     import lightning.pytorch
     import scipy.stats
-    import skops.io
     import sklearn.covariance
     import sklearn.ensemble
+    import skops.io
 
     import cosim
     import models.report.report as report

@@ -56,7 +56,9 @@ def test_missing_values_are_named(tmp_path: Path) -> None:
 
 
 def test_texts_that_are_no_text_are_refused(tmp_path: Path) -> None:
-    raw = pa.Array.from_buffers(pa.string(), 1, [None, pa.py_buffer(np.array([0, 2], np.int32)), pa.py_buffer(b"\xff\xfe")])
+    raw = pa.Array.from_buffers(
+        pa.string(), 1, [None, pa.py_buffer(np.array([0, 2], np.int32)), pa.py_buffer(b"\xff\xfe")]
+    )
     pq.write_table(pa.table({"name": raw}), tmp_path / "t.parquet")
     with pytest.raises(ValueError, match="UTF8"):
         read_columns(open_parquet(tmp_path / "t.parquet"))
