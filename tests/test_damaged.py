@@ -17,8 +17,8 @@ from random import Random
 
 import pytest
 
-from models.settings import TrainSettings
-from models.training.training import train
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train
 from tests.support.damage import damage
 from tests.support.forged import as_former_run, forge_dataset, forge_run
 from tests.support.forking import Ended, WarmedProcess

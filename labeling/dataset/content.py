@@ -14,9 +14,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from isacsim.stored.tables import check_types
-from labeling.dataset.meta import Meta
-from labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema, states_of
+from isac_cosim.base.stored.tables import check_types
+from isac_cosim.labeling.dataset.meta import Meta
+from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema, states_of
 
 ORIGINS = ("natural", "reaction", "commanded")
 TIMES = ("t_start", "t_onset", "t_commit", "t_end")

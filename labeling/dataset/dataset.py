@@ -20,14 +20,14 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isacsim.arrays import Float32Array
-from isacsim.errors import InputError
-from isacsim.files import file_digest, replace_file
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Site
-from isacsim.stored.tables import check_types, open_parquet, read_columns
-from labeling.dataset.content import check_rows
-from labeling.dataset.meta import (
+from isac_cosim.base.arrays import Float32Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import file_digest, replace_file
+from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.labeling.dataset.content import check_rows
+from isac_cosim.labeling.dataset.meta import (
     META_FILE,
     Lost,
     Meta,
@@ -37,7 +37,7 @@ from labeling.dataset.meta import (
     read_meta,
     write_meta,
 )
-from labeling.dataset.shard import (
+from isac_cosim.labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,
     PASSING,
@@ -57,7 +57,7 @@ from labeling.dataset.shard import (
     states_of,
     write_shard,
 )
-from labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
+from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
 
 __all__ = [
     "ARRAYS",

@@ -7,11 +7,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from isacsim.errors import InputError
-from isacsim.files import DIGEST, file_digest
-from isacsim.settings import Sealed, Settings, checked, read_json, write_sealed
-from labeling.dataset.shard import CLASS_NAMES, SCHEMA_VERSION, SHARD_FILE, STATE
-from labeling.dataset.shard_index import INDEX_FILE, ShardIndex
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import DIGEST, file_digest
+from isac_cosim.base.settings import Sealed, Settings, checked, read_json, write_sealed
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, SCHEMA_VERSION, SHARD_FILE, STATE
+from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
 META_FILE = "dataset.json"
 MOST_STATES = 1_000_000
@@ -61,8 +61,8 @@ class Meta(Sealed):
     stored; 0 before schema version 3. shards: the index. index_sha256: its digest, None while episodes are missing.
     roads: digest of each file of roads, by its name; empty in datasets of earlier versions. lost: episodes that failed.
     short: known intentions with fewer samples than the study requires. resensed: digest of the dataset that the records
-    were taken from and the settings that they were sensed anew with (labeling.generation.resense), None if they were
-    generated.
+    were taken from and the settings that they were sensed anew with (isac_cosim.labeling.generation.resense), None if
+    they were generated.
     """
 
     sealed_since: ClassVar[int] = 4

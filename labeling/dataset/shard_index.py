@@ -18,11 +18,11 @@ import pyarrow.parquet as pq
 from pydantic import GetCoreSchemaHandler, ValidatorFunctionWrapHandler
 from pydantic_core import CoreSchema, core_schema
 
-from isacsim.arrays import IntArray
-from isacsim.errors import InputError
-from isacsim.files import DIGEST, replace_file
-from isacsim.stored.tables import open_parquet, read_columns
-from labeling.dataset.shard import CLASS_NAMES, READABLE, SHARD_FILE, Episode, Shard
+from isac_cosim.base.arrays import IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import DIGEST, replace_file
+from isac_cosim.base.stored.tables import open_parquet, read_columns
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, READABLE, SHARD_FILE, Episode, Shard
 
 INDEX_FILE = "shards.parquet"
 TOGETHER = 4096

@@ -14,9 +14,9 @@ from typing import Any, TypeVar
 import torch
 from torch import nn
 
-from isacsim.errors import InputError
-from isacsim.files import replace_file
-from isacsim.stored.archives import check_archive
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.stored.archives import check_archive
 
 Network = TypeVar("Network", bound=nn.Module)
 

@@ -20,8 +20,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from labeling.intentions import KNOWN
-from models.predictors.stored_trees import read_trees, write_trees
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 from tests.support.mutations import INSERTED, KEYS, ODD_NUMBERS, ODD_TEXTS, nested, paths
 
 ODD_VALUES: tuple[Any, ...] = (

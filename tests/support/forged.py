@@ -9,8 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isacsim.files import content_digest, file_digest
-from labeling.dataset.dataset import DROPPED_PULL_OUTS, INDEX_FILE, META_FILE, ROADS, SHARDS
+from isac_cosim.base.files import content_digest, file_digest
+from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, INDEX_FILE, META_FILE, ROADS, SHARDS
 
 CARD_FILE = "run.json"
 PULL_OUTS_KEY = b"cosim.pull_outs"

@@ -82,12 +82,12 @@ def warm() -> None:
     import skops.io
 
     import cosim
-    import models.report.report as report
-    from command_line import options
-    from labeling.dataset import summary
-    from labeling.generation import resense
-    from models.evaluation import evaluation
-    from models.training import training
+    from isac_cosim.command_line import options
+    from isac_cosim.evaluation.on_windows import evaluation
+    from isac_cosim.evaluation.report import report
+    from isac_cosim.labeling.dataset import summary
+    from isac_cosim.labeling.generation import resense
+    from isac_cosim.models.training import training
     from tests.support.scripted import InlineEngine
 
     del lightning, scipy, skops, sklearn, cosim, summary, resense, evaluation, training

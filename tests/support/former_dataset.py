@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
+from isac_cosim.labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
 
 
 def without_index(folder: Path) -> dict[str, Any]:

@@ -14,10 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import cosim
-from isacsim.errors import InputError
-from labeling.dataset.dataset import Dataset
-from labeling.dataset.pull_outs import dropped_pull_outs
-from models.data.windows import Records
+from isac_cosim.base.errors import InputError
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.models.data.windows import Records
 from tests.support.forged import forge_dataset, reseal
 from tests.support.made_up_dataset import write_dataset
 

@@ -7,10 +7,10 @@ from collections import Counter
 import hypothesis.strategies as st
 from hypothesis import given, settings
 
-from labeling.generation.episode import select
-from labeling.generation.settings import SelectionSettings
-from labeling.intentions import Intention
-from labeling.samples.candidates import Candidate
+from isac_cosim.labeling.generation.episode import select
+from isac_cosim.labeling.generation.settings import SelectionSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.samples.candidates import Candidate
 
 
 def candidates(of: dict[Intention, int]) -> list[Candidate]:
