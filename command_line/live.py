@@ -84,6 +84,7 @@ def evaluate_and_show(
     else:
         evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others, alone=alone)
     draw_live_figures(evaluation, folder)
+    output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     result = closed or evaluation.result
     show_live(result, folder, console)
     print_line(console, f"page, figures and metrics.json: {folder}")

@@ -11,6 +11,7 @@ import numpy as np
 
 from isac_cosim.base import landlock
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
 from isac_cosim.evaluation.closed_loop.policy import advisories
@@ -68,6 +69,7 @@ class ArmTask:
     fingerprints: Mapping[Arm, str]
     folder: Path
 
+    @limited()
     def __call__(self, item: tuple[int, Arm]) -> str:
         """Run one arm and write it."""
         seed, arm = item

@@ -16,6 +16,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, remove_partial, write_json
 from isac_cosim.base.settings import Settings, read_json
+from isac_cosim.base.threads import limited
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.evaluation.closed_loop.episode import Alarming, ArmTask
 from isac_cosim.evaluation.closed_loop.loop import kernel_of
@@ -105,6 +106,7 @@ def evaluate_advisories(
     return ClosedLoopEvaluation(result, opened)
 
 
+@limited()
 def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out: Path) -> Alarming:
     """Return how the closed loop raises alarms: as the open loop chose on the development seeds.
 
@@ -171,6 +173,7 @@ def _run_missing(
     run_missing(task, arms, engine, feedback)
 
 
+@limited()
 def _result(
     opened: TrafficEvaluation, study: LiveStudy, settings: ClosedLoopSettings, scenario: str, out: Path
 ) -> ClosedLoopResult:

@@ -13,6 +13,7 @@ from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.files import claim, write_json
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
@@ -81,6 +82,7 @@ def evaluate(
     return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
 
 
+@limited()
 def evaluate_records(
     run: Run,
     records: Records,

@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
@@ -31,6 +32,7 @@ END_STEP_S = 0.05
 """Time between the ends of the windows that are predicted in a drawn record, s."""
 
 
+@limited()
 def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -> Path:
     """Draw all figures of an evaluation into its folder, with that of one record, and write index.html.
 
@@ -102,5 +104,5 @@ def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordVie
         commit_s=float(table["t_commit"] - table["t_onset"]),
         classes=run.card.classes,
         t_end=steps / records.uv_rate_hz - onset,
-        probabilities=run.predictor(windows).probabilities,
+        probabilities=run.answer(windows).probabilities,
     )

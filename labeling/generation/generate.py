@@ -13,6 +13,7 @@ from pathlib import Path
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.isacsim.scenarios.naming import check_name
@@ -122,6 +123,7 @@ def _run_missing(
                 return
 
 
+@limited()
 def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob) -> EpisodeResult:
     """Run one episode in a worker and write its shard."""
     ready()

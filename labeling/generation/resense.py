@@ -19,6 +19,7 @@ from pydantic import AfterValidator, Field
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.settings import checked
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.isacsim.radio.cross_section import random_mean_db
@@ -29,7 +30,6 @@ from isac_cosim.isacsim.sensing.reports import ReportSettings, report_noise
 from isac_cosim.isacsim.sensing.sensors import SENSORS
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
 from isac_cosim.labeling.dataset.dataset import (
-    DROPPED_PULL_OUTS,
     SHARDS,
     Dataset,
     Meta,
@@ -39,8 +39,8 @@ from isac_cosim.labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs, write_dropped_pull_outs
+from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION
 from isac_cosim.labeling.generation import log
 from isac_cosim.labeling.generation.episode import median_error_m, record_key
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
@@ -66,17 +66,21 @@ class ResenseSettings(SensorSettings):
 
 @dataclass(frozen=True)
 class ShardJob:
-    """One shard to sense anew: all its `samples` records `times` over, and the first `more` of them once more."""
+    """One shard to sense anew: all its records `times` over, and the first `more` of them once more."""
 
-    file: str
-    samples: int
+    shard: Shard
     times: int
     more: int
 
     @property
+    def file(self) -> str:
+        """The name of the shard's file."""
+        return self.shard.file
+
+    @property
     def records(self) -> int:
         """Records to sense, repeats included."""
-        return self.times * self.samples + self.more
+        return self.times * self.shard.samples + self.more
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
@@ -149,13 +153,12 @@ def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
 
     records: number of records to sense in all, each once if None. They are taken in their order, over and over.
     """
-    samples = shards.numbers("samples").tolist()
-    stored = sum(samples)
+    stored = int(shards.numbers("samples").sum())
     times, rest = (1, 0) if records is None or not stored else divmod(records, stored)
     jobs = []
-    for file, number in zip(shards.files, samples, strict=True):
-        more = min(rest, number)
-        jobs.append(ShardJob(file, number, times, more))
+    for shard in shards:
+        more = min(rest, shard.samples)
+        jobs.append(ShardJob(shard, times, more))
         rest -= more
     return jobs
 
@@ -184,18 +187,22 @@ def _sense_missing(
             move(done, total)
 
 
+@limited()
 def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
     """Sense one shard and write it; runs in a worker."""
-    path = dataset.path / SHARDS / job.file
-    stored, episode = read_samples(path), read_episode(path)
+    alone = replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of([job.shard])}))
+    stored, episode = alone.samples(job.shard), alone.episode(job.shard)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
     wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
     sensor = SENSORS[settings.sensor]
     samples, fix_errors = _sense(wanted, dataset, settings, episode.scenario)
-    pull_outs, _ = _sense(_dropped_pull_outs(dataset, job.file), dataset, settings, episode.scenario)
+    # They are sensed once, however often the records are.
+    dropped = dropped_pull_outs(alone)
+    kept = [sample for shard in dropped.meta.shards for sample in dropped.samples(shard)]
+    pull_outs, _ = _sense(kept, dataset, settings, episode.scenario)
     left_out = dict(episode.left_out)
-    if dropped := len(wanted) - len(samples):
-        left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + dropped
+    if unusable := len(wanted) - len(samples):
+        left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + unusable
     update = {
         "schema_version": SCHEMA_VERSION,
         "fingerprint": mark,
@@ -206,12 +213,6 @@ def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, 
     meta, sensed = dataset.meta, episode.model_copy(update=update)
     dropped_shard = write_dropped_pull_outs(folder.parent, pull_outs, sensed, meta.lengths)
     return write_shard(folder, samples, sensed, *meta.lengths, dropped_shard)
-
-
-def _dropped_pull_outs(dataset: Dataset, file: str) -> list[Sample]:
-    """Return the dropped pull-outs that belong to a shard; they are sensed once, however often its records are."""
-    shard = dropped_pull_outs_of(dataset, file)
-    return [] if shard is None else read_samples(dataset.path / DROPPED_PULL_OUTS / shard.file)
 
 
 def _sense(

@@ -11,6 +11,8 @@ import warnings
 from pathlib import Path
 
 import psutil
+
+from isac_cosim.base.errors import RunError
 import torch.distributed
 from lightning.pytorch.strategies import DDPStrategy
 
@@ -53,5 +55,9 @@ def quieten() -> None:
 
 def _own_interface() -> str:
     """Return the network interface that leads to this machine alone."""
-    interfaces = psutil.net_if_addrs().items()
-    return str(next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses)))
+    for name, addresses in psutil.net_if_addrs().items():
+        if any(address.address == "127.0.0.1" for address in addresses):
+            return str(name)
+    raise RunError("no network interface leads to this machine (127.0.0.1); train on one device")
+        next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses))
+    )

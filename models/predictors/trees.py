@@ -12,8 +12,9 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.statistics import N_STATISTICS, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.predictors.protocol import (
     STATISTICS_S,
@@ -62,7 +63,7 @@ class TreesPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(read_trees(folder / TREES_FILE))
+        return cls(read_trees(folder / TREES_FILE, N_STATISTICS, KNOWN))
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement import measuring
@@ -28,6 +31,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
 )
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy, Method
+from isac_cosim.evaluation.in_traffic.streams.episode import ProcessorTime
 from isac_cosim.evaluation.in_traffic.streams.store import (
     EPISODES,
     RULE,
@@ -47,6 +51,10 @@ CLOSED_LOOP_REACH = 4.0
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
+
+
+_SPEED = TypeAdapter(dict[str, ProcessorTime])
+"""The content of SPEED_FILE."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +102,7 @@ class Evaluated:
         return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
 
 
+@limited()
 def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 
@@ -228,10 +237,11 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
 def read_speed(out: Path) -> dict[str, Any]:
     """Return the processor times of the episodes by seed, empty if the file is missing or damaged."""
     try:
-        content: dict[str, Any] = json.loads((out / SPEED_FILE).read_text(encoding="utf-8"))
+        rows = _SPEED.validate_json((out / SPEED_FILE).read_bytes())
     except (OSError, ValueError):
         return {}
-    return content
+    content = {seed: asdict(row) for seed, row in rows.items()}
+    return content if all(isfinite(value) for row in content.values() for value in row.values()) else {}
 
 
 def real_time_factor(spent: dict[str, Any], vehicles: int = 10) -> float | None:

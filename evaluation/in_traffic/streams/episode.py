@@ -13,6 +13,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
@@ -110,6 +111,7 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
+    @limited()
     def __call__(self, seed: int) -> ProcessorTime:
         """Run one episode and write its file."""
         began = time.process_time()

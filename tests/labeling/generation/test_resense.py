@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import file_digest
 from isac_cosim.base.parsing import channel
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.command_line.arguments import SenseArguments, resense_settings
@@ -166,7 +167,8 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
 def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     shards = ShardIndex.of(
         Shard(
-            file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={}, by_origin={},
+            file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={"following": samples},
+            by_origin={"natural": samples},
             episode=Episode(scenario="a", seed=k),
         )
         for k, samples in enumerate((3, 0, 4))
@@ -174,7 +176,7 @@ def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     jobs = plan(shards, records)
     assert sum(job.records for job in jobs) == records
     assert [job.records for job in plan(shards, None)] == [3, 0, 4]
-    counts = np.concatenate([np.arange(job.samples) < job.more for job in jobs]) + jobs[0].times
+    counts = np.concatenate([np.arange(job.shard.samples) < job.more for job in jobs]) + jobs[0].times
     assert (np.diff(counts.astype(int)) <= 0).all()
     assert counts.max() - counts.min() <= 1
 
@@ -267,6 +269,7 @@ def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
         shard["episode"]["schema_version"] = 1
         path = folder / "shards" / shard["file"]
         pq.write_table(pq.read_table(path).drop_columns(["tv_run_in"]), path)
+        shard |= {"sha256": file_digest(path), "bytes": path.stat().st_size}
     (folder / "dataset.json").write_text(json.dumps(content))
     return Dataset.open(folder)
 
