@@ -9,10 +9,12 @@ import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
-from isac_cosim.evaluation.in_traffic.streams.sensed import TOO_FEW_SITES, StretchSensing, spans
+from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
 from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 
 TIMING = Timing(
@@ -38,9 +40,14 @@ def cut(recording: Recording, end_s: float) -> Recording:
     return replace(recording, tracks=tracks)
 
 
+def sensing_of(study: DatasetStudy, scenario: Scenario, recording: Recording) -> StretchSensing:
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    return StretchSensing(study, recording, sensor, TIMING.before_decision_s)
+
+
 def states_of(recording: Recording, scenario: Scenario, study: LiveStudy, tv: str) -> dict[int, np.ndarray]:
     """What the network knows of a TV, (6,), and of its UV, (6,), by the number of the decision."""
-    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
     driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
     reports, known = Reports(sensing), {}
     for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == tv]):
@@ -72,8 +79,8 @@ def test_what_changes_within_the_reach_of_the_kernel_is_small(
 ) -> None:
     """The motion that all of it comes from, up to the cut itself: centimetres at 0.6 s, more at the very end."""
     cut_s = float(recording.times(recording.tracks["follow0"])[1400])
-    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
-    blind = StretchSensing(study.dataset, scenario, cut(recording, cut_s), TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
+    blind = sensing_of(study.dataset, scenario, cut(recording, cut_s))
     times = cut_s - 2.0 + np.arange(200) / 100
     change = np.abs(
         blind.motion_of("follow0", cut_s - 2.0, 200, 100.0) - sensing.motion_of("follow0", cut_s - 2.0, 200, 100.0)
@@ -92,13 +99,13 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
     view = study.dataset.sensing.view.model_copy(update={"range_m": 200.0})
     sensing_settings = study.dataset.sensing.model_copy(update={"view": view})
     narrow = study.dataset.model_copy(update={"sensing": sensing_settings})
-    sensing = StretchSensing(narrow, replace(scenario, sites=tuple(sites)), recording, TIMING.before_decision_s)
+    sensing = sensing_of(narrow, replace(scenario, sites=tuple(sites)), recording)
     driving = watched(recording, Surroundings(recording), narrow.pairs, TIMING)
     stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
     tracks = list(sensing.tracks([stretch]))
     predicted = sum(len(track.stretch.decision_s) for track in tracks)
     assert len(tracks) == 2
-    assert predicted + sensing.uncovered[TOO_FEW_SITES] == len(stretch.decision_s)
+    assert predicted + sensing.uncovered["too_few_sites"] == len(stretch.decision_s)
     first, second = (track.stretch for track in tracks)
     assert second.start_s - first.end_s > 1.0
     assert second.decision_s[0] == pytest.approx(second.start_s + TIMING.before_decision_s, abs=0.11)
