@@ -10,8 +10,9 @@ import pytest
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
 from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
@@ -40,8 +41,8 @@ def cut(recording: Recording, end_s: float) -> Recording:
     return replace(recording, tracks=tracks)
 
 
-def sensing_of(study: DatasetStudy, scenario: Scenario, recording: Recording) -> StretchSensing:
-    sensor = watch_episode(study, scenario, recording.seed, recording)
+def sensing_of(study: DatasetStudy, scenario: Scenario, recording: Recording, name: str = DEFAULT) -> StretchSensing:
+    sensor = watch_episode(study, scenario, recording.seed, recording, name)
     return StretchSensing(study, recording, sensor, TIMING.before_decision_s)
 
 
@@ -113,6 +114,48 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
         error = np.hypot(*(track.state[:2, 300:] - track.truth[:2, 300:]))
         assert np.median(error) < 0.5
         assert track.state.shape == track.truth.shape
+
+
+def spanned(stretch: Stretch) -> tuple[str, float, float, int]:
+    return stretch.tv, stretch.start_s, stretch.end_s, len(stretch.decision_s)
+
+
+def test_the_truth_is_the_motion_itself(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "truth")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        np.testing.assert_array_equal(track.state, track.truth.astype(np.float32))
+
+
+def test_the_radar_of_the_uv_ahead_senses_a_stretch(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        error = (track.state - track.truth)[:2, 800:]
+        assert 0.01 < np.sqrt(np.mean(error**2)) < 0.5
+    assert driving.alone
+    assert list(sensing.tracks(driving.alone)) == []
+    assert sensing.uncovered["not_detected"] == sum(len(stretch.decision_s) for stretch in driving.alone)
+
+
+def test_when_the_uv_changes_the_track_goes_on_with_the_new_ones_radar(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The other leader drives 200 m further ahead. Halfway, it takes over."""
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
+    half = len(stretch.uv) // 2
+    shared = replace(stretch, uv=(*stretch.uv[:half], *["lead1"] * (len(stretch.uv) - half)))
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    (before,), (after,) = (list(sensing.tracks([of])) for of in (stretch, shared))
+    until = round((stretch.decision_s[half - 1] - stretch.start_s) * 400)
+    np.testing.assert_array_equal(before.state[:, :until], after.state[:, :until])
+    assert not np.array_equal(before.state[:, until:], after.state[:, until:])
+    assert np.sqrt(np.mean((after.state - after.truth)[:2, until : until + 800] ** 2)) < 1.0
 
 
 def test_spans_are_the_runs_of_a_mask() -> None:
