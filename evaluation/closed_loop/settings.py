@@ -25,22 +25,19 @@ ARMS: dict[Arm, str] = {
 """What the arms are, in the order in which they are shown. Arms of other sensors follow."""
 NOT_OF_A_SENSOR: tuple[Arm, ...] = ("none", "placebo", "random")
 """Arms that are not named after a sensor; those that sense use the sensor of the open loop."""
+BY_ANOTHER = {
+    "placebo": "alarms by {}; nothing is sent",
+    "random": "advisories on alarms drawn at random, as often as {} raised them in the open loop",
+}
+"""What arms are where the open loop has another sensor than the sites."""
 
 
 def what(arm: Arm, sensor: str = DEFAULT) -> str:
     """Return what an arm is. sensor: of the open loop."""
-    own = arm not in NOT_OF_A_SENSOR
-    if arm in ARMS and (own or sensor == DEFAULT):
+    if arm in ARMS and (arm not in BY_ANOTHER or sensor == DEFAULT):
         return ARMS[arm]
-    label = SENSORS[arm if own else sensor].label
-    match arm:
-        case "none":
-            return ARMS[arm]
-        case "placebo":
-            return f"alarms by {label}; nothing is sent"
-        case "random":
-            return f"advisories on alarms drawn at random, as often as {label} raised them in the open loop"
-    return f"advisories on alarms by {label}"
+    label = SENSORS[sensor if arm in BY_ANOTHER else arm].label
+    return BY_ANOTHER.get(arm, "advisories on alarms by {}").format(label)
 
 
 def _known(arm: Arm) -> Arm:

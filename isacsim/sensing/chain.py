@@ -7,7 +7,6 @@ every draw, so a vehicle's fixes come out the same alone, with others, and in an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -22,7 +21,7 @@ from isac_cosim.isacsim.radio.blockage import Blockers
 from isac_cosim.isacsim.radio.channel import ChannelSettings, EchoGeometry, snr_db
 from isac_cosim.isacsim.radio.estimators import ESTIMATORS
 from isac_cosim.isacsim.radio.waveform import Waveform
-from isac_cosim.isacsim.sensing.following import Approach, filled
+from isac_cosim.isacsim.sensing.following import Approach, Observed, filled
 from isac_cosim.isacsim.tracking.fusion import Fixes
 from isac_cosim.isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings
@@ -87,16 +86,6 @@ class SensingSettings(Settings):
         return self
 
 
-@dataclass(frozen=True)
-class Observed:
-    """Fixes of one passage, run-in included, and what they rest on (see SensedRecord)."""
-
-    fixes: Fixes
-    n_sites: int
-    snr_db: float
-    detected: float
-
-
 def fix(
     approach: Approach,
     rate_hz: float,
@@ -117,40 +106,40 @@ def fix(
     n_sites = int(assigned.sum(axis=1).min())
     if n_sites < LEAST_SITES:
         return _unseen(motion.shape[1], n_sites)
-    number, panels = serving(slots, sites)
     heading, time_s = _heading_rad(motion, approach.carried), approach.time_s(rate_hz)
-    geometry = EchoGeometry(motion[:2].T, heading, number, panels, time_s)
+    geometry = EchoGeometry(motion[:2].T, heading, *serving(slots, sites), time_s)
     level = snr_db(settings.channel, settings.waveform, geometry, blockers, key)
-    fixes, used = fused(motion[:4].T, assigned, panels, level, settings, key)
+    fixes, used = fused(motion[:4].T, slots, sites, level, settings, key)
     fixes = filled(fixes)
     if fixes.valid[: approach.run_in + 1].mean() < CONFIRMED:
         return _unseen(motion.shape[1], 0)
-    return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()))
-
-
-def serving(slots: IntArray, sites: Panels) -> tuple[IntArray, Panels]:
-    """Return the sites of assigned slots, (S, I), and their panels. An empty slot repeats the first; it is not used."""
-    number = np.where(slots >= 0, slots, slots[:, :1])
-    return number, sites.take(number)
+    return Observed(fixes, n_sites, float(level[assigned].mean()), float(used.sum() / assigned.sum()), True)
 
 
 def fused(
     states: Array,
-    assigned: BoolArray,
-    panels: Panels,
+    slots: IntArray,
+    sites: Panels,
     level_db: Array,
     settings: SensingSettings,
     key: tuple[str | int, ...],
 ) -> tuple[Fixes, BoolArray]:
     """Draw the echoes of S snapshots at I panels, estimate from them, and fuse the estimates that are used.
 
-    states: true x, y, vx, vy, (S, 4). assigned, panels, level_db: whether a slot has a panel, that panel, and the SNR
-    of its echo, dB, each (S, I). key: seeds the draws. Returns the fixes, and which echoes they rest on, (S, I).
+    states: true x, y, vx, vy, (S, 4). slots, level_db: the number of each echo's site, -1 without one, and its SNR, dB,
+    (S, I). key: seeds the draws. Returns the fixes, and which echoes they rest on, (S, I).
     """
+    _, panels = serving(slots, sites)
     measured, deviation, power = _measure(panels.measured(states), level_db, settings, key)
     threshold = np.log(8 * settings.waveform.size / settings.false_alarm)
-    used = assigned & (power > threshold) & plausible(measured, settings.view)
+    used = (slots >= 0) & (power > threshold) & plausible(measured, settings.view)
     return FUSION_METHODS[settings.fusion.method](measured, deviation, used, panels, settings.fusion), used
+
+
+def serving(slots: IntArray, sites: Panels) -> tuple[IntArray, Panels]:
+    """Return the sites of slots, (S, I), and their panels. An empty slot repeats the first; it is not used."""
+    number = np.where(slots >= 0, slots, slots[:, :1])
+    return number, sites.take(number)
 
 
 def _heading_rad(motion: Array, carried: int) -> Array:
@@ -174,7 +163,7 @@ def plausible(measured: Array, settings: ViewSettings) -> BoolArray:
 def _unseen(count: int, n_sites: int) -> Observed:
     """The observation of a vehicle that cannot be located: no fix at any of `count` snapshots."""
     fixes = Fixes(np.zeros((count, 4)), np.tile(np.eye(4), (count, 1, 1)), np.zeros(count, dtype=bool))
-    return Observed(fixes, n_sites, 0.0, 0.0)
+    return Observed(fixes, n_sites, 0.0, 0.0, False)
 
 
 def _measure(

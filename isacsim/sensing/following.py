@@ -1,4 +1,4 @@
-"""The Kalman filters behind the sensors: of whole passages, many at a time, and of TVs followed from piece to piece.
+"""Sensors that make fixes of each TV, and the Kalman filters that turn fixes into states, many at a time.
 
 The filter is causal. Fed whole passages, or piece by piece, it gives what one gives that is fed fix by fix
 (`isacsim.tracking.streaming`).
@@ -6,13 +6,14 @@ The filter is causal. Fed whole passages, or piece by piece, it gives what one g
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.sensing.passages import NOTHING, Passage, SensedPiece
+from isac_cosim.isacsim.sensing.passages import NOTHING, Passage, Piece, SensedPiece, SensedRecord, WatchedTraffic
 from isac_cosim.isacsim.tracking import kalman
 from isac_cosim.isacsim.tracking.fusion import Fixes
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings, Tracks
@@ -128,40 +129,73 @@ def _together(fixes: Sequence[Fixes]) -> Sequence[Fixes]:
     return fixes[: max(1, int(np.sum(longest * np.arange(1, len(longest) + 1) <= MOST_SNAPSHOTS)))]
 
 
-@dataclass
-class Filters:
-    """The Kalman filters of the TVs that are followed from piece to piece. rate_hz: of the fixes."""
+@dataclass(frozen=True)
+class Observed:
+    """Fixes of one passage, run-in included, and what they rest on; see SensedRecord."""
 
-    rate_hz: float
-    settings: TrackingSettings
-    _of: dict[str, tuple[Array, Array, int]] = field(default_factory=dict)
+    fixes: Fixes
+    n_sites: int
+    snr_db: float
+    detected: float
+    usable: bool
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._of
 
-    def forget_all_but(self, names: Collection[str]) -> None:
-        """End the tracks of all TVs but these."""
-        self._of = {name: state for name, state in self._of.items() if name in names}
+class FixPicture(ABC):
+    """A picture by fixes of one TV at a time. least: share of a piece's snapshots that must locate a TV at first."""
 
-    def follow(self, fixes: dict[str, Fixes]) -> SensedPiece:
-        """Continue the tracks of some TVs by their fixes over one piece, or begin them."""
+    def __init__(self, traffic: WatchedTraffic, tracking: TrackingSettings, least: float = 0.0) -> None:
+        self.traffic, self._tracking, self._least = traffic, tracking, least
+        self._tracks: dict[str, tuple[Array, Array, int]] = {}
+
+    @abstractmethod
+    def observed(self, passage: Passage, approach: Approach) -> Observed:
+        """Return the fixes of a passage."""
+
+    @abstractmethod
+    def fixes(self, piece: Piece, uv_of: Mapping[str, str]) -> dict[str, Fixes]:
+        """Return the fixes of the TVs that can be sensed over a piece; the tracks of all others end."""
+
+    def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
+        """Sense passages, and filter their fixes. Those that cannot be used have a state of zeros."""
+        rate_hz = self.traffic.rate_hz
+        approaches = [Approach.of(passage, rate_hz, self._tracking) for passage in passages]
+        observed = [self.observed(*pair) for pair in zip(passages, approaches, strict=True)]
+        states = iter(states_of([of.fixes for of in observed if of.usable], rate_hz, self._tracking))
+        records = []
+        for approach, of in zip(approaches, observed, strict=True):
+            state = next(states) if of.usable else np.zeros((6, len(of.fixes.valid)))
+            fixes = np.ascontiguousarray(of.fixes.state[approach.before :].T)
+            records.append(
+                SensedRecord(state[:, approach.before :], fixes, of.n_sites, of.snr_db, of.detected, of.usable)
+            )
+        return records
+
+    def step(self, piece: Piece, uv_of: Mapping[str, str]) -> SensedPiece:
+        """Sense the TVs over a piece, and go on with their tracks, or begin them."""
+        fixes = self.fixes(piece, uv_of)
+        self._tracks = {name: track for name, track in self._tracks.items() if name in fixes}
+        known = [name for name in fixes if name in self._tracks]
+        fresh = [
+            name
+            for name, of in fixes.items()
+            if name not in known and of.valid.any() and of.valid.mean() >= self._least
+        ]
         states: dict[str, Array] = {}
-        known = [name for name in fixes if name in self._of]
-        fresh = [name for name in fixes if name not in self._of]
-        for names, earlier in ((known, self._before(known)), (fresh, None)):
+        for names, before in ((known, self._latest(known)), (fresh, None)):
             if not names:
                 continue
             # The first fix of a new track stands for the instants before it.
-            parts = [fixes[name] if earlier else filled(fixes[name]) for name in names]
-            tracks = filtered(parts, self.rate_hz, self.settings, earlier)
+            parts = [fixes[name] if before else filled(fixes[name]) for name in names]
+            tracks = filtered(parts, self.traffic.rate_hz, self._tracking, before)
             for row, name in enumerate(names):
-                self._of[name] = tracks.state[row, -1], tracks.covariance[row], int(tracks.refused[row])
+                self._tracks[name] = tracks.state[row, -1], tracks.covariance[row], int(tracks.refused[row])
                 states[name] = tracks.state[row].T
-        return SensedPiece(tuple(fixes), np.stack([states[name] for name in fixes])) if fixes else NOTHING
+        followed = tuple(name for name in fixes if name in states)
+        return SensedPiece(followed, np.stack([states[name] for name in followed])) if followed else NOTHING
 
-    def _before(self, names: Sequence[str]) -> Tracks | None:
+    def _latest(self, names: Sequence[str]) -> Tracks | None:
         if not names:
             return None
-        state, covariance, refused = zip(*(self._of[name] for name in names), strict=True)
+        state, covariance, refused = zip(*(self._tracks[name] for name in names), strict=True)
         latest = np.stack(state)[:, None]
         return Tracks(latest, np.stack(covariance), np.zeros(latest.shape[:2]), np.array(refused, np.int64))

@@ -161,14 +161,17 @@ def scan(
     )
     noise = rng.standard_normal((3, len(at))) * deviation
     measured = Cycles(true.distance + noise[0], true.speed + noise[1], true.bearing + noise[2], drop)
-    fixes = Fixes(
-        np.zeros((len(time_s), 4)), np.tile(1e8 * np.eye(4), (len(time_s), 1, 1)), np.zeros(len(time_s), bool)
-    )
+    fixes = unseen(len(time_s))
     fixes.state[at], fixes.valid[at] = measured.fix(reported), seen
     fixes.covariance[at] = true.covariance(radar[2:], deviation, pose.position_sd_m, pose.speed_sd_mps)
     in_record = time_s[at] >= 0
     share = float(seen[in_record].mean()) if in_record.any() else 0.0
     return Scan(checked(fixes.state, fixes.covariance, fixes.valid), float(10 * np.log10(snr).mean()), share)
+
+
+def unseen(count: int) -> Fixes:
+    """Return the fixes of a target that no cycle detects."""
+    return Fixes(np.zeros((count, 4)), np.tile(1e8 * np.eye(4), (count, 1, 1)), np.zeros(count, bool))
 
 
 @dataclass(frozen=True)

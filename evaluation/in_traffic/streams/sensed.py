@@ -81,7 +81,7 @@ class StretchSensing:
         count = round((stretch.end_s - stretch.start_s) * rate_hz) + 1
         truth = self.motion_of(stretch.tv, stretch.start_s, count, rate_hz)
         predicted = 0
-        for begin, end in spans(self.sensor.in_view(self._passage(stretch, truth))):
+        for begin, end in spans(self.sensor.picture.in_view(self._passage(stretch, truth))):
             start_s = stretch.start_s + begin / rate_hz
             # A window ends on the grid of predictions: what is seen before the first whole interval is not used.
             part = stretch.part(start_s, stretch.start_s + (end - 1) / rate_hz, self.before_decision_s)

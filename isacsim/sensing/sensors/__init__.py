@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isac_cosim.base.arrays import BoolArray
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import Registry
 from isac_cosim.isacsim.sensing.passages import Passage, Piece, SensedPiece, SensedRecord, WatchedTraffic
@@ -40,42 +40,40 @@ DEFAULT = "isac"
 class Watch:
     """A sensor at work on an episode. What its picture answers is checked, because it may be of another package.
 
-    unusable: see `protocol.Sensor`.
+    unusable: see `protocol.Described`.
     """
 
     name: str
     unusable: str
     picture: Picture
 
-    def in_view(self, passage: Passage) -> BoolArray:
-        """Return at which instants of a passage the sensor can follow the TV, (S,)."""
-        return self.picture.in_view(passage)
-
     def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
         """Return what is known of each passage, in order. Raises InputError where the answers do not fit."""
         records = self.picture.record(passages)
-        fit = len(records) == len(passages) and all(
-            not record.usable or (record.state.shape == passage.truth.shape and np.isfinite(record.state).all())
-            for record, passage in zip(records, passages, strict=True)
-        )
-        self._require(fit, "record")
+        states = [
+            (record.state, passage.truth) for record, passage in zip(records, passages, strict=False) if record.usable
+        ]
+        self._require(len(records) == len(passages) and all(_fits(state, truth.shape) for state, truth in states))
         return records
 
     def step(self, piece: Piece, uv_of: Mapping[str, str]) -> SensedPiece:
         """Go on by one piece of a world that runs. Raises InputError where the answer does not fit."""
         sensed = self.picture.step(piece, uv_of)
+        asked = all(name in uv_of and name in piece.place for name in sensed.names)
         shape = (len(sensed.names), *piece.tv.shape[1:])
-        known = all(name in uv_of and name in piece.place for name in sensed.names)
-        fit = not sensed.names or (sensed.state.shape == shape and bool(np.isfinite(sensed.state).all()))
-        self._require(known and fit, "step")
+        self._require(asked and (not sensed.names or _fits(sensed.state, shape)))
         return sensed
 
-    def _require(self, fit: bool, method: str) -> None:
+    def _require(self, fit: bool) -> None:
         if not fit:
             raise InputError(
-                f"sensor {self.name}: `{method}` returned no finite state of each vehicle at each instant that it was "
-                "asked about; fix the sensor, or choose another"
+                f"sensor {self.name}: returned no finite state of each vehicle at each instant that it was asked "
+                "about; fix the sensor, or choose another"
             )
+
+
+def _fits(state: Array, shape: tuple[int, ...]) -> bool:
+    return state.shape == shape and bool(np.isfinite(state).all())
 
 
 def watch(name: str, traffic: WatchedTraffic, settings: SensorSettings) -> Watch:
@@ -85,4 +83,7 @@ def watch(name: str, traffic: WatchedTraffic, settings: SensorSettings) -> Watch
         return Watch(name, sensor.unusable, sensor.watch(traffic, settings))
     if isinstance(sensor, StoredSensor):
         return Watch(name, sensor.unusable, StoredPicture(traffic, sensor, settings))
-    raise InputError(f"sensor {name}: is not one: it has neither `watch` nor `sense`; fix it, or choose another")
+    raise InputError(
+        f"sensor {name}: is not one: it lacks a method or an attribute of `isacsim.sensing.sensors.protocol.Sensor`; "
+        "fix it, or choose another"
+    )

@@ -7,9 +7,8 @@ form that sensors had before they could watch an episode: it is given stored rec
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -25,7 +24,7 @@ from isac_cosim.isacsim.sensing.passages import (
     SensedRecord,
     WatchedTraffic,
 )
-from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from isac_cosim.isacsim.sensing.sensors.protocol import Described, SensorSettings
 
 PAST_S = 5.0
 """How much of a TV's motion before a piece is kept, s: the longest run-in of a filter."""
@@ -95,73 +94,32 @@ class StoredRecords:
     carrier: Carrier | None
     past: Array | None = None
 
-    @classmethod
-    def of(cls, passages: Sequence[Passage], traffic: WatchedTraffic) -> StoredRecords:
-        """Return passages of one length as records."""
-        carriers = [passage.carrier for passage in passages]
-        pasts = [passage.past for passage in passages]
-        return cls(
-            truth=np.stack([passage.truth for passage in passages]),
-            rate_hz=traffic.rate_hz,
-            keys=[passage.key for passage in passages],
-            sites=traffic.sites,
-            carrier=_together([carrier for carrier in carriers if carrier is not None]),
-            past=None if pasts[0] is None else np.stack([past for past in pasts if past is not None]),
-        )
-
-
-def _together(carriers: Sequence[Carrier]) -> Carrier | None:
-    if not carriers:
-        return None
-    first, reported = carriers[0], [carrier.reported for carrier in carriers if carrier.reported is not None]
-    return Carrier(
-        np.stack([carrier.state for carrier in carriers]),
-        first.rate_hz,
-        np.stack(reported) if reported else None,
-        first.position_sd_m,
-        first.speed_sd_mps,
-    )
-
 
 @runtime_checkable
-class StoredSensor(Protocol):
-    """A sensor that can sense stored records only; the other attributes are those of `Sensor`."""
-
-    label: str
-    cost_s: float
-    by_sites: bool
-    filtered: bool
-    unusable: str
-
-    def refusal(self, settings: SensorSettings) -> str | None:
-        """Return in one line why stored records cannot be sensed like this, and the fix; None if they can."""
+class StoredSensor(Described, Protocol):
+    """A sensor that senses stored records, and knows no more of an episode."""
 
     def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
         """Return what is known of each record, in order; records do not depend on their company."""
 
 
 class StoredPicture(RecordPicture):
-    """What a `StoredSensor` knows."""
+    """What a `StoredSensor` knows: it is asked about one passage after the other."""
 
     def __init__(self, traffic: WatchedTraffic, sensor: StoredSensor, settings: SensorSettings) -> None:
         super().__init__(traffic)
         self._sensor, self._settings = sensor, settings
 
     def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
-        """Sense passages as stored records, those of one length together."""
-        return [record for part in _of_one_length(passages) for record in self._sensed(part)]
+        """Sense passages as stored records."""
+        return [record for passage in passages for record in self._sensed(passage)]
 
-    def _sensed(self, passages: Sequence[Passage]) -> list[SensedRecord]:
-        return self._sensor.sense(StoredRecords.of(passages, self.traffic), self._settings)
-
-
-def _of_one_length(passages: Sequence[Passage]) -> Iterator[list[Passage]]:
-    """Yield passages in order, in groups that arrays can hold."""
-
-    def shapes(passage: Passage) -> tuple[object, ...]:
-        past, carrier = passage.past, passage.carrier
-        of_carrier = None if carrier is None else (carrier.state.shape, carrier.rate_hz, carrier.reported is None)
-        return passage.truth.shape, None if past is None else past.shape, of_carrier
-
-    for _, group in groupby(passages, shapes):
-        yield list(group)
+    def _sensed(self, passage: Passage) -> list[SensedRecord]:
+        traffic, carrier, past = self.traffic, passage.carrier, passage.past
+        if carrier is not None:
+            reported = None if carrier.reported is None else carrier.reported[None]
+            carrier = replace(carrier, state=carrier.state[None], reported=reported)
+        past = None if past is None else past[None]
+        truth, keys = passage.truth[None], [passage.key]
+        records = StoredRecords(truth, traffic.rate_hz, keys, traffic.sites, carrier, past)
+        return self._sensor.sense(records, self._settings)

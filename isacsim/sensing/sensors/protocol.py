@@ -48,16 +48,13 @@ class Picture(Protocol):
         """
 
 
-@runtime_checkable
-class Sensor(Protocol):
-    """A way of knowing the motion of TVs.
+class Described(Protocol):
+    """What is said of every sensor.
 
     label: a few words for tables and help texts. cost_s: processor time of one sensing instant of one record, s, for
     estimates. by_sites: whether the sites sense, so that the channel's SNR matters. filtered: whether fixes come
     before the states, so that their error is worth recording. unusable: why a record is left out that the sensor
     cannot follow, as the key under which such records are counted.
-
-    A sensor is sent to worker processes, so its class has to be importable there.
     """
 
     label: str
@@ -68,6 +65,11 @@ class Sensor(Protocol):
 
     def refusal(self, settings: SensorSettings) -> str | None:
         """Return in one line why stored records cannot be sensed like this, and the fix; None if they can."""
+
+
+@runtime_checkable
+class Sensor(Described, Protocol):
+    """A way of knowing the motion of TVs. It is sent to worker processes, so its class has to be importable there."""
 
     def watch(self, traffic: WatchedTraffic, settings: SensorSettings) -> Picture:
         """Watch an episode: called once, before anything is asked about it.

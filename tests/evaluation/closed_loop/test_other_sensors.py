@@ -222,12 +222,12 @@ def test_both_are_arms_of_a_closed_loop(trees_run: Run, study: LiveStudy, tmp_pa
 
 
 def test_an_answer_that_does_not_fit_is_refused(dataset: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="sensor short: `record` returned no finite state"):
+    with pytest.raises(InputError, match="sensor short: returned no finite state"):
         resense(dataset, resense_settings(dataset, SenseArguments("short")), tmp_path / "out", INLINE)
 
 
 def test_a_thing_that_cannot_sense_is_refused(dataset: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="sensor nothing: is not one: it has neither `watch` nor `sense`"):
+    with pytest.raises(InputError, match="sensor nothing: is not one: it lacks a method"):
         resense(dataset, resense_settings(dataset, SenseArguments("nothing")), tmp_path / "out", INLINE)
 
 

@@ -237,7 +237,7 @@ def test_a_record_does_not_depend_on_its_company() -> None:
 
 def test_a_tv_without_a_uv_is_not_usable() -> None:
     passage = Passage("tv", 0.0, hard_brake(400), ("alone",))
-    picture = watch("radar", WatchedTraffic("road", 1, [], RATE_HZ), SensorSettings())
+    picture = watch("radar", WatchedTraffic("road", 1, [], RATE_HZ), SensorSettings()).picture
     assert not picture.in_view(passage).any()
     assert not picture.record([passage])[0].usable
 
