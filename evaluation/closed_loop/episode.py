@@ -16,7 +16,7 @@ from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
 from isac_cosim.evaluation.closed_loop.policy import advisories
 from isac_cosim.evaluation.closed_loop.safety import driving_of, encroachments
-from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings
+from isac_cosim.evaluation.closed_loop.settings import NOT_OF_A_SENSOR, Arm, ClosedLoopSettings
 from isac_cosim.evaluation.closed_loop.store import (
     AdvisoryFacts,
     AlarmFacts,
@@ -104,7 +104,8 @@ def run_arm(
         return measured(record(scenario, seed, dataset.traffic, dataset.maneuvers), arm)
     silent = arm == "random" or alarming.settings is None
     answering = None if silent else run_answering(infer, study.live.background.lanes)
-    loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, arm, answering)
+    sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm
+    loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, sensor, answering)
     source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _Alarms(alarming, study)
     alarms: list[AlarmFacts] = []
     predicted = 0

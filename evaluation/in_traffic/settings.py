@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.trees.boosting import BoostingSettings
@@ -56,6 +67,18 @@ class StreamSettings(Settings):
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
+    sensor: Annotated[str, AfterValidator(SENSORS.check)] = Field(DEFAULT, description="what senses the TVs")
+    radar: RadarSettings = Field(RadarSettings(), description="the UV's own radar, where that is the sensor")
+    options: dict[str, JsonValue] = Field({}, description="settings of an installed sensor, which checks them itself")
+
+    @model_serializer(mode="wrap")
+    def _without_unused_sensors(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Settings of sensors are stored where they are not the default."""
+        content: dict[str, Any] = serialize(self)
+        for name in ("sensor", "radar", "options"):
+            if getattr(self, name) == type(self).model_fields[name].default:
+                content.pop(name, None)
+        return content
 
     def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
         """Return these settings with times that are whole numbers of samples, as little longer as possible."""
@@ -240,6 +263,12 @@ class LiveStudy(Settings):
         if len(self.dataset.scenarios) != 1:
             raise ValueError("evaluate one scenario at a time")
         return self
+
+    @property
+    def sensor_settings(self) -> SensorSettings:
+        """The settings of what senses the TVs."""
+        streams = self.live.streams
+        return SensorSettings(sensing=self.dataset.sensing, radar=streams.radar, options=streams.options)
 
     @property
     def seeds(self) -> list[int]:

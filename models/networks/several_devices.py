@@ -11,10 +11,10 @@ import warnings
 from pathlib import Path
 
 import psutil
-
-from isac_cosim.base.errors import RunError
 import torch.distributed
 from lightning.pytorch.strategies import DDPStrategy
+
+from isac_cosim.base.errors import RunError
 
 MEETING_FILE = "meeting"
 SOCKET_INTERFACES = ("GLOO_SOCKET_IFNAME", "NCCL_SOCKET_IFNAME")
@@ -59,5 +59,3 @@ def _own_interface() -> str:
         if any(address.address == "127.0.0.1" for address in addresses):
             return str(name)
     raise RunError("no network interface leads to this machine (127.0.0.1); train on one device")
-        next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses))
-    )

@@ -16,7 +16,10 @@ import numpy as np
 import pandas as pd
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.sensing.chain import LEAST_SITES, before, fix, run_in_snapshots
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.sensing.chain import LEAST_SITES, fix
+from isac_cosim.isacsim.sensing.following import Approach, run_in_snapshots
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.kalman import track
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.episode import record_key
@@ -47,9 +50,10 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> SensedRecord
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]
+        sites = Panels.of(dataset.sites(row["scenario"]), settings.target_height_m)
         key = record_key(row["scenario"], row["seed"], row["tv_id"], Intention(row["label"]), row["t_start"])
-        motion = np.concatenate([before(truth[k : k + 1], rate_hz, count), truth[k : k + 1]], axis=2)[0]
-        observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key))
+        approach = Approach.of(Passage(row["tv_id"], row["t_start"], truth[k], key), rate_hz, settings.tracking)
+        observed.append(fix(approach, rate_hz, sites, settings, key))
     good = [n for n, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
     return SensedRecords(
         state=np.stack([observed[n].fixes.state for n in good]),
