@@ -29,7 +29,8 @@ from isacsim.scenarios.scenario import load
 from isacsim.traffic.simulation import record
 from labeling.dataset.dataset import Episode, write_shard
 from labeling.events import label
-from labeling.generation.episode import make_samples, ready, select
+from labeling.generation.episode import make_samples, ready
+from labeling.generation.selection import draws
 from labeling.generation.settings import DatasetStudy
 from labeling.road.surroundings import Surroundings
 from labeling.samples.candidates import candidates
@@ -69,8 +70,8 @@ def _one_episode() -> dict[str, Any]:
     with _timed(stages, "candidates"):
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
-        chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
-        samples, _ = make_samples(study, scenario, recording, chosen)
+        drawn = draws(available.samples, study.selection, (scenario.name, SEED))
+        samples = make_samples(study, scenario, recording, drawn).samples
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
         tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)

@@ -19,6 +19,7 @@ from isacsim.arrays import Array
 from isacsim.sensing import LEAST_SITES, before, fix, run_in_snapshots
 from isacsim.tracking.kalman import track
 from labeling.dataset.dataset import Dataset
+from labeling.dataset.record_point import in_plane
 from labeling.generation.episode import record_key
 from labeling.generation.resense import own_sensing
 from labeling.intentions import Intention
@@ -41,7 +42,7 @@ class Sensed:
 def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
     """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
     settings, table = own_sensing(dataset), dataset.frame()
-    truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
+    truth = in_plane(dataset.arrays("tv_truth")["tv_truth"], table["x0"].to_numpy(), table["y0"].to_numpy())
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
     count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
     rate_hz, observed = dataset.meta.tv_rate_hz, []

@@ -16,12 +16,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isacsim.arrays import Float32Array
+from isacsim.arrays import Array, Float32Array
 from isacsim.errors import InputError
 from isacsim.files import replace_file
 from isacsim.scenarios.lane import Lane
@@ -95,7 +94,7 @@ class RoadLane:
 
     id: str
     width_m: float
-    shape: npt.NDArray[np.float32]
+    shape: Array
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,11 @@ class Dataset:
         return frame
 
     def arrays(self, *names: str) -> dict[str, Float32Array]:
-        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R)."""
+        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R).
+
+        As they are stored: positions are relative to the points of their records, `frame(["x0", "y0"])`. In the
+        scenario's plane they are what `labeling.dataset.record_point.in_plane` makes of them.
+        """
         tv_length, uv_length, run_in_length = self.meta.lengths
         lengths = {"tv": tv_length, "tv_truth": tv_length, "uv": uv_length, RUN_IN: run_in_length}
         arrays = {name: np.empty((len(self), 6, lengths[name]), np.float32) for name in names if name in ARRAYS}
@@ -170,7 +173,7 @@ class Dataset:
             yield {name: states_of(table[name]) for name in names}
 
     def record(self, name: str, row: int) -> Float32Array:
-        """Return one row of an array column, (6, length), by reading the shard that holds it."""
+        """Return one row of an array column as it is stored, (6, length), by reading the shard that holds it."""
         ends = np.cumsum(self.meta.shards.numbers("samples"))
         k = int(np.searchsorted(ends, row, side="right"))
         if not 0 <= row < len(self):
@@ -186,7 +189,7 @@ class Dataset:
         path = self.path / ROADS / f"{scenario}.parquet"
         try:
             rows = pq.ParquetFile(path).read().to_pylist()
-            return [RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T) for row in rows]
+            return [RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float64).T) for row in rows]
         except (KeyError, OSError, TypeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
@@ -274,6 +277,8 @@ def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
     times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
     if not np.isfinite(times).all() or (np.diff(times[:, 1:]) < 0).any() or (times[:, 0] > times[:, 1]).any():
         yield "times are not in the order start, onset, commit, end"
+    if not np.isfinite(scalars[["x0", "y0"]].to_numpy()).all():
+        yield "x0 or y0 is not finite"
     for name in set(ARRAYS) & set(table.column_names):
         if not np.isfinite(states_of(table[name])).all():
             yield f"{name} holds values that are not finite"
@@ -291,7 +296,7 @@ def files_in(folder: Path) -> dict[str, int]:
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
     """Write a scenario's lanes to `roads/<scenario>.parquet`. Raises OutputError."""
     rows = list(lanes)
-    line = pa.list_(pa.float32())
+    line = pa.list_(pa.float64())
     table = pa.table(
         {
             "id": pa.array([lane.id for lane in rows], pa.string()),

@@ -60,7 +60,7 @@ class Meta(Settings):
     that they were sensed anew with (labeling.generation.resense), None if they were generated.
     """
 
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES

@@ -38,6 +38,7 @@ from labeling.dataset.dataset import (
     write_shard,
 )
 from labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
+from labeling.dataset.record_point import in_plane, relative
 from labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
 from labeling.generation import log
 from labeling.generation.engine import Engine, LocalEngine
@@ -242,7 +243,8 @@ def _sense(
             if record.usable:
                 samples.append(_with(sample, record, settings.sensor))
                 if sensor.filtered:
-                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
+                    fixes = relative(record.fixes, (sample.x0, sample.y0))
+                    fix_errors.append(median_error_m(fixes, sample.tv_truth))
     return samples, fix_errors
 
 
@@ -252,10 +254,11 @@ def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: 
     A dataset stores what the UVs reported. Their true motion, which carries a radar, is that minus the noise, which is
     drawn again from the record's key.
     """
-    reported = np.stack([sample.uv for sample in part]).astype(np.float64)
+    points = np.transpose([(sample.x0, sample.y0) for sample in part])
+    reported = in_plane(np.stack([sample.uv for sample in part]), *points)
     noise = np.stack([report_noise(meta.uv_length, report, _record_key(sample)) for sample in part])
     return StoredRecords(
-        truth=np.stack([sample.tv_truth for sample in part]).astype(np.float64),
+        truth=in_plane(np.stack([sample.tv_truth for sample in part]), *points),
         rate_hz=meta.tv_rate_hz,
         keys=[_key(sample) for sample in part],
         sites=sites,
@@ -266,15 +269,14 @@ def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: 
             position_sd_m=report.position_sd_m,
             speed_sd_mps=report.speed_sd_mps,
         ),
-        past=np.stack([sample.tv_run_in for sample in part]).astype(np.float64) if meta.run_in_length else None,
+        past=in_plane(np.stack([sample.tv_run_in for sample in part]), *points) if meta.run_in_length else None,
     )
 
 
 def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
     """Return a sample with its TV as it was sensed anew."""
-    return replace(
-        sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=record.state.astype(np.float32)
-    )
+    tv = relative(record.state, (sample.x0, sample.y0))
+    return replace(sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=tv)
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:

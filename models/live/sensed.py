@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from isacsim.arrays import Array, BoolArray, Float32Array
+from isacsim.arrays import Array, BoolArray
 from isacsim.panels import Panels
 from isacsim.radio.blockage import blockers_of
 from isacsim.scenarios.scenario import Scenario
@@ -34,19 +34,20 @@ NOT_DETECTED = "not_detected"
 class Track:
     """A stretch as the network knows it.
 
-    state: x, y, vx, vy, ax, ay in m, m/s and m/s2 after the filter, at tv_rate_hz from `stretch.start_s` on, (6, S).
+    state: x, y, vx, vy, ax, ay in m, m/s and m/s2 after the filter, in the scenario's plane, at tv_rate_hz from
+    `stretch.start_s` on, (6, S).
     truth: the true motion at the same instants, (6, S). fixes: the input of the filter.
     """
 
     stretch: Stretch
-    state: Float32Array
+    state: Array
     truth: Array
     fixes: Observed
 
     @property
     def true(self) -> Track:
         """The same stretch, with the true motion in place of the sensed one."""
-        return replace(self, state=np.ascontiguousarray(self.truth, dtype=np.float32))
+        return replace(self, state=np.ascontiguousarray(self.truth))
 
 
 @dataclass
@@ -130,7 +131,7 @@ class Sensing:
             fixes, covariances, valid, 1 / self.study.record.tv_rate_hz, self.study.sensing.tracking
         ).state
         for row, (part, truth, observed) in enumerate(waiting):
-            state = np.ascontiguousarray(states[row, : truth.shape[1]].T, dtype=np.float32)
+            state = np.ascontiguousarray(states[row, : truth.shape[1]].T)
             yield Track(part, state, truth, observed)
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isacsim.arrays import Float32Array
 from isacsim.files import replace_file
+from labeling.dataset.record_point import in_plane
 from labeling.intentions import Intention
 from models.data.windows import Ends, Records, cut, fitting
 from models.evaluation.evaluation import Evaluation
@@ -59,7 +60,7 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     row = int(np.flatnonzero(sample_ids == choice.sample_id)[0])
     records, truth = Records.of(dataset), dataset.record("tv_truth", row)
     scenario = str(records.table["scenario"].iloc[row])
-    view = record_view(evaluated.run, records, truth.astype(np.float64), row)
+    view = record_view(evaluated.run, records, truth, row)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
     return write_page(evaluation.result, out, choice.rule)
 
@@ -75,24 +76,25 @@ def write_page(result: EvaluationResult, folder: Path, record_rule: str = "") ->
     return page
 
 
-def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordView:
+def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> RecordView:
     """Return what is drawn of one record, with the run's predictions for every window in it.
 
-    truth: true states of the TV, (6, S). row: of the record.
+    truth: true states of the TV, as they are stored, (6, S). row: of the record.
     """
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
     first, last = fitting(records, run.card.settings.windows)
     steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
+    point = records.points[row]
     windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
     snr_db = float(table["snr_db"])
     snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
     return RecordView(
         title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
-        tv=np.asarray(records.tv[row], np.float64),
-        truth=truth,
-        uv=np.asarray(records.uv[row], np.float64),
+        tv=in_plane(records.tv[row], *point),
+        truth=in_plane(truth, *point),
+        uv=in_plane(records.uv[row], *point),
         t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
         t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
         commit_s=float(table["t_commit"] - table["t_onset"]),
