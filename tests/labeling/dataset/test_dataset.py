@@ -305,7 +305,7 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
 
 @pytest.mark.parametrize("version", [1, 2, 3])
 def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
-    """Before schema 4, positions are in the plane; before schema 3, there are no causes, and commands are stimulated."""
+    """Before schema 4, positions are in the plane; before schema 3, nothing has a cause, and commands stimulate."""
     dataset = make(tmp_path / "data", (6, 3))
     shards = []
     for shard in dataset.meta.shards:
