@@ -13,12 +13,12 @@ from typing import Annotated
 
 import typer
 
-from command_line import options as opt
-from command_line import output
-from command_line.exit_codes import exit_code
-from command_line.help import HelpfulCommand, examples
-from command_line.network import network_app
-from models.roles import DEFAULT, FLOOR
+from isac_cosim.command_line import options as opt
+from isac_cosim.command_line import output
+from isac_cosim.command_line.exit_codes import exit_code
+from isac_cosim.command_line.help import HelpfulCommand, examples
+from isac_cosim.command_line.road_network import network_app
+from isac_cosim.models import DEFAULT, FLOOR
 
 app = typer.Typer(
     add_completion=False,
@@ -53,8 +53,8 @@ def run(
 
     Repeat the command to continue an interrupted study.
     """
-    from command_line.study import run_and_show, show_cost
-    from models.studies.study import read_study
+    from isac_cosim.command_line.study import run_and_show, show_cost
+    from isac_cosim.studies.study import read_study
 
     began, console = time.monotonic(), output.console_of(quiet)
     content = read_study(study)
@@ -108,8 +108,8 @@ def generate(
 
     Repeat the command to continue an interrupted dataset.
     """
-    from command_line.arguments import dataset_study, one_of
-    from labeling.generation.generate import generate as generate_dataset
+    from isac_cosim.command_line.arguments import dataset_study, one_of
+    from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
     study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
@@ -155,9 +155,9 @@ def sense(
 
     Settings that are not given stay as in the dataset. Repeat the command to continue where it was interrupted.
     """
-    from command_line.arguments import SenseArguments, resense_settings
-    from labeling.dataset.dataset import Dataset
-    from labeling.generation.resense import resense
+    from isac_cosim.command_line.arguments import SenseArguments, resense_settings
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.generation.resense import resense
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
@@ -175,7 +175,7 @@ def inspect(
     quiet: opt.Quiet = False,
 ) -> None:
     """Show what is in a dataset: counts by intention and origin, distributions, rates, seeds, SNR."""
-    from labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
     opened = Dataset.open(dataset)
     if verify:
@@ -208,10 +208,10 @@ def train(
 
     Repeat the command to continue an interrupted training.
     """
-    from isacsim.settings import checked
-    from labeling.dataset.dataset import Dataset
-    from models.settings import TrainSettings
-    from models.training.training import train as train_predictor
+    from isac_cosim.base.settings import checked
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.models.runs.settings import TrainSettings
+    from isac_cosim.models.training.training import train as train_predictor
 
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
@@ -265,8 +265,8 @@ def evaluate(
 
     An evaluation in traffic that was interrupted is continued by the same command.
     """
-    from command_line import evaluation
-    from command_line.live import LiveArguments, evaluate_and_show, source_of
+    from isac_cosim.command_line import evaluation
+    from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
         seeds,
@@ -316,8 +316,8 @@ def reproduce(
 
     Repeat the command to continue an interrupted reproduction.
     """
-    from command_line.reproduction import engine_for, reproduce_and_show, show_cost
-    from models.reproduction.reproduce import request
+    from isac_cosim.command_line.reproduction import engine_for, reproduce_and_show, show_cost
+    from isac_cosim.studies.reproduction.reproduce import request
 
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
     wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
@@ -333,12 +333,13 @@ def bench(
     quiet: opt.Quiet = False,
 ) -> None:
     """Measure speeds as ratios against a stated reference, both in one run; takes minutes."""
-    import benchmarks
+    from isac_cosim import benchmarks
+    from isac_cosim.benchmarks.ratios import show_bench
 
     console = output.console_of(quiet)
     benchmarks.check_choice(what, every)
     result = benchmarks.run_all(output.feedback_of(console)) if what is None else benchmarks.run(what)
-    output.show_bench(result, console)
+    show_bench(result, console)
     output.print_json(as_json, result)
 
 

@@ -8,7 +8,7 @@
 - index: a dataset's synthetic shards, as large as the bundled motorway's, are planned, their index is written and read
   back, in a process of its own.
 
-Run: python -m benchmarks.cluster [--workers 16] [--episodes 6000] [--shards 1000 10000 100000]
+Run: python -m isac_cosim.benchmarks.cluster [--workers 16] [--episodes 6000] [--shards 1000 10000 100000]
 """
 
 # mypy: disable-error-code="no-untyped-call"
@@ -35,18 +35,18 @@ from typing import Any
 import psutil
 from distributed import Client
 
-from benchmarks.scaling import MIB, apart, peak_memory
-from isacsim.feedback import Feedback
-from isacsim.scenarios import scenario
-from isacsim.scenarios.scenario import Scenario
-from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
-from labeling.generation.engine import ClusterEngine
-from labeling.generation.episode_plan import Jobs, Plan
-from labeling.generation.folder import finish
-from labeling.generation.generate import describe, generate
-from labeling.generation.journal import Journal
-from labeling.generation.settings import DatasetStudy, SeedRange
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.workers.engine import ClusterEngine
+from isac_cosim.benchmarks.scaling import MIB, apart, peak_memory
+from isac_cosim.isacsim.scenarios import scenario
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from isac_cosim.labeling.generation.episode_plan import EpisodePlan, Jobs
+from isac_cosim.labeling.generation.folder import finish
+from isac_cosim.labeling.generation.generate import describe, generate
+from isac_cosim.labeling.generation.journal import Journal
+from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 
 SCENARIO = "motorway"
 WORKERS = 16
@@ -167,7 +167,7 @@ def indexed(episodes: int) -> dict[str, Any]:
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
-    plan = Plan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
+    plan = EpisodePlan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
     with tempfile.TemporaryDirectory(prefix="cosim-") as name:
         folder = Path(name)
         (folder / SHARDS).mkdir()
@@ -239,9 +239,11 @@ def _spent(process: psutil.Process) -> tuple[float, int]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.cluster")
+    parser = argparse.ArgumentParser(prog="python -m isac_cosim.benchmarks.cluster")
     parser.add_argument("--workers", type=int, default=WORKERS)
     parser.add_argument("--episodes", type=int, default=EPISODES, help="0 leaves the cluster out")
     parser.add_argument("--shards", type=int, nargs="*", default=LISTED)
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.cluster").run(**vars(parser.parse_args())), indent=2))
+    print(
+        json.dumps(importlib.import_module("isac_cosim.benchmarks.cluster").run(**vars(parser.parse_args())), indent=2)
+    )

@@ -7,7 +7,7 @@
 - record: processor time, s, of a 5 s record with four sites, that is 2,000 x 4 snapshots, fusion and filter; one alone,
   and each of 32 together.
 
-Run: python -m benchmarks.echo
+Run: python -m isac_cosim.benchmarks.echo
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.ratios import Ratio
-from isacsim.arrays import Array
-from isacsim.radio.bounds import cell_bound
-from isacsim.radio.echo_tensor import observe_tensor
-from isacsim.radio.estimation import Estimates
-from isacsim.radio.estimators import ESTIMATORS
-from isacsim.radio.waveform import Waveform, steering
-from isacsim.scenarios.scenario import Site
-from isacsim.sensing import SensingSettings, sense
+from isac_cosim.base.arrays import Array
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.isacsim.radio.bounds import cell_bound
+from isac_cosim.isacsim.radio.echo_tensor import observe_tensor
+from isac_cosim.isacsim.radio.estimation import Estimates
+from isac_cosim.isacsim.radio.estimators import ESTIMATORS
+from isac_cosim.isacsim.radio.waveform import Waveform, steering
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.sensing.chain import SensingSettings, sense
 
 SNR_RANGE_DB = (-25.0, -20.0, -10.0, 0.0, 10.0, 20.0)
 RATE_HZ = 400.0

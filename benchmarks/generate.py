@@ -6,7 +6,7 @@
 - scaling: samples per second of two worker processes over one; of two workers with 1, 2, 4 and 8 times the work; and
   the parent's memory (`benchmarks.scaling`). This takes several minutes and needs two idle cores.
 
-The first two run on one thread. Run: python -m benchmarks.generate
+The first two run on one thread. Run: python -m isac_cosim.benchmarks.generate
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import scaling
-from benchmarks.echo import record_s
-from benchmarks.ratios import Ratio
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.simulation import record
-from labeling.dataset.dataset import Episode, write_shard
-from labeling.events import label
-from labeling.generation.episode import make_samples, ready
-from labeling.generation.selection import draws
-from labeling.generation.settings import DatasetStudy
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import candidates
+from isac_cosim.benchmarks import scaling
+from isac_cosim.benchmarks.echo import record_s
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.sources.sumo import record
+from isac_cosim.labeling.dataset.dataset import Episode, write_shard
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.generation.episode import make_samples, ready
+from isac_cosim.labeling.generation.selection import draws
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import candidates
 
 SCENARIO = "motorway"
 SEED = 1
@@ -99,4 +99,4 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     # Imported by name, so that other processes find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("benchmarks.generate").run(), indent=2))
+    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.generate").run(), indent=2))

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from isacsim.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
+from isac_cosim.base.errors import NO_ROOM, WRONG_PATH, InputError, RunError, output_error
 
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 LONGEST = 1000

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import Console
 from rich.table import Table
 
-from command_line import options, output
-from command_line.progress import print_line
-from isacsim.errors import InputError
-from isacsim.parsing import number_range
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.parsing import number_range
+from isac_cosim.base.progress import print_line
+from isac_cosim.command_line import options, output
 
 if TYPE_CHECKING:
-    from models.closed_loop.results import ClosedLoopResult
-    from models.closed_loop.settings import ClosedLoopSettings
-    from models.live.results import EventScores, Interval, TrafficResult
-    from models.live.settings import LiveSettings
+    from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
+    from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
+    from isac_cosim.evaluation.in_traffic.scores.results import EventScores, Interval, TrafficResult
+    from isac_cosim.evaluation.in_traffic.settings import LiveSettings
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def evaluate_and_show(
     run: Path, scenario: str, arguments: LiveArguments, out: Path | None, against: Sequence[Path], console: Console
 ) -> dict[str, Any]:
     """Evaluate a run in running traffic, draw its figures and show its scores. Returns what `--json` prints."""
-    from models.live.evaluation import evaluate_traffic, study_of
-    from models.report.live_figures import draw_live_figures
-    from models.run import load_run
+    from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
+    from isac_cosim.evaluation.report.live_figures import draw_live_figures
+    from isac_cosim.models.runs.run import load_run
 
     loaded = load_run(run)
     seeds, development = (
@@ -75,8 +75,8 @@ def evaluate_and_show(
     alone = None if arguments.alone is None else load_run(arguments.alone)
     closed: ClosedLoopResult | None = None
     if arguments.advisories:
-        from models.closed_loop.evaluation import evaluate_advisories
-        from models.report.advisory_figures import arms
+        from isac_cosim.evaluation.closed_loop.evaluation import evaluate_advisories
+        from isac_cosim.evaluation.report.live_figures import arms
 
         loop_settings = closed_loop_settings(arguments)
         closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others, alone=alone)
@@ -99,8 +99,8 @@ def evaluate_and_show(
 
 def live_settings(arguments: LiveArguments) -> LiveSettings:
     """Return the settings of watching, alarms and scores. Raises InputError where an argument is wrong."""
-    from isacsim.settings import checked
-    from models.live.settings import LiveSettings
+    from isac_cosim.base.settings import checked
+    from isac_cosim.evaluation.in_traffic.settings import LiveSettings
 
     rate = arguments.false_alarms
     choice = {} if rate is None else {"false_alarms_per_vehicle_hour": rate}
@@ -114,8 +114,8 @@ def live_settings(arguments: LiveArguments) -> LiveSettings:
 
 def closed_loop_settings(arguments: LiveArguments) -> ClosedLoopSettings:
     """Return the settings of a closed loop. Raises InputError where an argument is wrong."""
-    from isacsim.settings import checked
-    from models.closed_loop.settings import ClosedLoopSettings
+    from isac_cosim.base.settings import checked
+    from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 
     given = {} if arguments.conditioning is None else {"conditioning": arguments.conditioning}
     return checked(ClosedLoopSettings, given, "arguments")

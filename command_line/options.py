@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.demand import DemandSettings
-    from isacsim.scenarios.site_placement import PlacementSettings
-    from labeling.generation.engine import Engine
+    from isac_cosim.base.workers.engine import Engine
+    from isac_cosim.isacsim.scenarios.demand import DemandSettings
+    from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 
 
 def _print_version(asked: bool) -> None:
@@ -152,7 +152,7 @@ DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that
 
 def engine_of(jobs: int | None, cluster: str | None) -> Engine:
     """Return what runs episodes: local worker processes, or a running scheduler's workers, which are checked first."""
-    from labeling.generation.engine import ClusterEngine, LocalEngine
+    from isac_cosim.base.workers.engine import ClusterEngine, LocalEngine
 
     if cluster is None:
         return LocalEngine(jobs or cores())
@@ -167,9 +167,9 @@ def placement_of(
     spacing: float | None, set_back: float | None, height: float | None, vehicles: int | None
 ) -> tuple[PlacementSettings, DemandSettings]:
     """Return where masts stand and how much traffic is made, from the arguments."""
-    from isacsim.scenarios.demand import DemandSettings
-    from isacsim.scenarios.site_placement import PlacementSettings
-    from isacsim.settings import checked
+    from isac_cosim.base.settings import checked
+    from isac_cosim.isacsim.scenarios.demand import DemandSettings
+    from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 
     arguments = {"spacing_m": spacing, "set_back_m": set_back, "height_m": height}
     given = {name: value for name, value in arguments.items() if value is not None}

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from command_line.progress import ConsoleFeedback, print_line
-from isacsim.errors import InputError, RunError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.progress import ConsoleFeedback, print_line
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.making import NewScenario
-    from labeling.dataset.dataset import Dataset
-    from models.evaluation.results import EvaluationResult
-    from models.run import Run
+    from isac_cosim.evaluation.on_windows.results import EvaluationResult
+    from isac_cosim.isacsim.scenarios.making import NewScenario
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.models.runs.run import Run
 
 
 def console_of(quiet: bool) -> Console:
@@ -50,7 +50,7 @@ def fail_if_incomplete(result: dict[str, Any]) -> None:
 
 def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     """Show what is in a dataset, and warn of what is missing. Returns its summary."""
-    from labeling.dataset.summary import faults, show, summary
+    from isac_cosim.labeling.dataset.summary import faults, show, summary
 
     content = summary(dataset)
     show(content, console)
@@ -61,7 +61,7 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    from labeling.generation.log import overridden
+    from isac_cosim.labeling.generation.log import overridden
 
     if scenario.overridden:
         print_line(console, overridden(source, scenario.overridden))
@@ -83,20 +83,10 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
 
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from models.report.score_table import table
-    from models.report.verdict import verdict
+    from isac_cosim.evaluation.report.score_table import table
+    from isac_cosim.evaluation.report.verdict import verdict
 
     console.print(table(result))
     for line in verdict(result):
         print_line(console, line)
     print_line(console, f"figures and report: {page}")
-
-
-def show_bench(result: dict[str, Any], console: Console) -> None:
-    """Show the result of one benchmark, or the table of all of them."""
-    if "table" not in result:
-        console.print_json(data=result)
-        return
-    from benchmarks.ratios import Row, as_markdown
-
-    print_line(console, as_markdown([Row(**row) for row in result["table"]], result["machine"]))

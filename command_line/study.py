@@ -8,19 +8,19 @@ from typing import Any
 
 from rich.console import Console
 
-from command_line.output import show_dataset, show_metrics
-from command_line.progress import ConsoleFeedback, print_line
-from labeling.dataset.dataset import Dataset
-from labeling.generation.engine import Engine
-from models.report import report
-from models.report.score_table import headline_scores
-from models.studies import sweep_table
-from models.studies.cost_estimate import estimate_study
-from models.studies.single import run_study
-from models.studies.study import Study
-from models.studies.sweep import run_sweep
-from models.studies.sweep_results import SweepResult
-from models.training.progress import spoken_time
+from isac_cosim.base.progress import ConsoleFeedback, print_line
+from isac_cosim.base.workers.engine import Engine
+from isac_cosim.command_line.output import show_dataset, show_metrics
+from isac_cosim.evaluation.report import report
+from isac_cosim.evaluation.report.score_table import headline_scores
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.models.training.progress import spoken_time
+from isac_cosim.studies import sweep_table
+from isac_cosim.studies.cost_estimate import estimate_study
+from isac_cosim.studies.single import run_study
+from isac_cosim.studies.study import Study
+from isac_cosim.studies.sweep import run_sweep
+from isac_cosim.studies.sweep_results import SweepResult
 
 UNBOUND = 1000
 """Wider than any table, characters."""

@@ -1,3 +1,6 @@
-"""From samples to a measured predictor: windows, predictors, training, scores, evaluation, reports, studies."""
+"""From samples to a trained predictor: windows, networks, predictors, training, and scores of the unknown class."""
 
-import isacsim as isacsim  # Before any library that starts threads.
+DEFAULT = "asi-bip"
+"""The predictor that is trained when none is named."""
+FLOOR = "trees"
+"""The plain predictor that every other one is compared with."""

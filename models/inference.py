@@ -10,12 +10,12 @@ from typing import Self
 import numpy as np
 from scipy.special import softmax
 
-from isacsim.arrays import Array, BoolArray, Float32Array
-from models.data.lane_map import LaneMap
-from models.data.windows import OnMap, in_frame
-from models.run import Run, load_run
-from models.scores import open_set
-from models.scores.open_set import Score
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array
+from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.windows import OnMap, in_frame
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.scores import open_set
+from isac_cosim.models.scores.open_set import Score
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.scenarios.scenario import bundled, load
+from isac_cosim.isacsim.scenarios.scenario import bundled, load
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array, BoolArray, IntArray
-from isacsim.panels import Panels
-from isacsim.seeding import stream
-from isacsim.traffic.motion import MotionSettings, positions
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.road_coordinates import lane_headings
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.seeding import stream
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.traffic.motion import MotionSettings, positions
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.road_coordinates import lane_headings
 
 CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0

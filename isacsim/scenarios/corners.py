@@ -8,10 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.arrays import Array, ComplexArray, IntArray
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, Smoothing, acceleration, rounding_widths
-from isacsim.scenarios.sumo_files import parse
+from isac_cosim.base.arrays import Array, ComplexArray, IntArray
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.reference_line import (
+    STEP_M,
+    RoundingSettings,
+    Smoothing,
+    acceleration,
+    rounding_widths,
+)
+from isac_cosim.isacsim.scenarios.sumo_files import parse
 
 CORNER_SHIFT_M = 0.5
 """Corners that are rounded by more than this are reported by default, m."""

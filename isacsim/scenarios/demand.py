@@ -13,10 +13,10 @@ import numpy as np
 import sumolib.net
 from pydantic import Field
 
-from isacsim.errors import InputError
-from isacsim.scenarios.sumo_files import one_line
-from isacsim.seeding import stream
-from isacsim.settings import Settings
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.scenarios.sumo_files import one_line
 
 IMPATIENT_SHARE = 0.2
 """Share of drivers who accelerate by more than 2.5 m/s2."""

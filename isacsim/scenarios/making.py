@@ -12,13 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from isacsim.errors import InputError
-from isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
-from isacsim.scenarios.demand import DemandSettings, make_demand
-from isacsim.scenarios.reference_line import RoundingSettings
-from isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
-from isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isacsim.scenarios.sumo_files import has_demand, is_lefthand, one_line, parse, refuse_document_type, write_lines
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
+from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
+from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
+from isac_cosim.isacsim.scenarios.sumo_files import (
+    has_demand,
+    is_lefthand,
+    one_line,
+    parse,
+    refuse_document_type,
+    write_lines,
+)
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (

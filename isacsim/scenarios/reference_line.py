@@ -21,8 +21,8 @@ from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
+from isac_cosim.base.settings import Settings
 
 STEP_M = 0.5
 """Distance between the points of a line, m."""

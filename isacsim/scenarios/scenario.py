@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import sumolib.net
 
-from isacsim.errors import InputError
-from isacsim.registry import nearest
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.sumo_files import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.registry import nearest
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
     NETWORK_ENDINGS,
     Inputs,
@@ -83,7 +83,7 @@ class Scenario:
 
 def bundled() -> dict[str, Path]:
     """Return the folders of the bundled scenarios, by name."""
-    root = Path(str(importlib.resources.files("sumo_nets")))
+    root = Path(str(importlib.resources.files("isac_cosim.sumo_nets")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if any(folder.glob("*.sumocfg"))}
 
 

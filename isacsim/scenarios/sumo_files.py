@@ -20,7 +20,7 @@ from typing import IO, cast
 import defusedxml.ElementTree
 from defusedxml import DTDForbidden
 
-from isacsim.errors import InputError
+from isac_cosim.base.errors import InputError
 
 CONFIG_ENDINGS = (".sumocfg", ".sumo.cfg")
 NETWORK_ENDINGS = (".net.xml", ".net.xml.gz")

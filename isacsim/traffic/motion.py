@@ -11,16 +11,17 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
-from isacsim.scenarios.reference_line import RoundingSettings
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, lane_headings, moved_rows
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
+from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, lane_headings, moved_rows
 
 CAR_MPS2, CAR_MPS3 = 9.0, 25.0
 """The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
@@ -215,7 +216,7 @@ def _astray(
     def difference(rows: IntArray, acceleration: Array) -> Array:
         road = np.stack([condition_at(part, step_s, width_s, (0,), rows)[0] for part in (headings.real, headings.imag)])
         along = (acceleration * road).sum(axis=0) / np.maximum(np.hypot(*road), LEAST_HEADING)
-        return np.abs(along - condition_at(track.speed, step_s, width_s, (1,), rows)[0])
+        return np.asarray(np.abs(along - condition_at(track.speed, step_s, width_s, (1,), rows)[0]))
 
     suspect = difference(np.arange(0, len(track), every), coarse) > ALMOST * limit_mps2
     rows = _around(suspect, every, len(track))
@@ -281,3 +282,49 @@ def _moved(recording: Recording, track: Track, settings: MotionSettings) -> Move
 
 
 _MOVED: dict[tuple[int, str], tuple[MovedRows, weakref.ref[Track]]] = {}
+
+
+MOST_PHASES = 64
+"""With more sets of weights than this nothing is gained."""
+
+
+def even_states(
+    recording: Recording, track: Track, start_s: float, count: int, rate_hz: float, settings: MotionSettings
+) -> Array:
+    """Return conditioned states of a vehicle at `count` instants within its track, the first at start_s.
+
+    start_s: simulation time, s. rate_hz: instants per second.
+    Returns x, y, vx, vy, ax, ay of the front bumper centre in m, m/s, m/s2, shape (6, count), as `states` does.
+    Raises ValueError where an instant lies outside the track.
+    """
+    stride = Fraction(1 / (rate_hz * recording.step_s)).limit_denominator(MOST_PHASES)
+    times = start_s + np.arange(count) / rate_hz
+    rows = times / recording.step_s - track.first_step
+    exact = abs(float(stride) - 1 / (rate_hz * recording.step_s)) * count < 1e-9
+    if not exact or count == 0 or rows[0] < 0 or rows[-1] > len(track) - 1:
+        return states(recording, track, times, settings)
+    rounded = on_rounded_road(recording, track, settings)
+    sigma = settings.width_s / recording.step_s
+    reach = int(np.ceil(REACH * sigma))
+    conditioned = np.empty((6, count))
+    for axis, values in enumerate((rounded.x, rounded.y)):
+        base = float(values[0])
+        padded = reflected(values - base, reach, reach)
+        for phase in range(min(stride.denominator, count)):
+            of_phase = slice(phase, count, stride.denominator)
+            nearest = round(float(rows[phase]))
+            last = nearest + (len(range(count)[of_phase]) - 1) * stride.numerator
+            around = padded[nearest : last + 2 * reach + 1]
+            for order, weights in enumerate(_weights_of_orders(float(rows[phase]) - nearest, sigma, reach)):
+                smooth = np.correlate(around, weights, mode="valid")[:: stride.numerator]
+                conditioned[2 * order + axis, of_phase] = smooth / recording.step_s**order
+        conditioned[axis] += base
+    return conditioned
+
+
+def _weights_of_orders(offset: float, sigma: float, reach: int) -> tuple[Array, Array, Array]:
+    """Return the weights of the kernel and of its two derivatives, by the row, about a fraction of a row."""
+    u = (offset - np.arange(-reach, reach + 1)) / sigma
+    weights = np.exp(-0.5 * u**2)
+    weights /= weights.sum()
+    return weights, weights * -u / sigma, weights * (u**2 - 1.0) / sigma**2

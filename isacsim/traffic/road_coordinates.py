@@ -16,10 +16,10 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.reference_line import STEP_M, RoundingSettings, stretches
-from isacsim.traffic.recording import Recording, Track
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.reference_line import STEP_M, RoundingSettings, stretches
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 
 CHANGE_S, CHANGE_M = 3.0, 20.0
 """The reference line moves from one lane to the next over this time, s, or this distance, m, if that is longer, before

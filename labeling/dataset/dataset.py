@@ -20,12 +20,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isacsim.arrays import Array, Float32Array
-from isacsim.errors import InputError
-from isacsim.files import replace_file
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Site
-from labeling.dataset.meta import (
+from isac_cosim.base.arrays import Array, Float32Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.labeling.dataset.meta import (
     META_FILE,
     Lost,
     Meta,
@@ -35,7 +35,7 @@ from labeling.dataset.meta import (
     read_meta,
     write_meta,
 )
-from labeling.dataset.shard import (
+from isac_cosim.labeling.dataset.shard import (
     ARRAYS,
     CLASS_NAMES,
     PASSING,
@@ -54,8 +54,8 @@ from labeling.dataset.shard import (
     states_of,
     write_shard,
 )
-from labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
-from labeling.intentions import Intention
+from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
+from isac_cosim.labeling.intentions import Intention
 
 __all__ = [
     "ARRAYS",

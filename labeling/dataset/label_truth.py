@@ -12,12 +12,12 @@ from typing import Any, Self
 import numpy as np
 from scipy.ndimage import minimum_filter1d
 
-from isacsim.arrays import Array, BoolArray
-from isacsim.errors import InputError
-from isacsim.settings import checked
-from labeling.dataset.dataset import Dataset
-from labeling.detectors.settings import LabelSettings
-from labeling.intentions import Intention
+from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import checked
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
 
 ALONG = frozenset({Intention.HARD_BRAKE, Intention.HARD_ACCEL, Intention.FOLLOWING})
 """The intentions whose definitions say something of the acceleration along the road."""

@@ -7,11 +7,11 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from isacsim.errors import InputError
-from isacsim.files import replace_file
-from isacsim.settings import Settings, checked, read_json
-from labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE, file_digest
-from labeling.dataset.shard_index import INDEX_FILE, ShardIndex
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.settings import Settings, checked, read_json
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE, file_digest
+from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
 META_FILE = "dataset.json"
 
@@ -57,7 +57,7 @@ class Meta(Settings):
     stored; 0 before schema version 3. shards: the index. index_sha256: its digest, None while episodes are missing.
     lost: episodes that failed. short: known intentions with fewer
     samples than the study requires. resensed: digest of the dataset that the records were taken from and the settings
-    that they were sensed anew with (labeling.generation.resense), None if they were generated.
+    that they were sensed anew with (isac_cosim.labeling.generation.resense), None if they were generated.
     """
 
     schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION

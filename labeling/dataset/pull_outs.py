@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from isacsim.errors import InputError
-from labeling.dataset.dataset import DROPPED_PULL_OUTS, SHARDS, Dataset, ShardIndex
-from labeling.dataset.shard import Episode, Sample, Shard, pull_outs_digest, read_shard, write_shard
+from isac_cosim.base.errors import InputError
+from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, SHARDS, Dataset, ShardIndex
+from isac_cosim.labeling.dataset.shard import Episode, Sample, Shard, pull_outs_digest, read_shard, write_shard
 
 
 def dropped_pull_outs(dataset: Dataset) -> Dataset:

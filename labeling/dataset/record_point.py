@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Array, Float32Array
+from isac_cosim.base.arrays import Array, Float32Array
 
 GRID_M = 100.0
 """Points have coordinates that are multiples of this, m: near enough to be precise, and they say little of the TV."""

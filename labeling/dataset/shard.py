@@ -20,12 +20,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from isacsim.arrays import Float32Array
-from isacsim.errors import InputError
-from isacsim.files import replace_file
-from isacsim.settings import Settings
-from isacsim.validation import first_fault
-from labeling.intentions import Intention
+from isac_cosim.base.arrays import Float32Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.settings import Settings
+from isac_cosim.base.validation import first_fault
+from isac_cosim.labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[4] = 4
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
@@ -102,8 +102,8 @@ class Episode(Settings):
     """What a shard stores about its episode besides the samples.
 
     fingerprint: digest of the study, inputs and versions, which reveals a shard from elsewhere. events: number of
-    events by intention. counts: number of things that are not events (labeling.events.Labels). left_out: number of
-    candidates that did not become samples, by reason. collided, teleported: number of vehicles.
+    events by intention. counts: number of things that are not events (see `labeling.detectors.events.Labels`).
+    left_out: number of candidates that did not become samples, by reason. collided, teleported: number of vehicles.
     fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
     filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
     """

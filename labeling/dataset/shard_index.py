@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 from pydantic import GetCoreSchemaHandler, ValidatorFunctionWrapHandler
 from pydantic_core import CoreSchema, core_schema
 
-from isacsim.arrays import IntArray
-from isacsim.errors import InputError
-from isacsim.files import replace_file
-from labeling.dataset.shard import CLASS_NAMES, DIGEST, READABLE, SHARD_FILE, Episode, Shard
+from isac_cosim.base.arrays import IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, READABLE, SHARD_FILE, Episode, Shard
 
 INDEX_FILE = "shards.parquet"
 TOGETHER = 4096

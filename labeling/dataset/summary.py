@@ -10,12 +10,12 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from labeling.dataset.dataset import SHARDS, Dataset
-from labeling.dataset.distributions import distributions, too_few_seeds
-from labeling.dataset.label_truth import label_truth
-from labeling.dataset.pull_outs import dropped_pull_outs
-from labeling.dataset.shard import read_episode
-from labeling.samples.generated_labels import agreement, other_counts
+from isac_cosim.labeling.dataset.dataset import SHARDS, Dataset
+from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
+from isac_cosim.labeling.dataset.label_truth import label_truth
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.shard import read_episode
+from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "left_out", "dropped_pull_outs",

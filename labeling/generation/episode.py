@@ -13,24 +13,23 @@ from typing import Any
 
 import numpy as np
 
-from isacsim import sensing
-from isacsim.arrays import Array, Float32Array
-from isacsim.radio.blockage import Blockers, blockers_of
-from isacsim.scenarios.scenario import Scenario
-from isacsim.seeding import stream
-from isacsim.traffic import motion
-from isacsim.traffic.labelled_recording import LabelledRecording
-from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import Episode, Sample, Shard, write_shard
-from labeling.dataset.pull_outs import write_dropped_pull_outs
-from labeling.dataset.record_point import in_plane, point_near, relative
-from labeling.events import label
-from labeling.generation.selection import Draw, draw_of_pull_outs, draws, select
-from labeling.generation.settings import DatasetStudy, ReportSettings
-from labeling.intentions import Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import Candidate, candidates
-from labeling.samples.generated_labels import agreement_counts, generated_candidates
+from isac_cosim.base.arrays import Array, Float32Array
+from isac_cosim.isacsim.radio.blockage import Blockers, blockers_of
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing import chain as sensing
+from isac_cosim.isacsim.sensing.reports import report
+from isac_cosim.isacsim.traffic import motion
+from isac_cosim.isacsim.traffic.recordings.recording import LabelledRecording, Recording
+from isac_cosim.labeling.dataset.dataset import Episode, Sample, Shard, write_shard
+from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane, point_near, relative
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.generation.selection import Draw, draw_of_pull_outs, draws, select
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import Candidate, candidates
+from isac_cosim.labeling.samples.generated_labels import agreement_counts, generated_candidates
 
 TOO_MANY = "beyond_cap"
 UNSEEN = "too_few_sites"
@@ -200,20 +199,6 @@ def median_error_m(state: Float32Array, truth: Float32Array) -> float:
     state: (4, S) or (6, S), positions in the first two rows. truth: (6, S). Both as they are stored, m.
     """
     return round(float(np.median(np.hypot(*(state[:2].astype(np.float64) - truth[:2])))), 6)
-
-
-def report(state: Array, settings: ReportSettings, key: tuple[str | int, ...]) -> Array:
-    """Return what the UV reports of its own state: the truth with white Gaussian noise, (6, n).
-
-    state: true state, (6, n), m, m/s and m/s2. settings: standard deviations of the noise. key: names the draw.
-    """
-    return state + report_noise(state.shape[1], settings, key)
-
-
-def report_noise(count: int, settings: ReportSettings, key: tuple[str | int, ...]) -> Array:
-    """Noise of a UV's `count` reports, (6, count). key: as in `report`; the same key gives the same noise."""
-    sd = np.repeat([settings.position_sd_m, settings.speed_sd_mps, settings.acceleration_sd_mps2], 2)
-    return np.asarray(stream("report", *key).standard_normal((6, count)) * sd[:, None])
 
 
 def _states(study: DatasetStudy, recording: Recording, vehicle: str, candidate: Candidate, rate_hz: float) -> Array:

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from isacsim.errors import InputError, RunError
-from isacsim.files import claim, remove_partial
-from labeling.dataset.dataset import (
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.files import claim, remove_partial
+from isac_cosim.labeling.dataset.dataset import (
     DROPPED_PULL_OUTS,
     INDEX_FILE,
     META_FILE,
@@ -23,7 +23,7 @@ from labeling.dataset.dataset import (
     read_description,
     write_meta,
 )
-from labeling.generation.journal import Journal
+from isac_cosim.labeling.generation.journal import Journal
 
 
 def fingerprint(*identity: Any) -> str:

@@ -13,13 +13,14 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from isacsim.errors import NO_ROOM, InputError, OutputError, output_error
-from isacsim.feedback import SILENT, Feedback, Move
-from isacsim.scenarios.scenario import Scenario, resolved
-from isacsim.scenarios.sumo_files import with_includes
-from isacsim.traffic.motion_sources import MotionSource, motion_source
-from isacsim.versions import OF_DATASETS, versions
-from labeling.dataset.dataset import (
+from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
+from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.versions import OF_DATASETS, versions
+from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
+from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
+from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
     SHARDS,
     Dataset,
@@ -32,14 +33,13 @@ from labeling.dataset.dataset import (
     shard_name,
     write_roads,
 )
-from labeling.generation import log
-from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import ready, shard_of
-from labeling.generation.episode_plan import Job, Jobs, Plan
-from labeling.generation.folder import claimed, fingerprint, finish
-from labeling.generation.journal import Journal
-from labeling.generation.log import Entry, Note, overridden
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation import log
+from isac_cosim.labeling.generation.episode import ready, shard_of
+from isac_cosim.labeling.generation.episode_plan import EpisodeJob, EpisodePlan, Jobs
+from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
+from isac_cosim.labeling.generation.journal import Journal
+from isac_cosim.labeling.generation.log import Entry, Note, overridden
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 
 def generate(
@@ -65,7 +65,7 @@ def generate(
             if scenario.overridden:
                 feedback.message(overridden(name, scenario.overridden))
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
-        plan = Plan(jobs, study.selection)
+        plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
         journal = Journal.open(out, started)
@@ -88,7 +88,7 @@ class EpisodeResult:
     warnings: int
 
 
-def _add_existing(plan: Plan, jobs: Jobs, shards: ShardIndex) -> None:
+def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
     """Add to a plan the episodes whose shards exist already."""
     columns = shards.scenarios, shards.numbers("seed").tolist(), shards.by_intention().tolist()
     for scenario, seed, counts in zip(*columns, strict=True):
@@ -97,8 +97,8 @@ def _add_existing(plan: Plan, jobs: Jobs, shards: ShardIndex) -> None:
 
 
 def _run_missing(
-    task: Callable[[Job], EpisodeResult | InputError | OutputError],
-    plan: Plan,
+    task: Callable[[EpisodeJob], EpisodeResult | InputError | OutputError],
+    plan: EpisodePlan,
     journal: Journal,
     engine: Engine,
     move: Move,
@@ -126,7 +126,7 @@ def _run_missing(
 
 
 def _work(
-    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: Job
+    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob
 ) -> EpisodeResult | InputError | OutputError:
     """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
     try:

@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from isacsim.errors import writing
-from isacsim.feedback import Feedback
-from isacsim.settings import Settings
-from labeling.dataset.shard import Shard
-from labeling.generation.engine import Outcome
+from isac_cosim.base.errors import writing
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.settings import Settings
+from isac_cosim.base.workers.engine import Outcome
+from isac_cosim.labeling.dataset.shard import Shard
 
 LOG_FILE = "log.jsonl"
 

@@ -16,17 +16,19 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from isacsim.errors import InputError, OutputError, RunError
-from isacsim.feedback import SILENT, Feedback, Move
-from isacsim.onboard_radar import Carrier
-from isacsim.radio.cross_section import random_mean_db
-from isacsim.scenarios.scenario import Site
-from isacsim.sensing import TOGETHER, SensedRecord, SensingSettings
-from isacsim.sensors import SENSORS
-from isacsim.sensors.protocol import SensorSettings, StoredRecords
-from isacsim.settings import checked
-from isacsim.versions import OF_DATASETS, versions
-from labeling.dataset.dataset import (
+from isac_cosim.base.errors import InputError, OutputError, RunError
+from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.settings import checked
+from isac_cosim.base.versions import OF_DATASETS, versions
+from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.isacsim.radio.cross_section import random_mean_db
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.sensing.chain import TOGETHER, SensedRecord, SensingSettings
+from isac_cosim.isacsim.sensing.onboard_radar import Carrier
+from isac_cosim.isacsim.sensing.reports import ReportSettings, report_noise
+from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
+from isac_cosim.labeling.dataset.dataset import (
     DROPPED_PULL_OUTS,
     SHARDS,
     Dataset,
@@ -37,16 +39,14 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
-from labeling.dataset.record_point import in_plane, relative
-from labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
-from labeling.generation import log
-from labeling.generation.engine import Engine, LocalEngine
-from labeling.generation.episode import median_error_m, record_key, report_noise
-from labeling.generation.folder import claimed, fingerprint, finish
-from labeling.generation.journal import Journal
-from labeling.generation.log import Note
-from labeling.generation.settings import ReportSettings
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane, relative
+from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
+from isac_cosim.labeling.generation import log
+from isac_cosim.labeling.generation.episode import median_error_m, record_key
+from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
+from isac_cosim.labeling.generation.journal import Journal
+from isac_cosim.labeling.generation.log import Note
 
 REPEAT = "-r"
 """Separates a sample's id from the number of its repeat."""
@@ -66,7 +66,7 @@ class ResenseSettings(SensorSettings):
 
 
 @dataclass(frozen=True)
-class Job:
+class ShardJob:
     """One shard to sense anew: all its `samples` records `times` over, and the first `more` of them once more."""
 
     file: str
@@ -145,7 +145,7 @@ def resense(
     return Dataset.open(out)
 
 
-def plan(shards: ShardIndex, records: int | None) -> list[Job]:
+def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
     """Return how often to sense the records of each shard.
 
     records: number of records to sense in all, each once if None. They are taken in their order, over and over.
@@ -156,14 +156,14 @@ def plan(shards: ShardIndex, records: int | None) -> list[Job]:
     jobs = []
     for file, number in zip(shards.files, samples, strict=True):
         more = min(rest, number)
-        jobs.append(Job(file, number, times, more))
+        jobs.append(ShardJob(file, number, times, more))
         rest -= more
     return jobs
 
 
 def _sense_missing(
-    task: Callable[[Job], Shard | InputError | OutputError],
-    jobs: Sequence[Job],
+    task: Callable[[ShardJob], Shard | InputError | OutputError],
+    jobs: Sequence[ShardJob],
     stored: Collection[str],
     journal: Journal,
     engine: Engine,
@@ -188,7 +188,7 @@ def _sense_missing(
 
 
 def _work(
-    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job
+    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob
 ) -> Shard | InputError | OutputError:
     """Sense one shard; runs in a worker. Returns an error that a second try would not fix."""
     try:
@@ -197,7 +197,7 @@ def _work(
         return error
 
 
-def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: Job) -> Shard:
+def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
     path = dataset.path / SHARDS / job.file
     stored, episode = read_samples(path), read_episode(path)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from isacsim.seeding import stream
-from labeling.generation.settings import SelectionSettings
-from labeling.intentions import Intention
-from labeling.samples.candidates import Candidate
+from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.generation.settings import SelectionSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.samples.candidates import Candidate
 
 Made = TypeVar("Made")
 """What is made of a candidate."""

@@ -6,10 +6,10 @@ from collections import defaultdict
 
 import numpy as np
 
-from isacsim.arrays import Array, IntArray
-from isacsim.traffic.recording import Track
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.route import Route, segments
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.isacsim.traffic.recordings.recording import Track
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.route import Route, segments
 
 BEYOND_M = 300.0
 """How far a path extends before the first edge of a track and after its last one, m."""

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from isacsim.traffic.recording import Track
-from labeling.road.lane_graph import MAX_SKIPPED, LaneGraph
+from isac_cosim.isacsim.traffic.recordings.recording import Track
+from isac_cosim.labeling.road.lane_graph import MAX_SKIPPED, LaneGraph
 
 PASSED_M = 1.0
 """A vehicle may pass a lane that is shorter than this between two rows of its track, m."""

@@ -10,11 +10,11 @@ from typing import Literal
 
 import numpy as np
 
-from isacsim.arrays import Array, IntArray
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.driven_path import Path
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.route import Route
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.driven_path import Path
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.route import Route
 
 Relation = Literal["ahead", "behind", "left", "right"]
 

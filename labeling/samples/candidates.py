@@ -10,16 +10,16 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.seeding import stream
-from isacsim.settings import Settings
-from isacsim.traffic.motion import Excess, MotionSettings, excess
-from isacsim.traffic.recording import Recording
-from labeling.detectors.overtake import OvertakeDetector
-from labeling.events import Labels, Provenance, provenance
-from labeling.intentions import Event, Intention, outward
-from labeling.road.surroundings import Relation, Surroundings
-from labeling.samples.pull_outs import PullOut, pull_out_of
-from labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.traffic.motion import Excess, MotionSettings, excess
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import Labels, Provenance, provenance
+from isac_cosim.labeling.detectors.overtake import OvertakeDetector
+from isac_cosim.labeling.intentions import Event, Intention, outward
+from isac_cosim.labeling.road.surroundings import Relation, Surroundings
+from isac_cosim.labeling.samples.pull_outs import PullOut, pull_out_of
+from isac_cosim.labeling.samples.uv_choice import PairSettings, choose_uv, may_be_tv
 
 
 class RecordSettings(Settings):

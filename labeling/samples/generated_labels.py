@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from isacsim.traffic.labelled_recording import GeneratedManeuver, LabelledRecording
-from isacsim.traffic.motion import MotionSettings
-from labeling.detectors.following import FollowingSettings
-from labeling.events import Labels, Provenance
-from labeling.intentions import Event, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import Candidate, Candidates, PlaneLimits, RecordSettings, record_start
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.recordings.recording import GeneratedManeuver, LabelledRecording
+from isac_cosim.labeling.detectors.events import Labels, Provenance
+from isac_cosim.labeling.detectors.following import FollowingSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import Candidate, Candidates, PlaneLimits, RecordSettings, record_start
 
 UNDETECTED = "nothing"
 """What the detectors say where they find no event."""

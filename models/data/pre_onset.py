@@ -6,8 +6,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from isacsim.settings import Settings
-from models.data.windows import Records, WindowSettings, end_bounds
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.windows import Records, WindowSettings, end_bounds
 
 
 class PreOnsetSettings(Settings):

@@ -19,8 +19,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.errors import OutputError
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.errors import OutputError
 
 COMPONENTS = 6
 

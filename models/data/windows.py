@@ -16,16 +16,16 @@ import numpy.typing as npt
 import pandas as pd
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array, BoolArray, Float32Array, IntArray
-from isacsim.errors import InputError
-from isacsim.seeding import stream
-from isacsim.settings import Settings
-from labeling.intentions import KNOWN, Intention
-from models.data.lane_map import LaneMap
-from models.data.states import COMPONENTS, States, StatesOnDisk, take, windows_of
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.states import COMPONENTS, States, StatesOnDisk, take, windows_of
 
 if TYPE_CHECKING:
-    from labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
 LaneMaps = Callable[[str], LaneMap]
 """Returns the lanes of a scenario, given its name."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import torch
 
-from isacsim.errors import InputError
-from isacsim.files import replace_file
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import replace_file
 
 HISTORY_FILE = "history.csv"
 """Losses and scores of each epoch, in the folder of a run."""

@@ -13,14 +13,14 @@ from typing import Any
 import lightning
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 
-from isacsim.feedback import Feedback
-from models.data.windows import Records
-from models.fit_settings import FitSettings
-from models.networks.checkpoints import HISTORY_FILE, read_tensors
-from models.networks.lightning_checkpoints import Checkpoints
-from models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
-from models.networks.losses import inverse_frequency
-from models.networks.network import WindowNetwork
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Records
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE, read_tensors
+from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
+from isac_cosim.models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
+from isac_cosim.models.networks.losses import inverse_frequency
+from isac_cosim.models.networks.network import WindowNetwork
 
 CHECKPOINTS = "checkpoints"
 NETWORK_PREFIX = "network."

@@ -13,13 +13,13 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from isacsim.settings import Settings
-from models.fit_settings import FitSettings
-from models.networks.lstms import has_bfloat16, outputs
-from models.networks.network import N_STATES, WindowNetwork, linear_head
-from models.predictors.network_predictor import NetworkPredictor
-from models.predictors.protocol import WindowShape
-from models.predictors.statistics_branch import StatisticsBranch
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.networks.lstms import has_bfloat16, outputs
+from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.statistics_branch import StatisticsBranch
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
+from isac_cosim.models.predictors.protocol import WindowShape
 
 Streams = Literal["both", "tv", "uv"]
 

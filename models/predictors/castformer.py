@@ -1,7 +1,7 @@
 """CaSTFormer: causal spatio-temporal Transformer for driving intention, from its paper.
 
 Each of two streams of frames is projected, given a position code and encoded by a causal Transformer. The modules RSF,
-CPE and FSN (`models.predictors.castformer_modules`) follow, in the order of the settings; each can be turned off. For
+CPE and FSN (`models.networks.castformer_modules`) follow, in the order of the settings; each can be turned off. For
 windows, a frame holds the samples of `frame_s`; the TV is the paper's `in` stream and the UV its `out` stream.
 """
 
@@ -15,12 +15,10 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from isacsim.errors import InputError
-from isacsim.settings import Settings
-from models.fit_settings import FitSettings
-from models.networks.losses import focal_loss
-from models.networks.network import N_STATES, WindowNetwork, linear_head
-from models.predictors.castformer_modules import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.networks.castformer_modules import (
     Attention,
     CausalPatternExtraction,
     CausalResidual,
@@ -32,8 +30,10 @@ from models.predictors.castformer_modules import (
     State,
     joint,
 )
-from models.predictors.network_predictor import NetworkPredictor
-from models.predictors.protocol import WindowShape
+from isac_cosim.models.networks.losses import focal_loss
+from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
+from isac_cosim.models.predictors.protocol import WindowShape
 
 Order = Literal["rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf"]
 SPEED_UNIT_M_S = 10.0

@@ -13,11 +13,11 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from isacsim.settings import Settings
-from models.fit_settings import FitSettings
-from models.networks.network import N_STATES, WindowNetwork, linear_head
-from models.predictors.network_predictor import NetworkPredictor
-from models.predictors.protocol import WindowShape
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
+from isac_cosim.models.predictors.protocol import WindowShape
 
 MODULES_PER_SHORTCUT = 3
 """A residual connection skips this many modules."""

@@ -19,16 +19,16 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.feedback import Feedback
-from isacsim.files import replace_file
-from isacsim.settings import Settings
-from models.data.windows import Windows, cut
-from models.fit_settings import FitSettings
-from models.networks.network import N_STATES
-from models.predictors.minirocket import KERNELS, PARTS, check, standardised, stream_scale
-from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload, among_known
-from models.predictors.ridge import Ridge, fit_ridge
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Windows, cut
+from isac_cosim.models.networks.network import N_STATES
+from isac_cosim.models.predictors.minirocket import KERNELS, PARTS, check, standardised, stream_scale
+from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload, among_known
+from isac_cosim.models.predictors.ridge import Ridge, fit_ridge
 
 FILE = "multirocket_hydra.npz"
 POOLINGS = 4

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from isacsim.arrays import Float32Array
-from models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
-from models.data.windows import batches, draw_ends
-from models.predictors.protocol import FitTask, Predictor
+from isac_cosim.base.arrays import Float32Array
+from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
+from isac_cosim.models.data.windows import batches, draw_ends
+from isac_cosim.models.predictors.protocol import FitTask, Predictor
 
 BATCH = 64
 

@@ -9,28 +9,24 @@ import numpy as np
 from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.feedback import Feedback
-from isacsim.settings import Settings
-from models.data.windows import Windows
-from models.fit_settings import FitSettings
-from models.predictors.protocol import STATISTICS_S, FitTask, Outputs, Predictor, WindowShape, Workload, among_known
-from models.predictors.stored_trees import read_trees, write_trees
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.predictors.protocol import (
+    STATISTICS_S,
+    FitTask,
+    Outputs,
+    Predictor,
+    WindowShape,
+    Workload,
+    among_known,
+)
+from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 TREES_FILE = "trees.skops"
-STATISTICS = (
-    "mean",
-    "sd",
-    "min",
-    "max",
-    "first",
-    "last",
-    "slope",
-    "mean_first_third",
-    "mean_middle_third",
-    "mean_last_third",
-)
-"""Statistics of each of a window's twelve state components; the slope is the least-squares one, per sample."""
 BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
 """Processor time of sorting features into bins before the trees grow, and what each window adds to it, s."""
 ROUND_S = 0.025
@@ -89,21 +85,6 @@ def tree_logits(trees: HistGradientBoostingClassifier, features: Float32Array) -
     if logits.ndim == 1:  # Of two classes, scikit-learn gives the log-odds of the second.
         logits = np.stack([np.zeros_like(logits), logits], axis=1)
     return among_known(logits, trees.classes_)
-
-
-def statistics(windows: Windows) -> Float32Array:
-    """Return STATISTICS of every component of the TV's, then of the UV's stream, (n, 120)."""
-    return np.concatenate([_of_stream(windows.tv), _of_stream(windows.uv)], axis=1).astype(np.float32)
-
-
-def _of_stream(states: Float32Array) -> Array:
-    """Return the statistics of a stream (n, 6, T), component by component, (n, 60)."""
-    x = states.astype(np.float64)
-    t = np.arange(x.shape[2]) - (x.shape[2] - 1) / 2
-    thirds = [part.mean(axis=2) for part in np.array_split(x, 3, axis=2)]
-    slope = x @ t / (t @ t)
-    parts = [x.mean(axis=2), x.std(axis=2), x.min(axis=2), x.max(axis=2), x[..., 0], x[..., -1], slope, *thirds]
-    return np.stack(parts, axis=2).reshape(len(x), -1)
 
 
 def fit_trees(

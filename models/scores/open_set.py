@@ -23,9 +23,9 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.neighbors import NearestNeighbors
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from models.predictors.protocol import Outputs
-from models.run import Run
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.runs.run import Run
 
 Score = Callable[[Outputs], Array]
 

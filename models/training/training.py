@@ -12,18 +12,17 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from isacsim.arrays import BoolArray
-from isacsim.errors import InputError
-from isacsim.feedback import SILENT, Feedback
-from isacsim.files import claim, replace_file
-from isacsim.versions import OF_RUNS, versions
-from labeling.intentions import KNOWN, Intention
-from models.data.windows import Records, batches, draw_ends, lengths, split
-from models.predictors.protocol import FitTask, Outputs, Predictor
-from models.predictors.registry import PREDICTORS
-from models.predictors.reject_option import fit_reject_option
-from models.predictors.stored_trees import write_trees
-from models.run import (
+from isac_cosim.base.arrays import BoolArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.files import claim, replace_file
+from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
+from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
+from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.models.predictors.reject_option import fit_reject_option
+from isac_cosim.models.runs.run import (
     CARD_FILE,
     REFERENCE_FILE,
     REJECT_OPTION_FILE,
@@ -34,12 +33,13 @@ from models.run import (
     read_card,
     write_card,
 )
-from models.scores import open_set
-from models.scores.calibration import fit_temperature
-from models.settings import TrainSettings
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.scores import open_set
+from isac_cosim.models.scores.calibration import fit_temperature
+from isac_cosim.models.trees.stored_trees import write_trees
 
 if TYPE_CHECKING:
-    from labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
 REFERENCE_WINDOWS = 4000
 """At most so many training windows are kept as a reference for the unknown scores."""

@@ -7,8 +7,8 @@ import errno
 import pytest
 import typer
 
-from command_line.exit_codes import exit_code
-from isacsim.errors import InputError, RunError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.command_line.exit_codes import exit_code
 
 
 @pytest.mark.parametrize(

@@ -10,18 +10,18 @@ import pytest
 from rich.console import Console
 
 import cosim
-from command_line import live
-from command_line.live import LiveArguments, evaluate_and_show, source_of
-from isacsim.errors import InputError
-from models.closed_loop import evaluation as closed_loop_evaluation
-from models.closed_loop.results import ArmResult, ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult
-from models.closed_loop.safety import Totals, figures
-from models.closed_loop.scoring import differences
-from models.closed_loop.settings import ClosedLoopSettings
-from models.live import evaluation
-from models.live.settings import LiveStudy
-from models.run import Run
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError
+from isac_cosim.command_line import live
+from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
+from isac_cosim.evaluation.closed_loop import evaluation as closed_loop_evaluation
+from isac_cosim.evaluation.closed_loop.results import ArmResult, ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult
+from isac_cosim.evaluation.closed_loop.safety import Totals, figures
+from isac_cosim.evaluation.closed_loop.scoring import differences
+from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
+from isac_cosim.evaluation.in_traffic.measurement import evaluation
+from isac_cosim.evaluation.in_traffic.settings import LiveStudy
+from isac_cosim.models.runs.run import Run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 from tests.support.scripted import InlineEngine, ScriptedSource
 
@@ -48,7 +48,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Traffic from formulas, of which one seed has none, in this process."""
     source = ScriptedSource(tmp_path, empty=(2002, 2003, 2004, 1002))
     monkeypatch.setattr(evaluation, "motion_source", lambda study: source)
-    monkeypatch.setattr("labeling.generation.engine.LocalEngine", lambda jobs: InlineEngine())
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda jobs: InlineEngine())
 
 
 @pytest.mark.usefixtures("scripted")

@@ -10,11 +10,11 @@ import pytest
 from rich.console import Console
 
 import cosim
-from command_line.reproduction import reproduce_and_show, table
-from models.reproduction import reproduce as reproduction
-from models.reproduction.claims import Claim
-from models.reproduction.estimates import Estimate
-from models.reproduction.reproduce import ReproductionResult, request
+from isac_cosim.command_line.reproduction import reproduce_and_show, table
+from isac_cosim.evaluation.statistics import Estimate
+from isac_cosim.studies.reproduction import reproduce as reproduction
+from isac_cosim.studies.reproduction.experiments.stages import Claim
+from isac_cosim.studies.reproduction.reproduce import ReproductionResult, request
 from tests.support.scripted import InlineEngine
 
 CLAIM = Claim(

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.scenarios.scenario import Scenario, bundled, load
-from isacsim.traffic.motion_sources import SumoSource
-from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import Dataset
-from labeling.generation.engine import LocalEngine
-from labeling.generation.generate import generate
-from labeling.generation.settings import DatasetStudy
-from labeling.road.surroundings import Surroundings
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.isacsim.scenarios.scenario import Scenario, bundled, load
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.registry import SumoSource
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.road.surroundings import Surroundings
 from tests.support.plane_witness import Network, Verdict, across, judge
 from tests.support.scripted import InlineEngine
 

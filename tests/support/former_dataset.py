@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
-from labeling.dataset.record_point import in_plane
-from labeling.dataset.shard import ARRAYS, PASSING, states_of
+from isac_cosim.labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, states_of
 
 
 def without_index(folder: Path) -> dict[str, Any]:

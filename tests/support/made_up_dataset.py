@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.scenarios.lane import Lane
-from labeling.dataset.dataset import (
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.labeling.dataset.dataset import (
     Dataset,
     Episode,
     Meta,
@@ -18,9 +18,9 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.pull_outs import write_dropped_pull_outs
-from labeling.intentions import Intention
-from models.data.windows import Records
+from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Records
 from tests.support.made_up import make_records
 from tests.support.made_up_pull_outs import make_pull_outs
 

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.errors import InputError
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Scenario, Site
-from isacsim.seeding import stream
-from isacsim.settings import checked
-from isacsim.traffic.recording import Incidents, Recording, Track
-from labeling.generation.engine import Item, Outcome, Result, describe
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import checked
+from isac_cosim.base.workers.engine import Item, Outcome, Result, describe
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
 LANES = tuple(

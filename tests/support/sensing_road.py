@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.scenarios.scenario import Site
 
 RATE_HZ = 400.0
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.scenarios import making, scenario
-from isacsim.scenarios.demand import DemandSettings
-from isacsim.scenarios.making import import_map
-from isacsim.scenarios.scenario import load, load_without_sites
-from isacsim.scenarios.site_placement import PlacementSettings
-from isacsim.scenarios.sumo_files import BLOCK, parse
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import making, scenario
+from isac_cosim.isacsim.scenarios.demand import DemandSettings
+from isac_cosim.isacsim.scenarios.making import import_map
+from isac_cosim.isacsim.scenarios.scenario import load, load_without_sites
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
+from isac_cosim.isacsim.scenarios.sumo_files import BLOCK, parse
 from tests.support.roads import straight_road, vehicle
 
 

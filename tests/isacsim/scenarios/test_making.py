@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import sumo
 
-from isacsim.errors import InputError
-from isacsim.panels import Panels
-from isacsim.scenarios.demand import DemandSettings, make_demand
-from isacsim.scenarios.making import add_sites, import_map
-from isacsim.scenarios.scenario import bundled, load, resolved
-from isacsim.scenarios.site_placement import PlacementSettings, place
-from isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
-from isacsim.sensing import LEAST_SITES, ViewSettings, assign
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, record
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
+from isac_cosim.isacsim.scenarios.making import add_sites, import_map
+from isac_cosim.isacsim.scenarios.scenario import bundled, load, resolved
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place
+from isac_cosim.isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
+from isac_cosim.isacsim.sensing.chain import LEAST_SITES, ViewSettings, assign
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 
 SHORT = TrafficSettings(run_in_s=20.0, duration_s=5.0)

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.arrays import Array, ComplexArray
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.motion import MotionSettings, condition, excess, states
-from isacsim.traffic.recording import Recording, Track
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.road_motion import road_motion
-from labeling.samples.candidates import RecordSettings, candidates
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.base.arrays import Array, ComplexArray
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.motion import MotionSettings, condition, excess, states
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.road_motion import road_motion
+from isac_cosim.labeling.samples.candidates import RecordSettings, candidates
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 from tests.support.drives import WIDTH_M, ramps, sweep
 
 STEP = 0.01

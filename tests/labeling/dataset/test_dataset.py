@@ -14,10 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import cosim
-from isacsim.errors import InputError
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Site
-from labeling.dataset.dataset import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.labeling.dataset.dataset import (
     Dataset,
     Episode,
     Meta,
@@ -29,10 +29,10 @@ from labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from labeling.dataset.pull_outs import dropped_pull_outs
-from labeling.dataset.record_point import in_plane
-from labeling.dataset.shard import ARRAYS, PASSING, SCALARS, file_digest, read_samples, read_shard, schema
-from labeling.intentions import Intention
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, file_digest, read_samples, read_shard, schema
+from isac_cosim.labeling.intentions import Intention
 from tests.support.former_dataset import as_schema, without_index
 
 LENGTHS = (200, 50, 20)

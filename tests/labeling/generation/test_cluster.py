@@ -14,10 +14,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from isacsim.errors import InputError, RunError
-from labeling.generation import engine
-from labeling.generation.engine import ClusterEngine
-from labeling.generation.generate import generate
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.workers import engine
+from isac_cosim.base.workers.engine import ClusterEngine
+from isac_cosim.labeling.generation.generate import generate
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 from tests.support.waiting import HANGING_S, wait_until

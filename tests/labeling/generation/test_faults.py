@@ -18,16 +18,16 @@ import pyarrow.parquet as pq
 import pytest
 
 import cosim
-from isacsim.errors import InputError, OutputError, RunError, output_error
-from isacsim.scenarios.scenario import Scenario
-from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import Dataset, read_shard
-from labeling.dataset.shard import read_episode
-from labeling.dataset.summary import faults, summary
-from labeling.generation.engine import Engine
-from labeling.generation.generate import generate
-from labeling.generation.kept_workers import KeptWorkers
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import InputError, OutputError, RunError, output_error
+from isac_cosim.base.workers.engine import Engine
+from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.dataset.dataset import Dataset, read_shard
+from isac_cosim.labeling.dataset.shard import read_episode
+from isac_cosim.labeling.dataset.summary import faults, summary
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -79,7 +79,7 @@ def test_a_full_disk_is_one_line_and_exit_1(
         except OSError as error:
             raise output_error(tmp_path, error) if wrapped else error from None
 
-    monkeypatch.setattr("labeling.generation.generate.generate", fail)
+    monkeypatch.setattr("isac_cosim.labeling.generation.generate.generate", fail)
     assert cosim.main(["generate", "motorway", "-o", str(tmp_path / "data"), "--jobs", "1"]) == 1
     stderr = capfd.readouterr().err
     assert stderr.startswith("cosim: ")
@@ -293,8 +293,8 @@ COMMAND = """
 import sys, time
 from pathlib import Path
 
-from labeling.generation.engine import LocalEngine
-from labeling.generation.generate import generate
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.labeling.generation.generate import generate
 from tests.support.scripted import ScriptedSource, small_study
 
 if __name__ == "__main__":

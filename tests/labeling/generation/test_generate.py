@@ -16,16 +16,16 @@ import numpy as np
 import psutil
 import pytest
 
-from isacsim.errors import InputError, RunError
-from isacsim.files import claim
-from labeling.dataset.dataset import META_FILE, Dataset, read_meta, write_meta
-from labeling.dataset.shard import read_episode
-from labeling.dataset.summary import summary
-from labeling.generation.engine import LocalEngine
-from labeling.generation.episode import ready
-from labeling.generation.generate import generate
-from labeling.generation.kept_workers import KeptWorkers
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.files import claim
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.labeling.dataset.dataset import META_FILE, Dataset, read_meta, write_meta
+from isac_cosim.labeling.dataset.shard import read_episode
+from isac_cosim.labeling.dataset.summary import summary
+from isac_cosim.labeling.generation.episode import ready
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 from tests.support.waiting import wait_until
 
@@ -345,7 +345,7 @@ def test_workers_that_never_start_are_told(monkeypatch: pytest.MonkeyPatch) -> N
     def fail(**_: object) -> None:
         raise RuntimeError("Nanny failed to start.")
 
-    monkeypatch.setattr("labeling.generation.engine.LocalCluster", fail)
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalCluster", fail)
     with (
         pytest.raises(RunError, match=r"the worker processes do not start \(RuntimeError: Nanny failed to start"),
         contextlib.closing(LocalEngine(1).run(str, [1])) as run,

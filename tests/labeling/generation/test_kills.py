@@ -17,11 +17,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from isacsim.errors import RunError
-from labeling.dataset.dataset import Dataset
-from labeling.generation.engine import ClusterEngine, LocalEngine
-from labeling.generation.generate import generate
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import RunError
+from isac_cosim.base.workers.engine import ClusterEngine, LocalEngine
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.labeling.generation.test_cluster import kill as kill_tree
 from tests.labeling.generation.test_cluster import processes, start, start_scheduler
 from tests.labeling.generation.test_generate import workers

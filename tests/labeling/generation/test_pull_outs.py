@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.scenarios.scenario import Scenario
-from isacsim.seeding import stream
-from isacsim.traffic.recording import Recording
-from labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset
-from labeling.dataset.pull_outs import dropped_pull_outs
-from labeling.dataset.shard import ARRAYS, SCALARS
-from labeling.dataset.summary import summary
-from labeling.generation.generate import generate
-from labeling.generation.resense import ResenseSettings, own_sensing, resense
-from labeling.generation.selection import draw_of_pull_outs, select
-from labeling.generation.settings import DatasetStudy, SelectionSettings
-from labeling.intentions import Intention
-from labeling.samples.candidates import Candidate
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.shard import ARRAYS, SCALARS
+from isac_cosim.labeling.dataset.summary import summary
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
+from isac_cosim.labeling.generation.selection import draw_of_pull_outs, select
+from isac_cosim.labeling.generation.settings import DatasetStudy, SelectionSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.samples.candidates import Candidate
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 

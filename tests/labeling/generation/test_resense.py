@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from command_line.arguments import SenseArguments, resense_settings
-from isacsim.errors import InputError
-from isacsim.parsing import channel
-from isacsim.sensing import SensedRecord, SensingSettings, sense
-from isacsim.sensors import SENSORS
-from isacsim.sensors.protocol import SensorSettings, StoredRecords
-from isacsim.sensors.truth import TruthSensor
-from labeling.dataset.dataset import Dataset, Shard, ShardIndex
-from labeling.dataset.record_point import in_plane
-from labeling.dataset.shard import Episode, read_samples
-from labeling.dataset.summary import summary
-from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.generate import generate
-from labeling.generation.kept_workers import KeptWorkers
-from labeling.generation.log import LOG_FILE
-from labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
-from models.studies.sweep_axes import SweepAxes, sensings
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.parsing import channel
+from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.command_line.arguments import SenseArguments, resense_settings
+from isac_cosim.isacsim.sensing.chain import SensedRecord, SensingSettings, sense
+from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
+from isac_cosim.isacsim.sensing.sensors.truth import TruthSensor
+from isac_cosim.labeling.dataset.dataset import Dataset, Shard, ShardIndex
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.dataset.shard import Episode, read_samples
+from isac_cosim.labeling.dataset.summary import summary
+from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.log import LOG_FILE
+from isac_cosim.labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
+from isac_cosim.studies.sweep_axes import SweepAxes, sensings
 from tests.support import sensing_road
 from tests.support.former_dataset import as_schema, without_index
 from tests.support.recorded_feedback import RecordedFeedback

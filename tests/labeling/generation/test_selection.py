@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 import hypothesis.strategies as st
 from hypothesis import given, settings
 
-from isacsim.seeding import stream
-from labeling.generation.selection import Selection, draws, select
-from labeling.generation.settings import SelectionSettings
-from labeling.intentions import Intention
-from labeling.samples.candidates import Candidate
+from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.generation.selection import Selection, draws, select
+from isac_cosim.labeling.generation.settings import SelectionSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.samples.candidates import Candidate
 
 
 def candidates(of: dict[Intention, int]) -> list[Candidate]:

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.motion import condition
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.road_motion import RoadMotion, road_motion, slope
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.motion import condition
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.road_motion import RoadMotion, road_motion, slope
 from tests.support.drives import STEP_S, WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
 WIDTH_S = 0.15

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.route import Route, after
-from labeling.road.surroundings import Surroundings
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.route import Route, after
+from isac_cosim.labeling.road.surroundings import Surroundings
 
 SPEED_MPS = 10.0
 LINKS = {

@@ -7,13 +7,13 @@ import pytest
 from pydantic import ValidationError
 from scipy import stats
 
-from isacsim.traffic import motion
-from isacsim.traffic.recording import Recording, Track
-from labeling.detectors.settings import LabelSettings
-from labeling.events import Labels, label
-from labeling.intentions import Event, Intention
-from labeling.samples.candidates import Candidates, RecordSettings, ambiguous, candidates, record_start
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.isacsim.traffic import motion
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.detectors.events import Labels, label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.samples.candidates import Candidates, RecordSettings, ambiguous, candidates, record_start
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 from tests.support.drives import WIDTH_M, Drive, Road, ramps, record, sweep, total
 
 ROAD = Road()

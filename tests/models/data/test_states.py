@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import OutputError
-from labeling.dataset.dataset import Dataset
-from models.data import states
-from models.data.states import StatesOnDisk
-from models.data.windows import Records, WindowSettings, cut, draw_ends
+from isac_cosim.base.errors import OutputError
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.models.data import states
+from isac_cosim.models.data.states import StatesOnDisk
+from isac_cosim.models.data.windows import Records, WindowSettings, cut, draw_ends
 from tests.support.made_up_dataset import write_dataset
 
 

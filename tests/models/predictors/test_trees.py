@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
-from models.predictors.stored_trees import read_trees, write_trees
-from models.predictors.trees import STATISTICS, TreesPredictor, TreesSettings, fit_trees, statistics
-from models.run import Run
-from models.training.training import train_records
+from isac_cosim.models.data.statistics import STATISTICS, statistics
+from isac_cosim.models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
+from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees
+from isac_cosim.models.runs.run import Run
+from isac_cosim.models.training.training import train_records
+from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 
 

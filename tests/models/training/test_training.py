@@ -12,18 +12,18 @@ import skops.io
 import torch
 from pydantic import ValidationError
 
-from isacsim.errors import InputError
-from labeling.intentions import Intention
-from models.data.windows import Records, cut, draw_ends
-from models.networks import fitting
-from models.networks.lightning_module import Share
-from models.predictors.asi_bip import AsiBipSettings
-from models.predictors.trees import TreesPredictor
-from models.report.evaluation_figures import read_history
-from models.run import Run, load_run
-from models.settings import TrainSettings
-from models.training import training
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError
+from isac_cosim.evaluation.report.figures import read_history
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.networks import fitting
+from isac_cosim.models.networks.lightning_module import Share
+from isac_cosim.models.predictors.asi_bip import AsiBipSettings
+from isac_cosim.models.predictors.trees import TreesPredictor
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training import training
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, on_disk
 
 

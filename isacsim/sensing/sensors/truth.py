@@ -1,0 +1,29 @@
+"""The true state as a sensor: what sensing costs is measured against it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isac_cosim.isacsim.sensing.chain import SensedRecord
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
+
+
+class TruthSensor:
+    """No error and no SNR; every record is usable."""
+
+    label = "the true state"
+    cost_s = 0.4e-6
+    by_sites = False
+    filtered = False
+    unusable = "never"
+
+    def refusal(self, settings: SensorSettings) -> str | None:
+        """The truth is always there."""
+        return None
+
+    def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
+        """Return the true states."""
+        return [
+            SensedRecord(state=truth, fixes=truth[:4], n_sites=0, snr_db=np.nan, detected=1.0, usable=True)
+            for truth in records.truth
+        ]

@@ -1,0 +1,113 @@
+"""Stretches are sensed where enough sites see them, and nothing but the conditioning kernel looks ahead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from isac_cosim.evaluation.in_traffic.settings import LiveStudy
+from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
+from isac_cosim.evaluation.in_traffic.streams.sensed import TOO_FEW_SITES, StretchSensing, spans
+from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
+from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
+from isac_cosim.labeling.road.surroundings import Surroundings
+
+TIMING = Timing(
+    decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
+)
+KERNEL_S = 1.2
+"""Reach of the conditioning kernel: 8 standard deviations of 0.15 s."""
+
+
+def noiseless(study: LiveStudy) -> LiveStudy:
+    content = study.model_dump()
+    content["dataset"]["sensing"]["channel"] |= {"kind": "fixed", "snr_db": 80.0}
+    content["dataset"]["report"] |= {"position_sd_m": 0.0, "speed_sd_mps": 0.0, "acceleration_sd_mps2": 0.0}
+    return LiveStudy.model_validate(content)
+
+
+def cut(recording: Recording, end_s: float) -> Recording:
+    """The recording as it is known at a time: nothing later."""
+    tracks = {}
+    for name, track in recording.tracks.items():
+        rows = round(end_s / recording.step_s) + 1 - track.first_step
+        tracks[name] = replace(track, **{column: getattr(track, column)[:rows] for column in COLUMNS})
+    return replace(recording, tracks=tracks)
+
+
+def states_of(recording: Recording, scenario: Scenario, study: LiveStudy, tv: str) -> dict[int, np.ndarray]:
+    """What the network knows of a TV, (6,), and of its UV, (6,), by the number of the decision."""
+    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    reports, known = Reports(sensing), {}
+    for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == tv]):
+        for time, uv in zip(track.stretch.decision_s.tolist(), track.stretch.uv, strict=True):
+            sample = round((time - track.stretch.start_s) * 400)
+            known[round(time * 10)] = np.concatenate([track.state[:, sample], reports.window(uv, time, 1)[:, 0]])
+    return known
+
+
+def test_only_the_kernel_looks_ahead(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    """The raw recording is cut just before a hard brake. What was known 1.2 s before the cut stays as it is.
+
+    The echoes' noise is drawn anew for the shorter stretch; at 80 dB it is some tens of micrometres, and 0.05 m/s2.
+    """
+    quiet, speed = noiseless(study), recording.tracks["follow0"].speed
+    cut_s = round(float(np.flatnonzero(np.diff(speed) < -0.01)[0]) * recording.step_s, 1)
+    whole = states_of(recording, scenario, quiet, "follow0")
+    known = states_of(cut(recording, cut_s), scenario, quiet, "follow0")
+    assert max(known) == pytest.approx((cut_s - 0.8) * 10, abs=1)
+    change = {number: np.abs(known[number] - whole[number]) for number in known}
+    early = np.max([row for number, row in change.items() if number / 10 <= cut_s - KERNEL_S], axis=0)
+    np.testing.assert_array_less(early[[0, 1]], 0.002)
+    np.testing.assert_array_less(early[[4, 5]], 0.05)
+    np.testing.assert_array_equal(early[6:], 0)
+
+
+def test_what_changes_within_the_reach_of_the_kernel_is_small(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The motion that all of it comes from, up to the cut itself: centimetres at 0.6 s, more at the very end."""
+    cut_s = float(recording.times(recording.tracks["follow0"])[1400])
+    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
+    blind = StretchSensing(study.dataset, scenario, cut(recording, cut_s), TIMING.before_decision_s)
+    times = cut_s - 2.0 + np.arange(200) / 100
+    change = np.abs(
+        blind.motion_of("follow0", cut_s - 2.0, 200, 100.0) - sensing.motion_of("follow0", cut_s - 2.0, 200, 100.0)
+    )
+    np.testing.assert_allclose(change[:, times < cut_s - KERNEL_S - 0.02], 0, atol=1e-9)
+    far = times < cut_s - 0.6
+    assert change[:2, far].max() < 0.001
+    assert change[:2].max() < 0.2
+
+
+def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    """Sites at both ends of the way: in between fewer than two see the vehicle."""
+    near = [site for site in scenario.sites if site.x < 400.0]
+    far = [replace(site, x=site.x + 450.0) for site in near]
+    sites: list[Site] = [*near, *far]
+    view = study.dataset.sensing.view.model_copy(update={"range_m": 200.0})
+    sensing_settings = study.dataset.sensing.model_copy(update={"view": view})
+    narrow = study.dataset.model_copy(update={"sensing": sensing_settings})
+    sensing = StretchSensing(narrow, replace(scenario, sites=tuple(sites)), recording, TIMING.before_decision_s)
+    driving = watched(recording, Surroundings(recording), narrow.pairs, TIMING)
+    stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
+    tracks = list(sensing.tracks([stretch]))
+    predicted = sum(len(track.stretch.decision_s) for track in tracks)
+    assert len(tracks) == 2
+    assert predicted + sensing.uncovered[TOO_FEW_SITES] == len(stretch.decision_s)
+    first, second = (track.stretch for track in tracks)
+    assert second.start_s - first.end_s > 1.0
+    assert second.decision_s[0] == pytest.approx(second.start_s + TIMING.before_decision_s, abs=0.11)
+    for track in tracks:
+        error = np.hypot(*(track.state[:2, 300:] - track.truth[:2, 300:]))
+        assert np.median(error) < 0.5
+        assert track.state.shape == track.truth.shape
+
+
+def test_spans_are_the_runs_of_a_mask() -> None:
+    assert spans(np.array([True, True, False, True, False])) == [(0, 2), (3, 4)]
+    assert spans(np.zeros(3, dtype=bool)) == []
