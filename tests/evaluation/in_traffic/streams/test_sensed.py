@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
+from isac_cosim.evaluation.in_traffic.streams.predictions import Reports, WindowCutter
 from isac_cosim.evaluation.in_traffic.streams.sensed import TOO_FEW_SITES, StretchSensing, spans
 from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.models.data.windows import WindowSettings, in_frame
+from isac_cosim.models.predictors.protocol import WindowShape
 
 TIMING = Timing(
     decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
@@ -106,6 +108,32 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
         error = np.hypot(*(track.state[:2, 300:] - track.truth[:2, 300:]))
         assert np.median(error) < 0.5
         assert track.state.shape == track.truth.shape
+
+
+def test_windows_are_as_precise_20_km_from_the_origin(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The same traffic, moved. float32 has steps of 2 mm there."""
+    far_m = 20_000.0
+    tracks = {name: replace(track, x=track.x + far_m, y=track.y + far_m) for name, track in recording.tracks.items()}
+    lanes = tuple(replace(lane, shape=lane.shape + far_m) for lane in scenario.lanes)
+    sites = tuple(replace(site, x=site.x + far_m, y=site.y + far_m) for site in scenario.sites)
+    far = replace(scenario, lanes=lanes, sites=sites), replace(recording, tracks=tracks, lanes=lanes)
+    windows = []
+    for where, traffic in ((scenario, recording), far):
+        sensing = StretchSensing(study.dataset, where, traffic, TIMING.before_decision_s)
+        driving = watched(traffic, Surroundings(traffic), study.dataset.pairs, TIMING)
+        cutter = WindowCutter(Reports(sensing), study.dataset, WindowShape(6, 480, 120, 400.0, 100.0), 0.0, 0.1)
+        for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == "follow0"]):
+            settings = WindowSettings(window_s=1.2)
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track)]
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track.true)]
+    half = len(windows) // 2
+    assert half >= 2
+    for near, moved in zip(windows[:half], windows[half:], strict=True):
+        assert len(near) > 10
+        np.testing.assert_allclose(moved.tv, near.tv, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(moved.uv, near.uv, rtol=0, atol=1e-4)
 
 
 def test_spans_are_the_runs_of_a_mask() -> None:
