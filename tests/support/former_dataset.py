@@ -22,6 +22,7 @@ def without_index(folder: Path) -> dict[str, Any]:
     content: dict[str, Any] = json.loads((folder / META_FILE).read_text())
     for later in ("index_sha256", "roads", "sha256"):
         del content[later]
+    content["schema_version"] = 3
     content["shards"] = [shard.model_dump(mode="json") for shard in meta.shards]
     (folder / META_FILE).write_text(json.dumps(content))
     (folder / INDEX_FILE).unlink()
