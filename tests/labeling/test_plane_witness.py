@@ -129,7 +129,7 @@ def check_motion(result: Witnessed) -> None:
             # Half a lane of 3.6 m: a vehicle that has stopped during a lane change stands beside the centre.
             places = [result.network.nearest(arrays[row, :2, k], arrays[row, 2:4, k]) for k in (0, 1000, -1)]
             assert all(lanes and lanes[0][0] < 1.8 for lanes in places), row
-            # 2 m/s2 by definition, and the 0.5 m/s2 that rounding adds at most where lengths of lanes differ.
+            # 2 m/s2 by definition, and the 0.5 m/s2 by which the plane may differ from it.
             assert np.abs(np.diff(np.hypot(*arrays[row, 2:4])) * 400.0).max() < 2.6, row
 
 
