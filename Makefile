@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 ARGS ?=
 
-.PHONY: run test test-slow check clean
+.PHONY: run test test-slow fuzz check typed clean
 
 run: $(VENV)/installed
 	$(VENV)/bin/cosim run $(ARGS)
@@ -16,12 +16,21 @@ test: $(VENV)/installed-dev
 test-slow: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest -m slow $(ARGS)
 
-check: $(VENV)/installed-dev
+fuzz: $(VENV)/installed-dev
+	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py $(ARGS)
+
+check: $(VENV)/installed-dev typed
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/mypy
 
+# mypy follows no `__path__`: links to the packages stand in for it.
+PACKAGES := base isacsim sumo_nets labeling models evaluation studies benchmarks command_line
+typed:
+	mkdir -p .typed/isac_cosim
+	ln -sfn $(CURDIR)/isac_cosim/*.py $(CURDIR)/isac_cosim/py.typed $(addprefix $(CURDIR)/,$(PACKAGES)) .typed/isac_cosim/
+
 clean:
-	rm -rf $(VENV) build dist *.egg-info
+	rm -rf $(VENV) .typed build dist *.egg-info
 
 # pip compiles what it installs on one core; compileall uses them all, and leaves out the packages' own tests. Some
 # packages ship templates that do not compile: like pip, go on without these.

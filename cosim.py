@@ -14,12 +14,12 @@ from typing import Annotated
 
 import typer
 
-from command_line import options as opt
-from command_line import output
-from command_line.exit_codes import exit_code
-from command_line.help import HelpfulCommand, examples
-from command_line.network import network_app
-from models.roles import DEFAULT, FLOOR
+from isac_cosim.command_line import options as opt
+from isac_cosim.command_line import output
+from isac_cosim.command_line.exit_codes import exit_code
+from isac_cosim.command_line.help import HelpfulCommand, examples
+from isac_cosim.command_line.road_network import network_app
+from isac_cosim.models import DEFAULT, FLOOR
 
 app = typer.Typer(
     add_completion=False,
@@ -54,8 +54,8 @@ def run(
 
     Repeat the command to continue an interrupted study.
     """
-    from command_line.study import run_and_show, show_cost
-    from models.studies.study import read_study
+    from isac_cosim.command_line.study import run_and_show, show_cost
+    from isac_cosim.studies.study import read_study
 
     began, console = time.monotonic(), output.console_of(quiet)
     content = read_study(study)
@@ -64,7 +64,8 @@ def run(
         output.print_json(as_json, show_cost(content, jobs or opt.cores(), console))
         return
     feedback = output.feedback_of(console, verbose)
-    result = run_and_show(content, out or Path("results") / content.name, opt.engine_of(jobs, cluster), feedback)
+    folder = out or Path("results") / content.name
+    result = run_and_show(content, folder, opt.engine_of(jobs, cluster, folder), feedback)
     output.print_json(as_json, {**result, "seconds": round(time.monotonic() - began, 1)})
     output.fail_if_incomplete(result)
 
@@ -109,13 +110,13 @@ def generate(
 
     Repeat the command to continue an interrupted dataset.
     """
-    from command_line.arguments import dataset_study, one_of
-    from labeling.generation.generate import generate as generate_dataset
+    from isac_cosim.command_line.arguments import dataset_study, one_of
+    from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
     study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
     feedback = output.feedback_of(console, verbose)
-    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
+    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))
 
 
@@ -156,15 +157,15 @@ def sense(
 
     Settings that are not given stay as in the dataset. Repeat the command to continue where it was interrupted.
     """
-    from command_line.arguments import SenseArguments, resense_settings
-    from labeling.dataset.dataset import Dataset
-    from labeling.generation.resense import resense
+    from isac_cosim.command_line.arguments import SenseArguments, resense_settings
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.generation.resense import resense
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
     arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
     settings = resense_settings(source, arguments)
-    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster), feedback)
+    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
 
 
@@ -176,7 +177,7 @@ def inspect(
     quiet: opt.Quiet = False,
 ) -> None:
     """Show what is in a dataset: counts by intention and origin, distributions, rates, seeds, SNR."""
-    from labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
     opened = Dataset.open(dataset)
     if verify:
@@ -209,9 +210,9 @@ def train(
 
     Repeat the command to continue an interrupted training.
     """
-    from command_line.training import train_and_show
-    from isacsim.settings import checked
-    from models.settings import TrainSettings
+    from isac_cosim.base.settings import checked
+    from isac_cosim.command_line.training import train_and_show
+    from isac_cosim.models.runs.settings import TrainSettings
 
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
@@ -263,22 +264,22 @@ def evaluate(
 
     An evaluation in traffic that was interrupted is continued by the same command.
     """
-    from command_line import evaluation
-    from command_line.live import LiveArguments, evaluate_and_show, source_of
+    from isac_cosim.command_line import evaluation
+    from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds,
-        development,
-        duration,
-        jobs,
-        natural,
-        advisories,
-        conditioning,
-        false_alarms,
-        truth,
-        alone,
-        cluster,
-        lanes,
+        seeds=seeds,
+        development=development,
+        duration=duration,
+        jobs=jobs,
+        natural=natural,
+        advisories=advisories,
+        conditioning=conditioning,
+        false_alarms=false_alarms,
+        truth=truth,
+        alone=alone,
+        cluster=cluster,
+        lanes=lanes,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
@@ -314,8 +315,8 @@ def reproduce(
 
     Repeat the command to continue an interrupted reproduction.
     """
-    from command_line.reproduction import engine_for, reproduce_and_show, show_cost
-    from models.reproduction.reproduce import request
+    from isac_cosim.command_line.reproduction import engine_for, reproduce_and_show, show_cost
+    from isac_cosim.studies.reproduction.reproduce import request
 
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
     wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
@@ -331,17 +332,18 @@ def bench(
     quiet: opt.Quiet = False,
 ) -> None:
     """Measure speeds as ratios against a stated reference, both in one run; takes minutes."""
-    import benchmarks
+    from isac_cosim import benchmarks
+    from isac_cosim.benchmarks.ratios import show_bench
 
     console = output.console_of(quiet)
     benchmarks.check_choice(what, every)
     result = benchmarks.run_all(output.feedback_of(console)) if what is None else benchmarks.run(what)
-    output.show_bench(result, console)
+    show_bench(result, console)
     output.print_json(as_json, result)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted, 143 terminated."""
     # Figures have a canvas of their own. A backend that the caller chose for pyplot need not exist here.
     os.environ["MPLBACKEND"] = "agg"
     return exit_code(lambda: app(arguments, standalone_mode=False))

@@ -7,13 +7,13 @@ A speed is a ratio, and both of its sides are measured in the same run. Nothing 
 import importlib
 from typing import Any
 
-from benchmarks.ratios import as_json, machine, rows
-from isacsim.errors import InputError
-from isacsim.feedback import SILENT, Feedback
-from isacsim.registry import Registry
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.registry import Registry
+from isac_cosim.benchmarks.ratios import as_json, machine, rows
 
 NAMES = ("echo", "traffic", "generate", "train", "infer", "live")
-BENCHES = Registry("bench", {name: f"benchmarks.{name}" for name in NAMES})
+BENCHES = Registry("bench", {name: f"isac_cosim.benchmarks.{name}" for name in NAMES})
 """Modules with a function `run` and the ratios that sum its result up, `RATIOS`, by the name `cosim bench` takes."""
 
 

@@ -1,6 +1,6 @@
 """What the environment variables that isacsim sets are worth to a training step.
 
-    python -m benchmarks.environment
+    python -m isac_cosim.benchmarks.environment
 
 - `OMP_WAIT_POLICY=passive`: idle OpenMP threads sleep instead of spin. A step on two threads is timed under both
   policies, alone and beside two busy processes. The ratio is that of passive over active; `slower_beside_others` is
@@ -47,7 +47,7 @@ import sys
 import time
 from resource import RUSAGE_SELF, getrusage
 import torch
-from benchmarks.train import NETWORKS, stepping
+from isac_cosim.benchmarks.train import NETWORKS, stepping
 torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
 step = stepping(NETWORKS["pooled"])
 step()

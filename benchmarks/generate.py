@@ -6,7 +6,7 @@
 - scaling: samples per second of two worker processes over one; of two workers with 1, 2, 4 and 8 times the work; and
   the parent's memory (`benchmarks.scaling`). This takes several minutes and needs two idle cores.
 
-The first two run on one thread. Run: python -m benchmarks.generate
+The first two run on one thread. Run: python -m isac_cosim.benchmarks.generate
 """
 
 from __future__ import annotations
@@ -21,18 +21,20 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import scaling
-from benchmarks.echo import record_s
-from benchmarks.ratios import Ratio
-from isacsim.files import json_text
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.simulation import record
-from labeling.dataset.dataset import Episode, write_shard
-from labeling.events import label
-from labeling.generation.episode import make_samples, ready, select
-from labeling.generation.settings import DatasetStudy
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import candidates
+from isac_cosim.base.files import json_text
+from isac_cosim.benchmarks import scaling
+from isac_cosim.benchmarks.echo import record_s
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.sources.sumo import record
+from isac_cosim.labeling.dataset.dataset import Episode, write_shard
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.generation.episode import make_samples, ready
+from isac_cosim.labeling.generation.selection import draws
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import candidates
 
 SCENARIO = "motorway"
 SEED = 1
@@ -69,8 +71,9 @@ def _one_episode() -> dict[str, Any]:
     with _timed(stages, "candidates"):
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
-        chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
-        samples, _ = make_samples(study, scenario, recording, chosen)
+        drawn = draws(available.samples, study.selection, (scenario.name, SEED))
+        sensor = watch_episode(study, scenario, SEED, recording)
+        samples = make_samples(study, recording, drawn, sensor).samples
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
         tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)
@@ -98,4 +101,4 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     # Imported by name, so that other processes find the functions that are sent to them.
-    print(json_text(importlib.import_module("benchmarks.generate").run(), 2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.generate").run(), 2))

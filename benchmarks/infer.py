@@ -3,7 +3,7 @@
 The networks have their default sizes and random weights, on which the time does not depend. The reference is ASI-BIP
 with every LSTM output as a token.
 
-Run: python -m benchmarks.infer
+Run: python -m isac_cosim.benchmarks.infer
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.ratios import Ratio
-from benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
-from isacsim.files import json_text
-from models.data.windows import WindowSettings, in_frame
-from models.predictors.aligned import AlignedPredictor
-from models.predictors.asi_bip import AsiBip, AsiBipPredictor, AsiBipSettings
-from models.predictors.castformer import CastformerPredictor
-from models.predictors.network_predictor import NetworkPredictor
-from models.predictors.protocol import WindowShape
-from models.settings import TrainSettings
+from isac_cosim.base.files import json_text
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
+from isac_cosim.models.data.windows import WindowSettings, in_frame
+from isac_cosim.models.predictors.aligned import AlignedPredictor
+from isac_cosim.models.predictors.asi_bip import AsiBip, AsiBipPredictor, AsiBipSettings
+from isac_cosim.models.predictors.castformer import CastformerPredictor
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
+from isac_cosim.models.predictors.protocol import WindowShape
+from isac_cosim.models.runs.settings import TrainSettings
 
 ROUNDS, BATCH = 15, 64
 RATIOS = (

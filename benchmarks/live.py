@@ -4,7 +4,7 @@ Ten vehicles drive behind ten others on a straight road with masts on both sides
 at 400 Hz and predicted ten times a second by boosted trees. Traffic and its conditioning are not counted: the real
 world needs no simulation. The time of the rule of the road is reported beside that of the trees.
 
-Run: python -m benchmarks.live
+Run: python -m isac_cosim.benchmarks.live
 """
 
 from __future__ import annotations
@@ -20,20 +20,28 @@ import numpy as np
 import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from benchmarks.ratios import Ratio
-from isacsim.arrays import Array
-from isacsim.files import json_text
-from isacsim.scenarios.scenario import Scenario, Site
-from labeling.generation.settings import DatasetStudy
-from labeling.intentions import KNOWN
-from labeling.road.straight_road import ScriptedVehicle, straight_road
-from labeling.road.surroundings import Surroundings
-from models.data.windows import WindowSettings, in_frame
-from models.live.predictions import LiveWindows, Reports, WindowCutter, lanes_of, rule_answer
-from models.live.sensed import Sensing, Track
-from models.live.stretches import Timing, watched
-from models.predictors.protocol import WindowShape
-from models.predictors.trees import TreesPredictor, TreesSettings, fit_trees, statistics
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.evaluation.in_traffic.streams.predictions import (
+    LiveWindows,
+    Reports,
+    WindowCutter,
+    lanes_of,
+    rule_answer,
+)
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
+from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
+from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.windows import WindowSettings, in_frame
+from isac_cosim.models.predictors.protocol import WindowShape
+from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees
 
 VEHICLES = 10
 DURATION_S = 40.0
@@ -49,7 +57,7 @@ TIMING = Timing(
 
 
 @dataclass(frozen=True)
-class Spent:
+class LiveTime:
     """Processor time by purpose, s; predicted driving, s; and the mean number of panels that sense a vehicle."""
 
     sensing_s: float
@@ -95,7 +103,7 @@ def sites() -> tuple[Site, ...]:
     )
 
 
-def measured(folder: Path) -> Spent:
+def measured(folder: Path) -> LiveTime:
     """Sense and predict the vehicles once. folder: an empty folder, for the scenario's files."""
     pairs = [
         ScriptedVehicle(f"{name}{k}", 25.0, start_m=100.0 * k + lead, duration_s=DURATION_S)
@@ -107,7 +115,8 @@ def measured(folder: Path) -> Spent:
     content = DatasetStudy().model_dump()
     content["sensing"]["channel"] |= {"kind": "link"}
     study = DatasetStudy.model_validate(content)
-    sensing = Sensing(study, scenario, recording, TIMING.before_decision_s)
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    sensing = StretchSensing(study, recording, sensor, TIMING.before_decision_s)
     driving = watched(recording, Surroundings(recording), study.pairs, TIMING)
     stretches = [stretch for stretch in driving.stretches if stretch.tv.startswith("tv")]
     begin = time.process_time()
@@ -133,11 +142,11 @@ def measured(folder: Path) -> Spent:
         rule_answer(LiveWindows(tv, uv, SHAPE.tv_rate_hz, lanes))
     ruled = time.process_time()
     count = sum(len(track.stretch.decision_s) for track in tracks)
-    panels = float(np.mean([track.fixes.n_sites for track in tracks]))
-    return Spent(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
+    panels = float(np.mean([track.n_sites for track in tracks]))
+    return LiveTime(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
 
 
-def _windows(cutter: WindowCutter, tracks: list[Track]) -> Iterator[tuple[Array, Array]]:
+def _windows(cutter: WindowCutter, tracks: list[SensedStretch]) -> Iterator[tuple[Array, Array]]:
     for track in tracks:
         yield from cutter.batches(track)
 

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+from rich.console import Console
 
-from isacsim.versions import versions
+from isac_cosim.base.progress import print_line
+from isac_cosim.base.versions import versions
 
 PACKAGES = ("isac-cosim", "libsumo", "lightning", "numpy", "torch")
 """Packages that the speeds depend on most."""
@@ -86,3 +88,12 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
+
+
+def show_bench(result: dict[str, Any], console: Console) -> None:
+    """Show the result of one benchmark, or the table of all of them."""
+    if "table" not in result:
+        console.print_json(data=result)
+        return
+
+    print_line(console, as_markdown([Row(**row) for row in result["table"]], result["machine"]))

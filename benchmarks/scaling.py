@@ -6,7 +6,7 @@ workers, in a fresh process. The peak memory of that process is the parent's: sc
 
 Start-up is not work: `start_s` ends when the first episode begins, and `end_s` begins when the last one ends.
 
-Run: python -m benchmarks.scaling
+Run: python -m isac_cosim.benchmarks.scaling
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from typing import Any, TypeVar
 import numpy as np
 import psutil
 
-from isacsim.feedback import Feedback
-from isacsim.files import json_text
-from isacsim.scenarios.scenario import Scenario
-from isacsim.traffic.motion_sources import SumoSource
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings
-from labeling.dataset.summary import summary
-from labeling.generation.engine import LocalEngine
-from labeling.generation.generate import generate
-from labeling.generation.log import LOG_FILE
-from labeling.generation.settings import DatasetStudy, SeedRange
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.registry import SumoSource
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
+from isac_cosim.labeling.dataset.summary import summary
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.log import LOG_FILE
+from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 
 Result = TypeVar("Result")
 
@@ -195,4 +195,4 @@ def _spread(rates: Sequence[float]) -> float:
 
 if __name__ == "__main__":
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json_text(importlib.import_module("benchmarks.scaling").run(), 2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.scaling").run(), 2))

@@ -6,7 +6,7 @@ maneuvers, and so the same traffic; the time of the commands is counted separate
 file back and rebuilding the states between samples, and all include closing SUMO. The run-in is not counted. Times are
 CPU seconds of the process.
 
-Run: python -m benchmarks.traffic
+Run: python -m isac_cosim.benchmarks.traffic
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.ratios import Ratio
-from isacsim.files import json_text
-from isacsim.scenarios.scenario import load
-from isacsim.seeding import stream
-from isacsim.traffic.director import Director, ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, session, state_log
+from isac_cosim.base.files import json_text
+from isac_cosim.base.seeding import stream
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, session, state_log
 
 SCENARIO = "motorway"
 SEED = 1
@@ -39,7 +39,7 @@ RATIOS = (
 
 
 @dataclass(frozen=True)
-class Spent:
+class SteppingTime:
     """CPU seconds of one simulation: of the commands, and of the rest. vehicles: mean number on the road."""
 
     commands_s: float
@@ -79,8 +79,8 @@ def run() -> dict[str, Any]:
     }
 
 
-def simulate(traffic: TrafficSettings, record: bool) -> Spent:
-    """Simulate once, in the way of `isacsim.traffic.simulation.record`."""
+def simulate(traffic: TrafficSettings, record: bool) -> SteppingTime:
+    """Simulate once, in the way of `isacsim.traffic.sources.sumo.record`."""
     scenario = load(SCENARIO)
     first = round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)
@@ -108,7 +108,7 @@ def simulate(traffic: TrafficSettings, record: bool) -> Spent:
     if record:
         log.tracks()
     rest_s += time.process_time() - begin
-    return Spent(commands_s, rest_s, float(np.mean(vehicles)))
+    return SteppingTime(commands_s, rest_s, float(np.mean(vehicles)))
 
 
 if __name__ == "__main__":

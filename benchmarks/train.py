@@ -14,7 +14,7 @@ The ratio is that against the faster literal network. Epochs of 4,800 windows ar
 networks take turns, so that other load on the machine slows all of them. The number of threads is the default of
 training. `environment` is the result of `benchmarks.environment`: what sleeping threads and huge pages are worth.
 
-Run: python -m benchmarks.train
+Run: python -m isac_cosim.benchmarks.train
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ import numpy as np
 import pandas as pd
 import torch
 
-from benchmarks import environment
-from benchmarks.ratios import Ratio
-from isacsim.files import json_text
-from models.data.windows import Ends, Records, WindowSettings, cut
-from models.fit_settings import OptimiserSettings
-from models.networks.losses import focal_loss
-from models.predictors.asi_bip import AsiBip, AsiBipSettings
+from isac_cosim.base.files import json_text
+from isac_cosim.benchmarks import environment
+from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.models.data.fit_settings import OptimiserSettings
+from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
+from isac_cosim.models.networks.losses import focal_loss
+from isac_cosim.models.predictors.asi_bip import AsiBip, AsiBipSettings
 
 BATCH, EPOCH = 32, 4800
 THREADS = OptimiserSettings().threads

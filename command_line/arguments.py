@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from isacsim.errors import InputError
-from isacsim.parsing import channel, number_range
-from isacsim.settings import checked
-from isacsim.traffic import kinematics
-from isacsim.traffic.director import LEFT_ALONE
-from labeling.dataset.dataset import Dataset
-from labeling.generation.resense import ResenseSettings, own_sensing
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.parsing import channel, number_range
+from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.sources import kinematic as kinematics
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 WHERE = "arguments"
 SEEDS_WITH_WINDOWS = (1, 1000)

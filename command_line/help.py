@@ -48,15 +48,15 @@ def _imported(place: str) -> Any:
 
 PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
     "benches": _registered("benchmarks:BENCHES"),
-    "estimators": _registered("isacsim.radio.estimators:ESTIMATORS"),
-    "fusion_methods": _registered("isacsim.tracking.fusion_methods:FUSION_METHODS"),
-    "height_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
-    "motion_sources": _registered("isacsim.traffic.motion_sources:MOTION_SOURCES"),
-    "papers": _registered("models.reproduction.reproduce:PAPERS"),
-    "predictors": _registered("models.predictors.registry:PREDICTORS"),
-    "sensors": _registered("isacsim.sensors:SENSORS"),
-    "set_back_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "set_back_m"),
-    "spacing_m": _default("isacsim.scenarios.site_placement:PlacementSettings", "spacing_m"),
-    "vehicles": _default("isacsim.scenarios.demand:DemandSettings", "vehicles"),
+    "estimators": _registered("isac_cosim.isacsim.radio.estimators:ESTIMATORS"),
+    "fusion_methods": _registered("isac_cosim.isacsim.tracking.fusion_methods:FUSION_METHODS"),
+    "height_m": _default("isac_cosim.isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
+    "motion_sources": _registered("isac_cosim.isacsim.traffic.sources.registry:MOTION_SOURCES"),
+    "papers": _registered("isac_cosim.studies.reproduction.reproduce:PAPERS"),
+    "predictors": _registered("isac_cosim.models.predictors.registry:PREDICTORS"),
+    "sensors": _registered("isac_cosim.isacsim.sensing.sensors:SENSORS"),
+    "set_back_m": _default("isac_cosim.isacsim.scenarios.site_placement:PlacementSettings", "set_back_m"),
+    "spacing_m": _default("isac_cosim.isacsim.scenarios.site_placement:PlacementSettings", "spacing_m"),
+    "vehicles": _default("isac_cosim.isacsim.scenarios.demand:DemandSettings", "vehicles"),
 }
 """What the names in braces in help texts stand for."""

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from command_line.progress import ConsoleFeedback, print_line
-from isacsim.errors import InputError, RunError
-from isacsim.files import json_text
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.files import json_text
+from isac_cosim.base.progress import ConsoleFeedback, print_line
 
 if TYPE_CHECKING:
-    from isacsim.scenarios.making import NewScenario
-    from labeling.dataset.dataset import Dataset
-    from models.evaluation.results import EvaluationResult
-    from models.run import Run
+    from isac_cosim.evaluation.on_windows.results import EvaluationResult
+    from isac_cosim.isacsim.scenarios.making import NewScenario
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.models.runs.run import Run
 
 
 def console_of(quiet: bool) -> Console:
@@ -50,7 +51,7 @@ def fail_if_incomplete(result: dict[str, Any]) -> None:
 
 def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
     """Show what is in a dataset, and warn of what is missing. Returns its summary."""
-    from labeling.dataset.summary import faults, show, summary
+    from isac_cosim.labeling.dataset.summary import faults, show, summary
 
     content = summary(dataset)
     show(content, console)
@@ -64,10 +65,12 @@ def warn(line: str) -> None:
     print(f"warning: {line}", file=sys.stderr)
 
 
-def show_scenario(scenario: NewScenario, console: Console) -> dict[str, Any]:
+def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    for remark in scenario.remarks:
-        print_line(console, remark)
+    from isac_cosim.labeling.generation.log import withheld
+
+    for line in (*withheld(source, scenario), *scenario.remarks):
+        print_line(console, line)
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
     if scenario.corners:
@@ -77,7 +80,7 @@ def show_scenario(scenario: NewScenario, console: Console) -> dict[str, Any]:
 
 def show_run(run: Run, console: Console) -> dict[str, Any]:
     """Show how a training ended. Returns what `--json` prints."""
-    from labeling.intentions import over_text
+    from isac_cosim.labeling.intentions import over_text
 
     card = run.card
     if card.validation_macro_f1 is not None:
@@ -92,22 +95,15 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
     }
 
 
+def note_former(runs: Sequence[Run], console: Console) -> None:
+    """Say once which runs were made by versions that stored no digests of their files."""
+    if former := [str(run.path) for run in runs if not run.card.files]:
+        print_line(console, f"{', '.join(former)}: of a version that stored no digests; files are checked by content")
+
+
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from models.report.score_table import table
-    from models.report.verdict import verdict
+    from isac_cosim.evaluation.report.report import show
 
-    console.print(table(result))
-    for line in verdict(result):
-        print_line(console, line)
+    show(result, page.parent, console)
     print_line(console, f"figures and report: {page}")
-
-
-def show_bench(result: dict[str, Any], console: Console) -> None:
-    """Show the result of one benchmark, or the table of all of them."""
-    if "table" not in result:
-        console.print_json(json_text(result))
-        return
-    from benchmarks.ratios import Row, as_markdown
-
-    print_line(console, as_markdown([Row(**row) for row in result["table"]], result["machine"]))

@@ -5,30 +5,31 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Table
 
-from command_line import output
-from command_line.options import cores, engine_of
-from command_line.progress import print_line
+from isac_cosim.base.progress import print_line
+from isac_cosim.command_line import output
+from isac_cosim.command_line.options import cores, engine_of
+from isac_cosim.evaluation.report import terminal
+from isac_cosim.evaluation.report.parts import Part, Row
 
 if TYPE_CHECKING:
-    from labeling.generation.engine import Engine
-    from models.reproduction.reproduce import ReproductionResult, Request
+    from isac_cosim.base.workers.engine import Engine
+    from isac_cosim.studies.reproduction.reproduce import Request
 
 
 def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine:
     """Return what runs a reproduction: as told, or else the local worker processes with which it is shortest."""
-    from models.reproduction.reproduce import best_workers
+    from isac_cosim.studies.reproduction.reproduce import best_workers
 
     if jobs is None and cluster is None:
         jobs = best_workers(wanted, cores())
-    return engine_of(jobs, cluster)
+    return engine_of(jobs, cluster, wanted.out)
 
 
 def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
     """Show what a reproduction still costs, stage by stage. Returns what `--json` prints."""
-    from models.reproduction.reproduce import cost_in_words, expected_cost
-    from models.training.progress import spoken_time
+    from isac_cosim.models.training.progress import spoken_time
+    from isac_cosim.studies.reproduction.reproduce import cost_in_words, expected_cost
 
     cost = expected_cost(wanted, engine)
     print_line(console, cost_in_words(cost))
@@ -39,25 +40,17 @@ def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, An
 
 def reproduce_and_show(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
     """Run a reproduction and show its verdicts. Returns what `--json` prints."""
-    from models.reproduction.reproduce import reproduce
+    from isac_cosim.studies.reproduction.reproduce import reproduce
 
     result = reproduce(wanted, engine, output.feedback_of(console))
-    console.print(table(result))
+    checklist: list[Row] = [
+        {"claim": claim.claim, "verdict": claim.verdict, "ours": claim.measured, "paper": claim.paper}
+        for claim in result.claims
+    ]
+    terminal.show([Part("claims", "What the paper claims", rows=checklist)], console)
     if wanted.size != "full":
         print_line(console, f"size {wanted.size}: these figures say nothing about the paper")
     if result.not_run:
         print_line(console, f"not run: {', '.join(result.not_run)}")
     print_line(console, f"page: {result.page}")
     return result.model_dump(mode="json")
-
-
-def table(result: ReproductionResult) -> Table:
-    """Return the checklist of claims for the terminal."""
-    from models.reproduction.pages import text_of
-
-    drawn = Table(title="What the paper claims", title_justify="left")
-    for name in ("claim", "verdict", "ours", "paper"):
-        drawn.add_column(name)
-    for claim in result.claims:
-        drawn.add_row(claim.claim, claim.verdict, text_of(claim.measured), claim.paper)
-    return drawn

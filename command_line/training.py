@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from command_line import output
+from isac_cosim.command_line import output
 
 if TYPE_CHECKING:
-    from models.settings import TrainSettings
+    from isac_cosim.models.runs.settings import TrainSettings
 
 
 def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Console) -> dict[str, Any]:
@@ -18,10 +18,10 @@ def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Cons
 
     Returns what `--json` prints.
     """
-    from labeling.dataset.dataset import Dataset
-    from models.evaluation.coverage import lacking
-    from models.evaluation.settings import EvaluateSettings
-    from models.training.training import train
+    from isac_cosim.evaluation.on_windows.coverage import lacking
+    from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.models.training.training import train
 
     dataset, feedback = Dataset.open(data), output.feedback_of(console)
     for line in lacking(dataset, settings, EvaluateSettings()):

@@ -13,19 +13,19 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.protocol import vehicle_view
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Event, Intention
-from labeling.road.road_motion import RoadMotion
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import RecordSettings, candidates
-from labeling.samples.uv_choice import PairSettings
-from models.report.figures import figure
+from isac_cosim.evaluation.report.figures import figure
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.protocol import vehicle_view
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.road_motion import RoadMotion
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import RecordSettings, candidates
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 
 ALONG = (Intention.HARD_BRAKE, Intention.HARD_ACCEL, Intention.FOLLOWING)
 TIMES = (("onset", "tab:green"), ("commit", "black"), ("end", "tab:red"))

@@ -13,15 +13,15 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from isacsim.scenarios.scenario import load
-from isacsim.settings import Settings
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Intention
-from labeling.road.surroundings import Surroundings
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
 
 SEEDS = (1, 2)
 SHARE = 0.2

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from models.live.results import AlarmResult
-from models.report.figures import BESIDE, BY_PREDICTOR, figure
+from isac_cosim.evaluation.in_traffic.scores.results import AlarmResult
+from isac_cosim.evaluation.report.figures import BESIDE, BY_PREDICTOR, figure
 
 
 def draw(predictors: Mapping[str, AlarmResult], path: Path) -> None:

@@ -13,20 +13,20 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from isacsim.errors import InputError
-from models.closed_loop.results import ClosedLoopResult, Difference
-from models.live.results import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult, Difference
+from isac_cosim.evaluation.in_traffic.scores.results import (
     AlarmResult,
     AloneResult,
     EventScores,
-    Interval,
     LeadTimes,
     RecallLost,
     TrafficResult,
 )
-from models.live.settings import Sharing
-from models.predictors.registry import PREDICTORS
-from models.report.figures import spoken
+from isac_cosim.evaluation.in_traffic.settings import Sharing
+from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.statistics import Interval
+from isac_cosim.models.predictors.registry import PREDICTORS
 
 RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""

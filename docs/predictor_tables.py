@@ -1,4 +1,4 @@
-"""The tables of docs/predictors.md, from what `python -m benchmarks.predictors` measured.
+"""The tables of docs/predictors.md, from what `python -m isac_cosim.benchmarks.findings.predictors` measured.
 
     python docs/predictor_tables.py OUT/predictors.json
 
@@ -14,13 +14,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.evaluation.metrics import spread
-from models.evaluation.pass_results import PassScores
-from models.evaluation.results import PredictorResult
-from models.evaluation.score_results import Interval, ScoreSpreads, Spread, WindowEndScores
-from models.predictors.registry import PREDICTORS
-from models.report.figures import spoken
-from models.roles import DEFAULT, FLOOR
+from isac_cosim.evaluation.on_windows.metrics import spread
+from isac_cosim.evaluation.on_windows.results import PassScores, PredictorResult
+from isac_cosim.evaluation.on_windows.score_results import Difference, ScoreSpreads, Spread, WindowEndScores
+from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.models import DEFAULT, FLOOR
+from isac_cosim.models.predictors.registry import PREDICTORS
 
 Json = dict[str, Any]
 SPREADS = frozenset(ScoreSpreads.model_fields)
@@ -43,7 +42,7 @@ def value(measured: Spread, digits: int = 3) -> str:
     return f"{measured.mean:.{digits}f}{deviation}"
 
 
-def difference(interval: Interval | None) -> str:
+def difference(interval: Difference | None) -> str:
     """Return a difference with its interval, with signs."""
     if interval is None or interval.difference is None:
         return ""

@@ -14,13 +14,13 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from isacsim.settings import read_json
-from models.reproduction import asi_bip
-from models.reproduction.asi_bip_report import asi_bip_parts
-from models.reproduction.castformer_report import castformer_parts
-from models.reproduction.pages import Part, text_of
-from models.reproduction.sizes import AsiBipSize
-from models.reproduction.stages import MARK, STAGES, Identity
+from isac_cosim.base.settings import read_json
+from isac_cosim.evaluation.report.parts import Part, text_of
+from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
+from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
+from isac_cosim.studies.reproduction.castformer.report import castformer_parts
+from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize
+from isac_cosim.studies.reproduction.experiments.stages import MARK, STAGES, Identity
 
 
 def tables(folder: Path) -> Iterator[str]:

@@ -12,13 +12,13 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 
-from isacsim.scenarios.scenario import bundled, load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import KNOWN
+from isac_cosim.isacsim.scenarios.scenario import bundled, load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import KNOWN
 
 SEEDS = (11, 12, 13)
 HEAD = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isac_cosim.base.arrays import Array
 
 MOVING_MPS = 0.5
 """Slowest speed whose direction counts: below it, noise of a reported velocity turns the direction by degrees."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array, IntArray
-from isacsim.scenarios.scenario import Site
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.isacsim.scenarios.scenario import Site
 
 
 @dataclass(frozen=True)

@@ -1,3 +1,1 @@
 """From a recording to labelled samples: detectors, pairs, candidates, datasets. It knows nothing of predictors."""
-
-import isacsim as isacsim  # Before any library that starts threads.

@@ -1,25 +1,6 @@
-"""From samples to a measured predictor: windows, predictors, training, scores, evaluation, reports, studies."""
+"""From samples to a trained predictor: windows, networks, predictors, training, and scores of the unknown class."""
 
-import os
-import sys
-from importlib.util import find_spec
-
-import isacsim as isacsim  # Before any library that starts threads.
-
-MODULE = "module://"
-"""What MPLBACKEND begins with where it names a module."""
-
-
-def _forget_foreign_backend() -> None:
-    """Let matplotlib be imported where MPLBACKEND names a module that is not installed.
-
-    A notebook sets the variable for its own process, and its children inherit it, also those of other environments.
-    """
-    name = os.environ.get("MPLBACKEND", "")
-    if "matplotlib" not in sys.modules and name.startswith(MODULE):
-        package = name.removeprefix(MODULE).partition(".")[0]
-        if find_spec(package) is None:
-            del os.environ["MPLBACKEND"]
-
-
-_forget_foreign_backend()
+DEFAULT = "asi-bip"
+"""The predictor that is trained when none is named."""
+FLOOR = "trees"
+"""The plain predictor that every other one is compared with."""

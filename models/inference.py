@@ -10,12 +10,12 @@ from typing import Self
 import numpy as np
 from scipy.special import softmax
 
-from isacsim.arrays import Array, BoolArray, Float32Array
-from models.data.lane_map import LaneMap
-from models.data.windows import OnMap, in_frame
-from models.run import Run, load_run
-from models.scores import open_set
-from models.scores.open_set import Score
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array
+from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.windows import OnMap, in_frame
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.scores import open_set
+from isac_cosim.models.scores.open_set import Score
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,9 @@ class Infer:
         """Answer one window, (6, T) and (6, U), or a batch, (n, 6, T) and (n, 6, U), in the scenario's plane.
 
         Both streams end at the same instant. lanes: those of the road network, for predictors that look at lanes.
-        Raises ValueError if the shapes are not those that the predictor was trained on, RunError if an answer is not
-        finite.
+        Without lanes, and unless the frame of the run is absolute, positions may be relative to any point, as datasets
+        store them.
+        Raises ValueError if the shapes are not those that the predictor was trained on.
         """
         begin = time.perf_counter()
         card = self.run.card
@@ -76,7 +77,7 @@ class Infer:
         if lanes is not None:
             scenario = np.full(len(tv), "", dtype=object)
             windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
-        outputs = self.run.predictor(windows).finite(self.run.path)
+        outputs = self.run.answer(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         score = self.score(outputs)
         probabilities = softmax(outputs.logits / card.temperature, axis=1)

@@ -1,1 +1,1 @@
-"""Bundled studies: one TOML file describes one study, end to end."""
+"""A whole run as one file: reading, running and sweeping studies, the bundled ones, and both papers' experiments."""

@@ -24,12 +24,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import cosim
-from isacsim.errors import RunError
-from labeling.generation.generate import generate
-from models.settings import TrainSettings
-from models.studies.single import claim_study
-from models.studies.study import Study, read_study
-from models.training.training import train
+from isac_cosim.base.errors import RunError
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train
+from isac_cosim.studies.single import claim_study
+from isac_cosim.studies.study import Study, read_study
 from tests.support.mutations import ODD_NUMBERS, ODD_TEXTS, Spoilt, attribute_changed, changed, garbled, spoilt, toml
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
@@ -83,15 +83,17 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     for place in (
-        "labeling.generation.engine.LocalEngine.run",
-        "labeling.generation.kept_workers.KeptWorkers.run",
-        "models.networks.fitting.fit_network",
-        "models.predictors.trees.fit_trees",
-        "models.predictors.trees.TreesPredictor.__call__",
+        "isac_cosim.base.workers.engine.LocalEngine.run",
+        "isac_cosim.base.workers.kept_workers.KeptWorkers.run",
+        "isac_cosim.models.networks.fitting.fit_network",
+        "isac_cosim.models.predictors.trees.fit_trees",
+        "isac_cosim.models.predictors.trees.TreesPredictor.__call__",
     ):
         monkeypatch.setattr(place, begin)
-    monkeypatch.setattr("labeling.generation.engine.ANSWER_S", 0.05)
-    monkeypatch.setattr("benchmarks.importlib", SimpleNamespace(import_module=lambda _: SimpleNamespace(run=begin)))
+    monkeypatch.setattr("isac_cosim.base.workers.engine.ANSWER_S", 0.05)
+    monkeypatch.setattr(
+        "isac_cosim.benchmarks.importlib", SimpleNamespace(import_module=lambda _: SimpleNamespace(run=begin))
+    )
     with contextlib.suppress(AttributeError):
         monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 120)
 

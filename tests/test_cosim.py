@@ -17,10 +17,10 @@ import pytest
 import typer
 
 import cosim
-from command_line.arguments import one_of
-from isacsim.errors import InputError
-from isacsim.scenarios.scenario import bundled
-from isacsim.scenarios.site_placement import PlacementSettings
+from isac_cosim.base.errors import InputError
+from isac_cosim.command_line.arguments import one_of
+from isac_cosim.isacsim.scenarios.scenario import bundled
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 
 ROOT = Path(cosim.__file__).parent
 TINY = """

@@ -15,7 +15,7 @@ import pytest
 from cffconvert import Citation
 
 import cosim
-from labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.dataset import Dataset
 from tests.support.made_up_dataset import write_dataset
 
 ROOT = Path(cosim.__file__).parent
@@ -39,7 +39,8 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_files_that_are_named_exist(page: Path) -> None:
     """`isacsim/radio/echo.py` in a text, unless a path of the example package."""
     for name in re.findall(
-        r"`((?:isacsim|labeling|models|benchmarks|command_line|tests|docs)/[\w/.]+)`", page.read_text()
+        r"`((?:base|isacsim|labeling|models|evaluation|studies|benchmarks|command_line|tests|docs)/[\w/.]+)`",
+        page.read_text(),
     ):
         assert (ROOT / name).exists(), name
 
@@ -143,9 +144,9 @@ import contextlib, io, json, sys
 from pathlib import Path
 
 import cosim
-from labeling.generation.engine import LocalEngine, run_on
-from labeling.generation.generate import generate
-from models.studies.study import read_study
+from isac_cosim.base.workers.engine import LocalEngine, run_on
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.studies.study import read_study
 
 
 def printed_by(command):
@@ -187,6 +188,11 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
     metrics = json.loads(output[COMMANDS[-1]].splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
+    sure = metrics["answers"]["sureness"]
+    assert 0 < sure["wrong"] <= 1
+    page = (folder / "nearest" / "evaluation" / "index.html").read_text()
+    assert "<h2>How sure is the run?</h2>" in page
+    assert f"<td>right</td><td>{sure['right']:.4g}</td>" in page
 
 
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(

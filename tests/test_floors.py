@@ -1,9 +1,9 @@
-"""The house: imports never run upward, rooms make no circle, files stay small, tests mirror the packages."""
+"""The house: imports never run upward, folders make no circle, files and folders stay small, tests mirror it."""
 
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -13,18 +13,24 @@ import pytest
 import cosim
 
 ROOT = Path(cosim.__file__).parent
-FLOORS = ("isacsim", "labeling", "models", "command_line", "cosim")
-"""From the lowest up; each may import only itself and what is below it."""
-BESIDE = ("benchmarks", "studies", "sumo_nets")
-"""May import everything but the command line's entry; only the command line imports them."""
+NAME = "isac_cosim"
+"""The name that every package is imported under."""
+FLOORS = (
+    "base", "isacsim", "sumo_nets", "labeling", "models", "evaluation", "studies", "benchmarks", "command_line", "cosim"
+)  # fmt: skip
+"""The packages from the lowest up; each may import only itself and what is below it."""
 LONGEST = 420
 """Lines of a file: about 400."""
+MOST_FILES = 16
+"""Modules in a folder."""
+LARGEST_SHARE = 0.28
+"""Of the largest package in all lines."""
 
 
 def files() -> Iterator[Path]:
     """Every module of the project, tests left out."""
     yield ROOT / "cosim.py"
-    for package in (*FLOORS[:-1], *BESIDE):
+    for package in FLOORS[:-1]:
         yield from sorted((ROOT / package).rglob("*.py"))
 
 
@@ -41,52 +47,86 @@ def imported(path: Path) -> set[str]:
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
+            names |= {alias.name.removeprefix(f"{NAME}.") for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            members = {f"{node.module}.{alias.name}" for alias in node.names}
-            names |= {member if member in MODULES else node.module for member in members}
+            package = node.module.removeprefix(NAME).removeprefix(".")
+            members = {f"{package}.{alias.name}".removeprefix(".") for alias in node.names}
+            names |= {member if member in MODULES else package for member in members}
     return {name for name in names if name in MODULES}
 
 
-def room_of(module: str) -> str:
-    """`isacsim.radio.echo` -> `isacsim.radio`; a file that lies beside the rooms is a room of its own."""
-    parts = module.split(".")
-    return ".".join(parts[:2])
+IMPORTS = {module: imported(path) for module, path in MODULES.items()}
+FOLDERS = sorted({path.parent.relative_to(ROOT) for path in MODULES.values()} - {Path()})
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_no_import_runs_upward(module: str) -> None:
-    floor = module.split(".")[0]
-    if floor in BESIDE:
-        allowed = {*FLOORS[:-1], *BESIDE}
-    else:
-        allowed = {*FLOORS[: FLOORS.index(floor) + 1]}
-        if floor in ("command_line", "cosim"):
-            allowed |= {*BESIDE}
-    assert {name.split(".")[0] for name in imported(MODULES[module])} <= allowed
+def room_of(module: str, folder: Path) -> str | None:
+    """The room of a folder that a module lies in; the files of the folder itself are a room of their own, ".".
+
+    None for a module that lies elsewhere, and for the folder's `__init__`, which may say what its rooms share.
+    """
+    path = MODULES[module].relative_to(ROOT)
+    if not path.is_relative_to(folder) or path == folder / "__init__.py":
+        return None
+    inside = path.relative_to(folder).parts
+    return inside[0] if len(inside) > 1 else "."
 
 
-@pytest.mark.parametrize("grain", [str, room_of], ids=["modules", "rooms"])
-def test_there_is_no_circle(grain: type) -> None:
-    graph: dict[str, set[str]] = defaultdict(set)
-    for module, path in MODULES.items():
-        graph[grain(module)] |= {grain(name) for name in imported(path)} - {grain(module)}
+def fail_on_a_circle(graph: dict[str, set[str]]) -> None:
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(f"imports go round: {' -> '.join(error.args[1])}")
 
 
+@pytest.mark.parametrize("module", MODULES)
+def test_no_import_runs_upward(module: str) -> None:
+    allowed = FLOORS[: FLOORS.index(module.split(".")[0]) + 1]
+    assert {name.split(".")[0] for name in IMPORTS[module]} <= {*allowed}
+
+
+def test_modules_make_no_circle() -> None:
+    fail_on_a_circle({module: names - {module} for module, names in IMPORTS.items()})
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=str)
+def test_the_rooms_of_a_folder_make_no_circle(folder: Path) -> None:
+    graph: dict[str, set[str]] = defaultdict(set)
+    for module, names in IMPORTS.items():
+        room = room_of(module, folder)
+        if room is not None:
+            graph[room] |= {other for name in names if (other := room_of(name, folder)) not in (None, room)}  # type: ignore[misc]
+    fail_on_a_circle(graph)
+
+
+def test_the_circle_test_sees_a_circle() -> None:
+    with pytest.raises(pytest.fail.Exception, match="imports go round"):
+        fail_on_a_circle({"radio": {"tracking"}, "tracking": {"radio"}})
+
+
 @pytest.mark.parametrize("room", ["radio", "tracking"])
 def test_radio_and_tracking_do_not_know_each_other(room: str) -> None:
     other = {"radio": "tracking", "tracking": "radio"}[room]
-    for path in (ROOT / "isacsim" / room).glob("*.py"):
-        assert not [name for name in imported(path) if name.startswith(f"isacsim.{other}")]
+    for module, names in IMPORTS.items():
+        if module.startswith(f"isacsim.{room}."):
+            assert not [name for name in names if name.startswith(f"isacsim.{other}")]
 
 
 @pytest.mark.parametrize("module", MODULES)
 def test_files_are_small(module: str) -> None:
     assert len(MODULES[module].read_text(encoding="utf-8").splitlines()) <= LONGEST
+
+
+def test_folders_are_small() -> None:
+    counts = Counter(path.parent for path in MODULES.values())
+    assert {str(folder.relative_to(ROOT)): n for folder, n in counts.items() if n > MOST_FILES} == {}
+
+
+def test_no_package_holds_most_of_the_house() -> None:
+    lines: Counter[str] = Counter()
+    for module, path in MODULES.items():
+        lines[module.split(".")[0]] += len(path.read_text(encoding="utf-8").splitlines())
+    largest, count = lines.most_common(1)[0]
+    assert count / lines.total() < LARGEST_SHARE, largest
 
 
 def test_every_room_says_what_it_is_for() -> None:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array, BoolArray, IntArray
-from isacsim.panels import Panels
-from isacsim.seeding import stream
-from isacsim.traffic.motion import MotionSettings, positions
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.road_coordinates import lane_headings
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.seeding import stream
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.traffic.motion import MotionSettings, positions
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.road_coordinates import lane_headings
 
 CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0
@@ -27,6 +27,11 @@ CAR_KINDS = (
     "custom1", "custom2",
 )  # fmt: skip
 """SUMO vehicle classes of cars. All other classes are taken for CAR_HEIGHT_M high, too, for want of a better value."""
+
+
+def height_m(kind: str) -> float:
+    """Return the height of a vehicle of a SUMO vehicle class, m."""
+    return TRUCK_HEIGHT_M if kind in HIGH_KINDS else CAR_HEIGHT_M
 
 
 @dataclass(frozen=True)
@@ -88,7 +93,7 @@ def blockers_of(
         heading=heading,
         length_m=np.array([track.length_m for track in present.values()]),
         width_m=np.array([track.width_m for track in present.values()]),
-        height_m=np.array([TRUCK_HEIGHT_M if t.kind in HIGH_KINDS else CAR_HEIGHT_M for t in present.values()]),
+        height_m=np.array([height_m(track.kind) for track in present.values()]),
         begin_s=-run_in_s,
     )
 

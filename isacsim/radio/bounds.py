@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
 
 
 def cell_bound(snr: Array, waveform: Waveform) -> Array:

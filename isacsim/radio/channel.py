@@ -17,14 +17,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array, IntArray
-from isacsim.errors import InputError
-from isacsim.panels import Panels
-from isacsim.radio.blockage import Blockers, blockage_db
-from isacsim.radio.cross_section import aspect_dbsm, random_mean_db
-from isacsim.radio.waveform import Waveform
-from isacsim.seeding import stream
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.radio.blockage import Blockers, blockage_db
+from isac_cosim.isacsim.radio.cross_section import aspect_dbsm, random_mean_db
+from isac_cosim.isacsim.radio.waveform import Waveform
 
 _THERMAL_DBM_PER_HZ = -173.98
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isac_cosim.base.arrays import Array
 
 SIDES = ("front", "left", "back", "right")
 """Rows of the arrays below: side k is centred at an azimuth of 90 k degrees, counter-clockwise from the front."""

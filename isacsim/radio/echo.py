@@ -25,8 +25,8 @@ from typing import Literal
 
 import numpy as np
 
-from isacsim.arrays import Array, ComplexArray
-from isacsim.radio.waveform import Waveform, centred
+from isac_cosim.base.arrays import Array, ComplexArray
+from isac_cosim.isacsim.radio.waveform import Waveform, centred
 
 Search = Literal["whole", "half", "pairs"]
 
@@ -193,7 +193,7 @@ def _draw_rival(count: int, search: Search, waveform: Waveform, rng: np.random.G
 
     The power of one is exponential, so the largest of n independent ones is -ln(1 - U^(1/n)). Cells of a grid finer
     than the transform overlap; they count as g N with g = a + b x, at most 8, at the level x, measured on noise alone
-    (`benchmarks/search_cells.py`). The place is uniform.
+    (`benchmarks/findings/sensing/search_cells.py`). The place is uniform.
     """
     base, slope = _CELLS_PER_ELEMENT[search]
     rare = rng.standard_exponential(count)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from isacsim.arrays import Array
-from isacsim.radio.estimation import Estimates, Estimator
-from isacsim.radio.waveform import Waveform, centred
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.radio.estimation import Estimates, Estimator
+from isac_cosim.isacsim.radio.waveform import Waveform, centred
 
 BATCH = 16
 """Echoes at once on a CPU: larger batches are slower, since the allocator returns and refetches their pages."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from isacsim.arrays import Array, ComplexArray, IntArray
-from isacsim.radio.echo import Bins
-from isacsim.radio.waveform import Waveform
+from isac_cosim.base.arrays import Array, ComplexArray, IntArray
+from isac_cosim.isacsim.radio.echo import Bins
+from isac_cosim.isacsim.radio.waveform import Waveform
 
 if TYPE_CHECKING:
     import torch

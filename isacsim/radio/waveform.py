@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from isacsim.arrays import Array
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.settings import Settings
 
 LIGHT_SPEED_MPS = 299_792_458.0
 

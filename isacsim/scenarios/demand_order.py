@@ -7,16 +7,15 @@ wrote such a file meant all of them to drive, so SUMO is given a copy with the s
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable, Collection, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, cast
 from xml.parsers import expat
 
-from isacsim.scenarios.sumo_files import with_includes
-from isacsim.scenarios.sumo_values import seconds
+from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.scenarios.sumo_schemas import seconds
+from isac_cosim.isacsim.scenarios.xml_files import GZIP, Element, elements
 
 VEHICLES = ("vehicle", "trip", "flow")
 DEPARTS = ("vehicle", "trip", "person", "container")
@@ -30,22 +29,7 @@ DEFAULT_TYPE = "DEFAULT_VEHTYPE"
 """The type of a vehicle that names none."""
 SUBLANE_MODELS = ("SL2015", "default")
 """The lane-change models that SUMO's sublane simulation takes."""
-GZIP = b"\x1f\x8b"
-"""The first bytes of a gzipped file."""
 NEVER = float("-inf")
-
-
-@dataclass(frozen=True)
-class Element:
-    """An element below the root of a file.
-
-    start: where its text starts, bytes. depart_s: when it departs, s; None for at no known time.
-    """
-
-    start: int
-    name: str
-    id: str
-    depart_s: float | None
 
 
 @dataclass(frozen=True)
@@ -58,39 +42,37 @@ class DemandFile:
     that vehicles and flows name. members: types in each distribution.
     """
 
-    departures: int = 0
-    late: tuple[str, ...] = ()
-    sortable: bool = False
-    first_s: float | None = None
-    models: Mapping[str, str] = field(default_factory=dict)
-    used: Collection[str] = ()
-    members: Mapping[str, Collection[str]] = field(default_factory=dict)
+    departures: int
+    late: tuple[str, ...]
+    sortable: bool
+    first_s: float | None
+    models: Mapping[str, str]
+    used: Collection[str]
+    members: Mapping[str, Collection[str]]
+
+    @property
+    def is_put_in_order(self) -> bool:
+        """Whether SUMO is given a sorted copy of the file."""
+        return bool(self.late) and self.sortable
 
 
-def in_order(file: Path, folder: Path, begin_s: float) -> Path:
-    """Return the path of a route file that is sorted by departure: the file itself, or a sorted copy in the folder.
+def in_order(file: Path, handed: Path, folder: Path, begin_s: float) -> Path:
+    """Return the path of a route file that is sorted by departure: the given one, or that of a sorted copy in a folder.
 
-    begin_s: of the simulation. A file whose elements do not stand for themselves (it includes others, or has
-    intervals) is returned as it is.
+    handed: what SUMO is given of the file. begin_s: of the simulation. A file stays as it is where its elements do not
+    stand for themselves, because it includes others or has intervals.
     """
-    if not is_put_in_order(read_demand(file, begin_s)):
-        return file
-    elements: list[Element] = []
-    reader = _Reader(begin_s, lambda *facts: elements.append(Element(*facts)))
-    reader.read(file)
-    with _opened(file) as stream:
-        text = stream.read()
-    starts = [element.start for element in elements]
-    stops = dict(zip(starts, [*starts[1:], reader.end], strict=True))
-    pieces = [text[element.start : stops[element.start]] for element in _sorted(elements)]
-    copy = folder / f"sorted-{len(list(folder.iterdir()))}-{file.name.removesuffix('.gz')}"
-    copy.write_bytes(b"".join([text[: starts[0]], *pieces, text[reader.end :]]))
+    if not read_demand(file, begin_s).is_put_in_order:
+        return handed
+    text = handed.read_bytes()
+    text = gzip.decompress(text) if text.startswith(GZIP) else text
+    pieces = _Pieces.of(text, begin_s)
+    starts = pieces.starts
+    stops = dict(zip(starts, [*starts[1:], pieces.end], strict=True))
+    copy = folder / f"sorted-{len(list(folder.iterdir()))}.rou.xml"
+    parts = [text[start : stops[start]] for start in pieces.in_order()]
+    copy.write_bytes(b"".join([text[: starts[0]], *parts, text[pieces.end :]]))
     return copy
-
-
-def is_put_in_order(content: DemandFile) -> bool:
-    """Return whether SUMO is given a sorted copy of a file."""
-    return bool(content.late) and content.sortable
 
 
 def first_departure_s(files: Iterable[Path], begin_s: float) -> float | None:
@@ -117,125 +99,111 @@ def refused_types(files: Iterable[Path]) -> list[tuple[Path, str, str]]:
 
 
 def read_demand(file: Path, begin_s: float = 0.0) -> DemandFile:
-    """Return what a file holds. One that cannot be read as XML holds nothing: SUMO says why.
+    """Return what a file holds. It is read once for all episodes of a process, as long as it does not change.
 
-    begin_s: of the simulation.
+    begin_s: of the simulation. Raises InputError where the file cannot be read.
     """
     state = file.stat()
-    return _read(file, state.st_mtime_ns, state.st_size, begin_s)
+    return _read(file, begin_s, state.st_ino, state.st_size, state.st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
-def _read(file: Path, changed_ns: int, size: int, begin_s: float) -> DemandFile:
-    """Read a file, once for all episodes of a process as long as it does not change."""
+def _read(file: Path, begin_s: float, *_: int) -> DemandFile:
     late, first_s, latest, departures, sortable = list[str](), float("inf"), NEVER, 0, True
-
-    def note(start: int, name: str, identity: str, depart_s: float | None) -> None:
-        nonlocal first_s, latest, departures, sortable
-        sortable = sortable and name in STANDING_ALONE
+    types = _Types()
+    for element in elements(file):
+        types.note(element)
+        if element.depth != 1:
+            continue
+        sortable = sortable and element.name in STANDING_ALONE
+        depart_s = departure_s(element.name, element.attributes, begin_s)
         if depart_s is None:
-            return
+            continue
         departures += 1
         if depart_s < latest:
-            late.append(identity)
+            late.append(element.attributes.get("id", ""))
         else:
             latest = depart_s
-        if begin_s <= depart_s < first_s and name in VEHICLES:
+        if begin_s <= depart_s < first_s and element.name in VEHICLES:
             first_s = depart_s
-
-    reader = _Reader(begin_s, note)
-    try:
-        reader.read(file)
-    except (expat.ExpatError, EOFError, OSError):
-        return DemandFile()
     known_s = first_s if first_s < float("inf") else None
-    return DemandFile(departures, tuple(late), sortable, known_s, reader.models, frozenset(reader.used), reader.members)
+    return DemandFile(departures, tuple(late), sortable, known_s, types.models, frozenset(types.used), types.members)
 
 
-def _sorted(elements: list[Element]) -> list[Element]:
-    """Return the elements with all definitions first, and the others by departure; equal ones stay in their order.
+def departure_s(name: str, attributes: Mapping[str, str], begin_s: float) -> float | None:
+    """Return when an element departs, s; None for one that waits for another, or departs at no time.
 
-    One that departs at no known time, such as a vehicle that waits for a person, stays behind the one above it.
+    begin_s: of the simulation.
     """
-    keys, latest = [], NEVER
-    for element in elements:
-        latest = latest if element.depart_s is None else element.depart_s
-        keys.append((False, NEVER) if element.name in DEFINITIONS else (True, latest))
-    return [elements[k] for k in sorted(range(len(keys)), key=keys.__getitem__)]
+    if name in DEPARTS:
+        return seconds(attributes.get("depart", ""))
+    if name in BEGINS:
+        return seconds(attributes["begin"]) if "begin" in attributes else begin_s
+    return None
 
 
-def _opened(file: Path) -> IO[bytes]:
-    """Return a file, unpacked, open for reading."""
-    with file.open("rb") as stream:
-        packed = stream.read(len(GZIP)) == GZIP
-    return cast(IO[bytes], gzip.open(file)) if packed else file.open("rb")
+@dataclass
+class _Types:
+    """The vehicle types of a file: `models`, `used` and `members` as in `DemandFile`."""
 
+    models: dict[str, str] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+    members: dict[str, set[str]] = field(default_factory=dict)
+    _distribution: tuple[int, str] = (0, "")
 
-class _Reader:
-    """Reads a file, and calls `note` with each element below its root.
-
-    note: takes where the element's text starts, bytes, its name, its id, and when it departs, s, or None.
-    end: where the text after the last element starts. models, used, members: as in `DemandFile`.
-    """
-
-    def __init__(self, begin_s: float, note: Callable[[int, str, str, float | None], object]) -> None:
-        self.models: dict[str, str] = {}
-        self.used: set[str] = set()
-        self.members: dict[str, set[str]] = {}
-        self.end = 0
-        self._begin_s, self._note = begin_s, note
-        self._depth = 0
-        self._distribution = ""
-
-    def read(self, file: Path) -> None:
-        """Read a file. Raises ExpatError where it is not XML or declares a document type, OSError and EOFError."""
-        self._parser = expat.ParserCreate()
-        self._parser.StartElementHandler = self._started
-        self._parser.EndElementHandler = self._ended
-        self._parser.StartDoctypeDeclHandler = _refuse_document_type
-        with _opened(file) as stream:
-            self._parser.ParseFile(stream)
-
-    def _started(self, name: str, attributes: dict[str, str]) -> None:
-        if self._depth == 1:
-            depart_s = self._depart_s(name, attributes)
-            self._note(self._parser.CurrentByteIndex, name, attributes.get("id", ""), depart_s)
-        self._depth += 1
+    def note(self, element: Element) -> None:
+        """Note what an element says of types. Call with all of a file, in their order."""
+        depth, name, attributes = element
         if name in VEHICLES:
             self.used.add(attributes.get("type", DEFAULT_TYPE))
         elif name == "vType":
-            self._note_type(attributes.get("id", ""), attributes)
+            identity = attributes.get("id", "")
+            if model := attributes.get("laneChangeModel"):
+                self.models[identity] = model
+            if depth == self._distribution[0] + 1 and depth > 1:
+                self.members[self._distribution[1]].add(identity)
         elif name == "vTypeDistribution":
-            self._distribution = attributes.get("id", "")
-            self.members.setdefault(self._distribution, set()).update(attributes.get("vTypes", "").split())
+            self._distribution = depth, attributes.get("id", "")
+            self.members.setdefault(self._distribution[1], set()).update(attributes.get("vTypes", "").split())
 
-    def _note_type(self, identity: str, attributes: dict[str, str]) -> None:
-        if model := attributes.get("laneChangeModel"):
-            self.models[identity] = model
-        if self._distribution:
-            self.members[self._distribution].add(identity)
 
-    def _ended(self, name: str) -> None:
+class _Pieces:
+    """The elements below the root of a text: where each starts, bytes, and where what follows the last one starts."""
+
+    def __init__(self, begin_s: float) -> None:
+        self.starts: list[int] = []
+        self.end = 0
+        self._begin_s = begin_s
+        self._keys: list[tuple[bool, float]] = []
+        self._latest, self._depth = NEVER, 0
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._started
+        self._parser.EndElementHandler = self._ended
+
+    @classmethod
+    def of(cls, text: bytes, begin_s: float) -> _Pieces:
+        """Return the elements of the text of a file that has been read before, and so is sound."""
+        pieces = cls(begin_s)
+        pieces._parser.Parse(text, True)
+        return pieces
+
+    def in_order(self) -> list[int]:
+        """Return the starts of all elements: of definitions first, then of the others by departure.
+
+        Those that depart together stay in their order. One that departs at no known time, such as a vehicle that waits
+        for a person, stays behind the one above it.
+        """
+        return [self.starts[k] for k in sorted(range(len(self.starts)), key=self._keys.__getitem__)]
+
+    def _started(self, name: str, attributes: dict[str, str]) -> None:
+        if self._depth == 1:
+            depart_s = departure_s(name, attributes, self._begin_s)
+            self._latest = self._latest if depart_s is None else depart_s
+            self.starts.append(self._parser.CurrentByteIndex)
+            self._keys.append((False, NEVER) if name in DEFINITIONS else (True, self._latest))
+        self._depth += 1
+
+    def _ended(self, _: str) -> None:
         self._depth -= 1
-        if name == "vTypeDistribution":
-            self._distribution = ""
         if not self._depth:
             self.end = self._parser.CurrentByteIndex
-
-    def _depart_s(self, name: str, attributes: dict[str, str]) -> float | None:
-        """Return when an element departs; None for one that waits for another, or departs at no time."""
-        if name in DEPARTS:
-            text = attributes.get("depart", "")
-        elif name in BEGINS:
-            if "begin" not in attributes:
-                return self._begin_s
-            text = attributes["begin"]
-        else:
-            return None
-        with suppress(ValueError):
-            return seconds(text)
-        return None
-
-
-def _refuse_document_type(*_: object) -> None:
-    raise expat.ExpatError("declares a document type")

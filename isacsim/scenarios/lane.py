@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from isacsim.arrays import Array, ComplexArray
+from isac_cosim.base.arrays import Array, ComplexArray
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from pydantic import Field
 from scipy import fft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from isacsim.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
+from isac_cosim.base.settings import Settings
 
 STEP_M = 0.5
 """Distance between the points of a line, m."""
@@ -53,7 +53,7 @@ class RoundingSettings(Settings):
         description="corners of the road that take more acceleration than this are rounded, m/s2",
     )
     along_mps2: float = Field(
-        0.5,
+        0.2,
         gt=0.0,
         le=9.0,
         description="largest change of speed where lengths of lanes and of their shapes differ, m/s2",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from isacsim.scenarios.demand_order import is_put_in_order, read_demand
-from isacsim.scenarios.scenario import Elevation, Scenario
-from isacsim.scenarios.sumo_values import in_full
+from isac_cosim.isacsim.scenarios.demand_order import read_demand
+from isac_cosim.isacsim.scenarios.scenario import Elevation, Scenario
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 
 
 def remarks(scenario: Scenario) -> list[str]:
@@ -12,20 +12,17 @@ def remarks(scenario: Scenario) -> list[str]:
     lines = []
     for file in scenario.demand:
         content = read_demand(file, scenario.begin_s)
-        if is_put_in_order(content):
+        if content.is_put_in_order:
             lines.append(
                 f"{file}: is not sorted by departure: SUMO would leave out {len(content.late)} of its "
                 f"{content.departures} vehicles and flows, the first {content.late[0]!r}; it is given a sorted copy"
             )
     if scenario.elevation is not None:
-        lines.append(f"{scenario.network}: {flattened(scenario.elevation)}")
-    if scenario.overridden:
-        options = ", ".join(scenario.overridden)
-        lines.append(f"{scenario.name}: these options of its configuration are not passed to SUMO: {options}")
+        lines.append(f"{scenario.network}: {_flattened(scenario.elevation)}")
     return lines
 
 
-def flattened(elevation: Elevation) -> str:
+def _flattened(elevation: Elevation) -> str:
     """Return what is not simulated of a network's heights."""
     low, high = (in_full(round(value, 1)) for value in (elevation.low_m, elevation.high_m))
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
+import unicodedata
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,24 +12,23 @@ from typing import Any
 import numpy as np
 import sumolib.net
 
-from isacsim.errors import InputError
-from isacsim.registry import nearest
-from isacsim.scenarios.demand_order import refused_types
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.sumo_files import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.registry import nearest
+from isac_cosim.isacsim.scenarios.demand_order import refused_types
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.naming import check_name, name_of
+from isac_cosim.isacsim.scenarios.sumo_config import Inputs, read_config
+from isac_cosim.isacsim.scenarios.sumo_files import (
     CONFIG_ENDINGS,
     NETWORK_ENDINGS,
-    Inputs,
+    cleaned,
     has_demand,
     is_lefthand,
-    one_line,
-    parse,
-    read_config,
-    refuse_document_type,
-    refuse_outputs,
+    removed_from,
     with_includes,
 )
-from isacsim.scenarios.sumo_values import in_full
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
+from isac_cosim.isacsim.scenarios.xml_files import elements, one_line
 
 SITE_TYPE = "isac_site"
 PLANE_REACH_M = 10_000.0
@@ -96,9 +96,9 @@ class Scenario:
     begin_s: simulation time at which the scenario starts, s.
     kept: options of the user's configuration that are passed to SUMO, by name.
     overridden: names of those that are set otherwise (step length, seed) or left out (outputs, logs, windows).
+    removed: what SUMO does not get of the files, because it makes SUMO write a file or is in none of SUMO's schemas.
     lefthand: whether traffic keeps left. SUMO simulates such a network as the mirror image of one where it keeps right:
     lanes are numbered from the left, and what SUMO calls left is right in the plane.
-    elevation: how far the network is from the plane; None where it is level.
     """
 
     name: str
@@ -112,12 +112,13 @@ class Scenario:
     kept: Mapping[str, str] = field(default_factory=dict)
     overridden: tuple[str, ...] = ()
     lefthand: bool = False
+    removed: tuple[str, ...] = ()
     elevation: Elevation | None = None
 
 
 def bundled() -> dict[str, Path]:
     """Return the folders of the bundled scenarios, by name."""
-    root = Path(str(importlib.resources.files("sumo_nets")))
+    root = Path(str(importlib.resources.files("isac_cosim.sumo_nets")))
     return {folder.name: folder for folder in sorted(root.iterdir()) if any(folder.glob("*.sumocfg"))}
 
 
@@ -128,6 +129,7 @@ def load(where: str | Path) -> Scenario:
     Nothing is written. Raises InputError where something is missing or cannot be read.
     """
     scenario = load_without_sites(where)
+    check_name(scenario.name, where)
     if not any(map(has_demand, (*scenario.demand, *scenario.additional))):
         raise InputError(
             f"{where} has no demand: make a scenario with demand by `cosim network sites {where} -o FOLDER`"
@@ -142,16 +144,13 @@ def load_without_sites(where: str | Path) -> Scenario:
     name, path = _find(Path(where))
     network_alone = path.name.endswith(NETWORK_ENDINGS)
     inputs = Inputs(path, (), (), 0.0, {}, ()) if network_alone else read_config(path)
-    for file in (inputs.network, *inputs.demand):
-        for path in with_includes(file):
-            refuse_document_type(path)
-        refuse_outputs(file)
-    network = read_network(inputs.network)
-    sites = tuple(_read_sites(inputs.additional, network.origin))
+    removed = removed_from((inputs.network, *inputs.demand, *inputs.additional))
+    roads = read_network(inputs.network)
+    sites = tuple(_read_sites(inputs.additional, roads.origin))
     _refuse_types((*inputs.demand, *inputs.additional))
     return Scenario(
-        name, inputs.network, inputs.demand, inputs.additional, network.origin, network.lanes, sites,
-        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network), network.elevation,
+        name, inputs.network, inputs.demand, inputs.additional, roads.origin, roads.lanes, sites,
+        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network), removed, roads.elevation,
     )  # fmt: skip
 
 
@@ -171,10 +170,12 @@ def read_network(network: Path) -> RoadNetwork:
 
     Raises InputError where the network cannot be read, NoRoadsError where it has no road.
     """
-    refuse_document_type(network)
     try:
-        net = sumolib.net.readNet(str(network), withInternal=True)
-        (lanes, origin), elevation = _lanes(net), _elevation(net)
+        with cleaned(network) as readable:
+            net = sumolib.net.readNet(str(readable), withInternal=True)
+            (lanes, origin), elevation = _lanes(net), _elevation(net)
+    except InputError:
+        raise
     except Exception as error:  # the reader raises whatever it meets
         raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     if all(lane.edge.startswith(":") for lane in lanes):
@@ -212,10 +213,8 @@ def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
 
 def _elevation(net: Any) -> Elevation | None:
     """Return how far a network that sumolib has read is from a plane; None where all its edges are level."""
-    heights = [
-        [point[2] for lane in edge.getLanes() for point in lane.getShape3D()]
-        for edge in net.getEdges(withInternal=False)
-    ]
+    edges = net.getEdges(withInternal=False)
+    heights = [[point[2] for lane in edge.getLanes() for point in lane.getShape3D()] for edge in edges]
     every = np.concatenate([*map(np.asarray, heights), np.empty(0)])
     middle = float(np.median(every)) if len(every) else 0.0
     off = sum(max(abs(height - middle) for height in of_edge) > LEVEL_M for of_edge in heights)
@@ -235,10 +234,10 @@ def _find(where: Path) -> tuple[str, Path]:
             )
         where = folders[str(where)]
     if where.is_dir():
-        return where.resolve().name, _config_in(where)
+        return name_of(where), _config_in(where)
     for ending in (*CONFIG_ENDINGS, *NETWORK_ENDINGS):
         if where.name.endswith(ending):
-            return where.name.removesuffix(ending), where
+            return unicodedata.normalize("NFC", where.name.removesuffix(ending)), where
     raise InputError(f"{where} is not a scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
 
 
@@ -281,13 +280,10 @@ def _config_in(folder: Path) -> Path:
 def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
     """The sites among the points of interest (POIs) of additional files."""
     for file in (path for named in additional for path in with_includes(named)):
-        for poi in parse(file).iter("poi"):
-            if poi.get("type") != SITE_TYPE:
-                continue
-            params = {p.get("key"): p.get("value") for p in poi.iter("param")}
+        for poi, params in _pois(file):
             try:
-                x, y = float(poi.attrib["x"]), float(poi.attrib["y"])
-                height, azimuth = float(params["height"] or ""), float(params["azimuth"] or "")
+                x, y = float(poi["x"]), float(poi["y"])
+                height, azimuth = float(params["height"]), float(params["azimuth"])
                 if not np.isfinite((x, y, height, azimuth)).all():
                     raise ValueError
                 if not 0.0 < height <= HIGHEST_SITE_M:
@@ -295,9 +291,25 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                         f"{file}: site {poi.get('id')} is {in_full(height)} m high: give the height of its antenna "
                         f"above the road, more than 0 and at most {in_full(HIGHEST_SITE_M)} m"
                     )
-                yield Site(poi.attrib["id"], x - origin[0], y - origin[1], height, azimuth)
+                yield Site(poi["id"], x - origin[0], y - origin[1], height, azimuth)
             except (KeyError, ValueError):
                 raise InputError(
                     f"{file}: site {poi.get('id')} needs numbers x and y, and params height (m) and azimuth (degrees): "
                     "add or fix them"
                 ) from None
+
+
+def _pois(file: Path) -> list[tuple[dict[str, str], dict[str, str]]]:
+    """The attributes and the parameters of those points of interest of a file that are sites."""
+    found: list[tuple[dict[str, str], dict[str, str]]] = []
+    inside: int | None = None  # the depth of the site that is being read
+    for depth, name, attributes in elements(file):
+        if inside is not None and depth > inside:
+            if name == "param":
+                found[-1][1][attributes.get("key", "")] = attributes.get("value", "")
+            continue
+        inside = None
+        if name == "poi" and attributes.get("type") == SITE_TYPE:
+            found.append((attributes, {}))
+            inside = depth
+    return found

@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial import cKDTree
 
-from isacsim.arrays import Array
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import SITE_TYPE, Site
-from isacsim.scenarios.sumo_values import in_full
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import SITE_TYPE, Site
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 
 STATION_STEP_M = 5.0
 """Distance between the points of a lane at which a pole may stand, m."""

@@ -12,9 +12,9 @@ from typing import Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from isacsim.arrays import Array, BoolArray
-from isacsim.panels import Panels
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.panels import Panels
 
 
 class FusionOptions(Settings):

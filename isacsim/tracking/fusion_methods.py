@@ -10,9 +10,9 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from isacsim.registry import Registry
-from isacsim.tracking.fusion import FusionMethod, FusionOptions, fuse
-from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
+from isac_cosim.base.registry import Registry
+from isac_cosim.isacsim.tracking.fusion import FusionMethod, FusionOptions, fuse
+from isac_cosim.isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 GROUP = "isac_cosim.fusion_methods"
 FUSION_METHODS: Registry[FusionMethod] = Registry(

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from isacsim.arrays import Array, BoolArray
-from isacsim.panels import Panels
-from isacsim.tracking.fusion import Fixes, FusionOptions, checked, single_site
+from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.tracking.fusion import Fixes, FusionOptions, checked, single_site
 
 
 def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions) -> Fixes:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from isacsim.arrays import Array, BoolArray, IntArray
-from isacsim.settings import Settings
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.settings import Settings
 
 
 class TrackingSettings(Settings):

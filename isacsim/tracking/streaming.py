@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from isacsim.arrays import Array
-from isacsim.tracking.kalman import TrackingSettings, process_noise, start, transition
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.tracking.kalman import TrackingSettings, process_noise, start, transition
 
 
 class StreamingFilter:

@@ -11,16 +11,17 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from isacsim.arrays import Array, BoolArray, IntArray, reflected
-from isacsim.scenarios.reference_line import RoundingSettings
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
+from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, lane_headings, moved_rows
 
 CAR_MPS2, CAR_MPS3 = 9.0, 25.0
 """The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
@@ -34,6 +35,8 @@ COARSE_ROWS = 3
 """Motion is looked at this often in the standard deviation of the kernel before it is looked at in full."""
 ALMOST = 0.75
 """Share of a limit from which on motion that was looked at coarsely is looked at in full."""
+LEAST_HEADING = 1e-6
+"""Shorter mean vectors along a road, as where it turns back at once, have no direction."""
 SAME_PHASE = 1e-9
 """Instants whose places between two rows differ by less than this use the same weights, rows."""
 
@@ -151,17 +154,27 @@ class Excess:
 
     beyond_car: the acceleration exceeds 9 m/s2, along and across together, or changes by more than 25 m/s3, shape (k,).
     across: the acceleration across the direction of travel exceeds the limit that was given, shape (m,).
+    along: the acceleration along the road differs from that of the recorded speed by more than the limit that was
+    given, shape (l,).
     """
 
     beyond_car: Array
     across: Array
+    along: Array
 
 
-def excess(recording: Recording, track: Track, settings: MotionSettings, across_mps2: float | None = None) -> Excess:
-    """Return when a vehicle's conditioned motion in the plane exceeds the limits of a car, and a limit across.
+def excess(
+    recording: Recording,
+    track: Track,
+    settings: MotionSettings,
+    across_mps2: float | None = None,
+    along_mps2: float | None = None,
+) -> Excess:
+    """Return when a vehicle's conditioned motion in the plane exceeds the limits of a car, and two limits of its own.
 
     across_mps2: limit of the acceleration across the direction of travel, m/s2; none when absent. Below `LEAST_MPS`, a
-    vehicle has no direction of travel.
+    vehicle has no direction of travel. along_mps2: limit of the difference along the road between the acceleration in
+    the plane and that of the recorded speed, m/s2; none when absent.
     """
     rounded, step_s, width_s = on_rounded_road(recording, track, settings), recording.step_s, settings.width_s
     every = max(1, int(width_s / step_s / COARSE_ROWS))
@@ -185,7 +198,39 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
         velocity, acceleration = _derivatives(rounded, step_s, width_s, (1, 2), rows)
         across = rows[np.abs(across_travel(velocity, acceleration)) > limit]
     times = recording.times(track)
-    return Excess(times[beyond], times[across])
+    along = rows[:0] if along_mps2 is None else _astray(recording, track, settings, coarse, every, along_mps2)
+    return Excess(times[beyond], times[across], times[along])
+
+
+def _astray(
+    recording: Recording, track: Track, settings: MotionSettings, coarse: Array, every: int, limit_mps2: float
+) -> IntArray:
+    """Return the rows at which the acceleration along the road differs from that of the speed by more than a limit.
+
+    coarse: the acceleration in the plane at every `every`-th row, m/s2, shape (2, n).
+    """
+    if not recording.lanes:
+        return np.empty(0, np.int64)
+    headings, step_s, width_s = road_headings(recording, track, settings), recording.step_s, settings.width_s
+
+    def difference(rows: IntArray, acceleration: Array) -> Array:
+        road = np.stack([condition_at(part, step_s, width_s, (0,), rows)[0] for part in (headings.real, headings.imag)])
+        along = (acceleration * road).sum(axis=0) / np.maximum(np.hypot(*road), LEAST_HEADING)
+        return np.asarray(np.abs(along - condition_at(track.speed, step_s, width_s, (1,), rows)[0]))
+
+    suspect = difference(np.arange(0, len(track), every), coarse) > ALMOST * limit_mps2
+    rows = _around(suspect, every, len(track))
+    if not len(rows):
+        return rows
+    (acceleration,) = _derivatives(on_rounded_road(recording, track, settings), step_s, width_s, (2,), rows)
+    return rows[difference(rows, acceleration) > limit_mps2]
+
+
+def road_headings(recording: Recording, track: Track, settings: MotionSettings) -> ComplexArray:
+    """Return the direction of the rounded road at each row of a track, as complex unit vectors, shape (n,)."""
+    headings, moved = lane_headings(recording.lanes, track.lane, track.lane_pos), _moved(recording, track, settings)
+    headings[moved.rows] = moved.heading
+    return headings
 
 
 def _around(suspect: BoolArray, every: int, count: int) -> IntArray:
@@ -223,15 +268,63 @@ def _coarse_acceleration(rounded: RoundedTrack, step_s: float, width_s: float, e
 
 
 def on_rounded_road(recording: Recording, track: Track, settings: MotionSettings) -> RoundedTrack:
-    """Return the positions of a track with the corners of its road rounded.
+    """Return the positions of a track with the corners of its road rounded."""
+    return RoundedTrack.of(track, _moved(recording, track, settings))
 
-    What moves is worked out once for each track and kept as long as the track is.
-    """
+
+def _moved(recording: Recording, track: Track, settings: MotionSettings) -> MovedRows:
+    """Return what rounding moves; it is worked out once for each track and kept as long as the track is."""
     key = (id(track), settings.model_dump_json())
     if key not in _MOVED:
         moved = moved_rows(recording, track, settings)
         _MOVED[key] = moved, weakref.ref(track, lambda _: _MOVED.pop(key, None))
-    return RoundedTrack.of(track, _MOVED[key][0])
+    return _MOVED[key][0]
 
 
 _MOVED: dict[tuple[int, str], tuple[MovedRows, weakref.ref[Track]]] = {}
+
+
+MOST_PHASES = 64
+"""With more sets of weights than this nothing is gained."""
+
+
+def even_states(
+    recording: Recording, track: Track, start_s: float, count: int, rate_hz: float, settings: MotionSettings
+) -> Array:
+    """Return conditioned states of a vehicle at `count` instants within its track, the first at start_s.
+
+    start_s: simulation time, s. rate_hz: instants per second.
+    Returns x, y, vx, vy, ax, ay of the front bumper centre in m, m/s, m/s2, shape (6, count), as `states` does.
+    Raises ValueError where an instant lies outside the track.
+    """
+    stride = Fraction(1 / (rate_hz * recording.step_s)).limit_denominator(MOST_PHASES)
+    times = start_s + np.arange(count) / rate_hz
+    rows = times / recording.step_s - track.first_step
+    exact = abs(float(stride) - 1 / (rate_hz * recording.step_s)) * count < 1e-9
+    if not exact or count == 0 or rows[0] < 0 or rows[-1] > len(track) - 1:
+        return states(recording, track, times, settings)
+    rounded = on_rounded_road(recording, track, settings)
+    sigma = settings.width_s / recording.step_s
+    reach = int(np.ceil(REACH * sigma))
+    conditioned = np.empty((6, count))
+    for axis, values in enumerate((rounded.x, rounded.y)):
+        base = float(values[0])
+        padded = reflected(values - base, reach, reach)
+        for phase in range(min(stride.denominator, count)):
+            of_phase = slice(phase, count, stride.denominator)
+            nearest = round(float(rows[phase]))
+            last = nearest + (len(range(count)[of_phase]) - 1) * stride.numerator
+            around = padded[nearest : last + 2 * reach + 1]
+            for order, weights in enumerate(_weights_of_orders(float(rows[phase]) - nearest, sigma, reach)):
+                smooth = np.correlate(around, weights, mode="valid")[:: stride.numerator]
+                conditioned[2 * order + axis, of_phase] = smooth / recording.step_s**order
+        conditioned[axis] += base
+    return conditioned
+
+
+def _weights_of_orders(offset: float, sigma: float, reach: int) -> tuple[Array, Array, Array]:
+    """Return the weights of the kernel and of its two derivatives, by the row, about a fraction of a row."""
+    u = (offset - np.arange(-reach, reach + 1)) / sigma
+    weights = np.exp(-0.5 * u**2)
+    weights /= weights.sum()
+    return weights, weights * -u / sigma, weights * (u**2 - 1.0) / sigma**2

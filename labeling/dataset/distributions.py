@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from labeling.dataset.dataset import Dataset
-from labeling.intentions import Intention
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.intentions import Intention
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 SEEDS_TO_SPLIT = 5

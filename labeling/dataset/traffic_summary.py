@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
-from isacsim.radio.blockage import CAR_KINDS, HIGH_KINDS
-from isacsim.traffic.sumo_messages import merged
-from labeling.dataset.shard import Episode
+from isac_cosim.isacsim.radio.blockage import CAR_KINDS, HIGH_KINDS
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import merged
+from isac_cosim.labeling.dataset.shard import Episode
 
 KINDS_SHOWN = 8
 """So many kinds of SUMO's warnings are shown; the plain values hold all of them."""

@@ -8,12 +8,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.lane_change import moving_span
-from labeling.detectors.protocol import VehicleView
-from labeling.detectors.threshold_crossings import intervals_above, last_below
-from labeling.intentions import Event, Intention
-from labeling.road.road_motion import RoadMotion
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.lane_change import moving_span
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.detectors.threshold_crossings import intervals_above, last_below
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.road_motion import RoadMotion
 
 
 class EvasiveSwerveSettings(Settings):
@@ -58,8 +58,8 @@ class EvasiveSwerveDetector:
 
     A vehicle jerks 1.2 m aside and comes back:
 
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> evading = ScriptedVehicle("tv", lateral=[(10, 0.0), (10.8, 1.2), (12, 1.2), (12.8, 0.0)])
     >>> view = vehicle_view(straight_road(evading), "tv")
     >>> [swerve] = EvasiveSwerveDetector(EvasiveSwerveSettings()).detect(view)

@@ -11,11 +11,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from isacsim.arrays import BoolArray
-from isacsim.settings import Settings
-from labeling.detectors.protocol import VehicleView
-from labeling.intentions import Event, Intention
-from labeling.road.road_motion import RoadMotion
+from isac_cosim.base.arrays import BoolArray
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.road_motion import RoadMotion
 
 
 class FollowingSettings(Settings):
@@ -58,8 +58,8 @@ class FollowingDetector:
 
     A vehicle follows another one at 30 m/s, 55 m behind:
 
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> recording = straight_road(ScriptedVehicle("tv"), ScriptedVehicle("uv", start_m=60.0))
     >>> events = FollowingDetector(FollowingSettings()).detect(vehicle_view(recording, "tv"))
     >>> [(event.onset, event.other) for event in events]

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.protocol import VehicleView
-from labeling.detectors.threshold_crossings import excursions
-from labeling.intentions import Event, Intention
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.detectors.threshold_crossings import excursions
+from isac_cosim.labeling.intentions import Event, Intention
 
 
 class HardAccelSettings(Settings):
@@ -36,8 +36,8 @@ class HardAccelDetector:
 
     A vehicle accelerates from 15 to 24 m/s within three seconds:
 
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> speeding_up = ScriptedVehicle("tv", speed=[(10, 15), (13, 24)])
     >>> [event] = HardAccelDetector(HardAccelSettings()).detect(vehicle_view(straight_road(speeding_up), "tv"))
     >>> event.intention.text, round(event.commit, 1), round(event.peak, 1)

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.protocol import VehicleView
-from labeling.detectors.threshold_crossings import excursions
-from labeling.intentions import Event, Intention
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.protocol import VehicleView
+from isac_cosim.labeling.detectors.threshold_crossings import excursions
+from isac_cosim.labeling.intentions import Event, Intention
 
 
 class HardBrakeSettings(Settings):
@@ -41,8 +41,8 @@ class HardBrakeDetector:
 
     A vehicle brakes from 30 to 18 m/s within two seconds:
 
-    >>> from labeling.detectors.protocol import vehicle_view
-    >>> from labeling.road.straight_road import ScriptedVehicle, straight_road
+    >>> from isac_cosim.labeling.detectors.protocol import vehicle_view
+    >>> from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
     >>> braking = ScriptedVehicle("tv", speed=[(10, 30), (12, 18)])
     >>> [brake] = HardBrakeDetector(HardBrakeSettings()).detect(vehicle_view(straight_road(braking), "tv"))
     >>> brake.intention.text, round(brake.commit, 1), round(brake.peak, 1)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
-from isacsim.settings import Settings
-from isacsim.traffic.recording import Recording, Track
-from labeling.intentions import Event, Intention
-from labeling.road.road_motion import WIDTH_S, RoadMotion, road_motion
-from labeling.road.surroundings import Surroundings
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.road_motion import WIDTH_S, RoadMotion, road_motion
+from isac_cosim.labeling.road.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Detector(Protocol):
 
     The class is constructed with one argument, an instance of its `settings_type`, and keeps no state between vehicles.
 
-    settings_type: the class of its settings, a subclass of `isacsim.settings.Settings` whose fields all have defaults.
+    settings_type: the class of its settings, a subclass of `base.settings.Settings` whose fields all have defaults.
     finds: the intentions that its events may have. The seven intentions are fixed: a detector adds another definition
     of an intention, never another class.
 
@@ -56,7 +56,7 @@ class Detector(Protocol):
 
     A selected detector **replaces** the built-in definition of every intention in its `finds`; built-in events of those
     intentions are dropped. Two selected detectors with an intention in common are refused. From then on its events are
-    treated as built-in ones are, with the precedence of `labeling.events`. Two consequences for lane changes:
+    treated as built-in ones are, with the precedence of `labeling.detectors.events`. Two consequences for lane changes:
 
     - `VehicleView.lane_changes` always comes from the built-in lane-change detector, as do the counts of crossings that
       are no events.

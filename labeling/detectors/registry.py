@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from isacsim.registry import Registry
-from labeling.detectors.evasive_swerve import EvasiveSwerveDetector
-from labeling.detectors.following import FollowingDetector
-from labeling.detectors.hard_accel import HardAccelDetector
-from labeling.detectors.hard_brake import HardBrakeDetector
-from labeling.detectors.lane_change import LaneChangeDetector
-from labeling.detectors.overtake import OvertakeDetector
-from labeling.detectors.protocol import Detector
+from isac_cosim.base.registry import Registry
+from isac_cosim.labeling.detectors.evasive_swerve import EvasiveSwerveDetector
+from isac_cosim.labeling.detectors.following import FollowingDetector
+from isac_cosim.labeling.detectors.hard_accel import HardAccelDetector
+from isac_cosim.labeling.detectors.hard_brake import HardBrakeDetector
+from isac_cosim.labeling.detectors.lane_change import LaneChangeDetector
+from isac_cosim.labeling.detectors.overtake import OvertakeDetector
+from isac_cosim.labeling.detectors.protocol import Detector
 
 DETECTORS: Registry[type[Detector]] = Registry(
     "detector",

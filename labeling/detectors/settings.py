@@ -15,17 +15,17 @@ from pydantic import (
     model_validator,
 )
 
-from isacsim.settings import Settings
-from labeling.detectors.evasive_swerve import EvasiveSwerveSettings
-from labeling.detectors.following import FollowingSettings
-from labeling.detectors.hard_accel import HardAccelSettings
-from labeling.detectors.hard_brake import HardBrakeSettings
-from labeling.detectors.lane_change import LaneChangeSettings
-from labeling.detectors.overtake import OvertakeSettings
-from labeling.detectors.protocol import Detector
-from labeling.detectors.registry import DETECTORS
-from labeling.intentions import Intention
-from labeling.road.road_motion import WIDTH_S
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.evasive_swerve import EvasiveSwerveSettings
+from isac_cosim.labeling.detectors.following import FollowingSettings
+from isac_cosim.labeling.detectors.hard_accel import HardAccelSettings
+from isac_cosim.labeling.detectors.hard_brake import HardBrakeSettings
+from isac_cosim.labeling.detectors.lane_change import LaneChangeSettings
+from isac_cosim.labeling.detectors.overtake import OvertakeSettings
+from isac_cosim.labeling.detectors.protocol import Detector
+from isac_cosim.labeling.detectors.registry import DETECTORS
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.road.road_motion import WIDTH_S
 
 PRESET = "isac-2"
 """Name and version of the default definitions. Other defaults need another name."""

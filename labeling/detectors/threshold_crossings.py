@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array
+from isac_cosim.base.arrays import Array
 
 
 def intervals_above(times: Array, values: Array, level: float) -> list[tuple[float, float]]:

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from isacsim.errors import InputError
-from labeling.dataset.dataset import INDEX_FILE, SHARDS, Shard, ShardIndex, files_in, read_shard
-from labeling.dataset.meta import Meta, read_description
-from labeling.dataset.shard_index import TOGETHER
-from labeling.generation.log import append_line
+from isac_cosim.base.errors import InputError
+from isac_cosim.labeling.dataset.dataset import INDEX_FILE, SHARDS, Shard, ShardIndex, files_in, read_shard
+from isac_cosim.labeling.dataset.meta import Meta, read_description
+from isac_cosim.labeling.dataset.shard_index import TOGETHER
+from isac_cosim.labeling.generation.log import append_line
 
 JOURNAL_FILE = "shards.jsonl"
 

@@ -8,21 +8,23 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from pydantic import Field
 
-from isacsim.errors import writing
-from isacsim.feedback import Feedback
-from isacsim.settings import Settings
-from isacsim.traffic.sumo_messages import SumoWarning
-from isacsim.traffic.traffic_facts import TrafficFacts
-from labeling.dataset.shard import Shard
-from labeling.generation.engine import Outcome
+from isac_cosim.base.errors import writing
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.settings import Settings
+from isac_cosim.base.workers.attempts import Outcome
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.labeling.dataset.shard import Shard
 
 LOG_FILE = "log.jsonl"
+MOST_NAMED = 8
+"""Parts of a scenario's files that one message names."""
 
 
 class Entry(Settings):
@@ -32,7 +34,8 @@ class Entry(Settings):
     retries: tries before the last one. events: number of events by intention. collided, teleported: number of vehicles,
     of the `vehicles` that departed. discarded: number of those that never could. beyond_car: number of vehicles that
     their driver model drove beyond 9 m/s2 or 25 m/s3. warnings: number of SUMO's warnings. sumo_warnings: the same by
-    kind, each with an example. reason: why the episode was lost.
+    kind, each with an example. reason: why the episode was lost. printed: the end of what SUMO and other libraries
+    printed.
     """
 
     scenario: str
@@ -50,6 +53,7 @@ class Entry(Settings):
     warnings: int = 0
     sumo_warnings: tuple[SumoWarning, ...] = ()
     reason: str | None = None
+    printed: str = ""
 
     def __str__(self) -> str:
         outcome = f"{self.samples} samples" if self.outcome == "made" else f"lost, {self.reason}"
@@ -89,6 +93,7 @@ def entry_of(shard: Shard, outcome: Outcome[Any, Any], traffic: TrafficFacts | N
         teleported=episode.teleported,
         beyond_car=episode.counts.get("beyond_car", 0),
         **known,
+        printed=outcome.printed,
     )
 
 
@@ -115,6 +120,30 @@ def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
     """Add a line to a dataset's log, and report it as a detail."""
     append(folder, entry)
     feedback.detail(str(entry))
+
+
+class Withheld(Protocol):
+    """A scenario that SUMO does not get all of: options of its configuration, and parts of its files."""
+
+    @property
+    def overridden(self) -> Sequence[str]: ...
+
+    @property
+    def removed(self) -> Sequence[str]: ...
+
+
+def withheld(name: str, scenario: Withheld) -> list[str]:
+    """Return the messages about what SUMO does not get of a scenario, a line each."""
+    lines = []
+    if scenario.overridden:
+        lines.append(
+            f"{name}: these options of its configuration are not passed to SUMO: {', '.join(scenario.overridden)}"
+        )
+    if scenario.removed:
+        more = len(scenario.removed) - MOST_NAMED
+        named = ", ".join(scenario.removed[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
+        lines.append(f"{name}: SUMO does not get what writes files, or what its schemas do not name: {named}")
+    return lines
 
 
 def _open_no_link(path: str, flags: int) -> int:

@@ -8,16 +8,17 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from isacsim.sensing import SensingSettings
-from isacsim.settings import Settings
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.kinematic_settings import KinematicSettings
-from isacsim.traffic.motion import MotionSettings
-from isacsim.traffic.motion_sources import MOTION_SOURCES
-from isacsim.traffic.simulation import TrafficSettings
-from labeling.detectors.settings import LabelSettings
-from labeling.samples.candidates import RecordSettings
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.reports import ReportSettings
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
+from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.samples.candidates import RecordSettings
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 
 
 class SeedRange(Settings):
@@ -57,20 +58,6 @@ class SelectionSettings(Settings):
     windows: int | None = Field(None, ge=1, description="samples to generate; every seed is used when absent")
     min_per_class: int = Field(0, ge=0, description="samples to generate of each known intention, if windows is given")
     patience: int = Field(20, ge=1, description="stop after this many episodes in a row without a sample")
-
-
-class ReportSettings(Settings):
-    """How well the UV knows its own state: white Gaussian noise on each axis of what it reports.
-
-    The defaults are those of a UV with satellite positioning corrected in real time (RTK) and an inertial sensor:
-    position and speed as data sheets of two-band RTK receivers such as u-blox' ZED-F9P give them (0.01 m and 1 ppm of
-    the distance to the reference station; 0.05 m/s), acceleration as the step in which cooperative awareness messages
-    report it (ETSI TS 102 894-2, 0.1 m/s2).
-    """
-
-    position_sd_m: float = Field(0.02, ge=0.0, le=100.0, description="standard deviation of x and of y")
-    speed_sd_mps: float = Field(0.05, ge=0.0, le=100.0, description="standard deviation of vx and of vy")
-    acceleration_sd_mps2: float = Field(0.1, ge=0.0, le=100.0, description="standard deviation of ax and of ay")
 
 
 class DatasetStudy(Settings):

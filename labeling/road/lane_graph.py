@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.lane import Lane
 
 MAX_SKIPPED = 6
 """Maximum number of lanes that a vehicle passes within one step: junction lanes can be centimetres long."""

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array, reflected
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.lane_graph import LaneGraph, LaneStep
+from isac_cosim.base.arrays import Array, reflected
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.lane_graph import LaneGraph, LaneStep
 
 WIDTH_S = 0.15
 """Default standard deviation of the conditioning kernel, s."""
@@ -20,15 +20,12 @@ GRID_S = 0.05
 """Maximum sampling interval of the motion, s. Conditioned motion contains nothing above 3 Hz."""
 JUMP_MPS = 5.0
 """A lateral step faster than this is not motion of a vehicle but a jump of the simulator, m/s."""
-PLANE_JUMP_M = 0.3
-"""Where the position in the plane moves by this much more than the speed explains, SUMO has shifted the vehicle, m.
-All lanes of an edge share one length, so a lane change on a partly bent edge moves the vehicle along it."""
 REACH = 5.0
 """Half-width of the kernel, in standard deviations."""
 
 
 @dataclass(frozen=True)
-class Crossing:
+class MarkingCrossing:
     """The vehicle's centre crosses one marking.
 
     time: of the first row beyond the marking, s. marking: its number; 0 is the left marking of the lane in which the
@@ -61,7 +58,7 @@ class RoadMotion:
     q: Array
     vq: Array
     aq: Array
-    crossings: tuple[Crossing, ...]
+    crossings: tuple[MarkingCrossing, ...]
     jumps: tuple[float, ...]
     until: float
 
@@ -91,7 +88,7 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
         vq=vq,
         aq=slope(vq, grid_s),
         crossings=tuple(crossings),
-        jumps=tuple(sorted({*jumps, *_plane_jumps(track, times, recording.step_s)})),
+        jumps=tuple(jumps),
         until=float(times[-1]),
     )
 
@@ -127,11 +124,13 @@ def slope(values: Array, step_s: float) -> Array:
     )
 
 
-def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tuple[Array, list[Crossing], list[float]]:
+def _lateral(
+    track: Track, graph: LaneGraph, times: Array, step_s: float
+) -> tuple[Array, list[MarkingCrossing], list[float]]:
     """Return the lateral position over markings and edges, m; the markings crossed; and the times of jumps, s."""
     rows = np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1
     shifts = np.zeros(len(rows))
-    crossings: list[Crossing] = []
+    crossings: list[MarkingCrossing] = []
     level, centre = 0, 0.0
     limit = JUMP_MPS * step_s
     for n, row in enumerate(rows):
@@ -146,7 +145,7 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
             left = step.levels > 0
             for k in range(abs(step.levels)):
                 at = centre + step.shift_m * (k + 0.5) / abs(step.levels)
-                crossings.append(Crossing(float(times[row]), level if left else level - 1, left, at))
+                crossings.append(MarkingCrossing(float(times[row]), level if left else level - 1, left, at))
                 level += 1 if left else -1
         centre += shifts[n]
     offset = np.zeros(len(track))
@@ -154,13 +153,6 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
     lateral = track.lane_lat + np.cumsum(offset)
     jumps = np.flatnonzero(np.abs(np.diff(lateral)) > max(limit, 0.05)) + 1
     return np.asarray(lateral), crossings, [float(times[k]) for k in jumps]
-
-
-def _plane_jumps(track: Track, times: Array, step_s: float) -> list[float]:
-    """Return the times at which the position in the plane moves further than the vehicle drives, s."""
-    moved = np.hypot(np.diff(track.x), np.diff(track.y))
-    driven = step_s * np.maximum(track.speed[1:], track.speed[:-1])
-    return [float(times[k + 1]) for k in np.flatnonzero(moved - driven > max(PLANE_JUMP_M, JUMP_MPS * step_s))]
 
 
 def _likeliest(steps: tuple[LaneStep, ...], change_m: float) -> LaneStep | None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.recording import Recording, Track
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 
 LANE_WIDTH_M = 3.2
 LENGTH_M = 10_000.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from isacsim.traffic.labelled_recording import GeneratedManeuver, LabelledRecording
-from isacsim.traffic.motion import MotionSettings
-from labeling.detectors.following import FollowingSettings
-from labeling.events import Labels, Provenance
-from labeling.intentions import Event, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import Candidate, Candidates, PlaneLimits, RecordSettings, record_start
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.recordings.recording import GeneratedManeuver, LabelledRecording
+from isac_cosim.labeling.detectors.events import Labels, Provenance
+from isac_cosim.labeling.detectors.following import FollowingSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import Candidate, Candidates, PlaneLimits, RecordSettings, record_start
 
 UNDETECTED = "nothing"
 """What the detectors say where they find no event."""
@@ -28,7 +28,7 @@ def generated_candidates(
     Left out are records that extend beyond a track (`tv_outside_track`, `uv_outside_track`), and those in which a
     vehicle moves as no car can (`beyond_car`).
     """
-    limits = PlaneLimits(recording, (), motion, None)
+    limits = PlaneLimits(recording, (), motion, None, None)
     samples: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for maneuver in recording.maneuvers:

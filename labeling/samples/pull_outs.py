@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from labeling.detectors.overtake import SAMPLE_S
-from labeling.intentions import Event, Intention, outward
-from labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.detectors.overtake import SAMPLE_S
+from isac_cosim.labeling.intentions import Event, Intention, outward
+from isac_cosim.labeling.road.surroundings import Surroundings
 
 Outcome = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
 DROPPED: tuple[Outcome, ...] = ("passed_did_not_return", "unresolved")

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from pydantic import Field
 
-from isacsim.seeding import stream
-from isacsim.settings import Settings
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.surroundings import Relation, Surroundings
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.surroundings import Relation, Surroundings
 
 
 class PairSettings(Settings):

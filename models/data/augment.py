@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from pydantic import Field
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.settings import Settings
-from labeling.intentions import Intention
-from models.data.windows import Windows
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Windows
 
 MIRRORED = {
     Intention.LEFT_LANE_CHANGE: Intention.RIGHT_LANE_CHANGE,

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from isacsim.arrays import Float32Array, IntArray
-from isacsim.errors import InputError
-from isacsim.seeding import stream
+from isac_cosim.base.arrays import Float32Array, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
 
 KEYS = ("in", "out", "label")
 
@@ -89,7 +89,7 @@ def batch(clips: list[Clip], length: int, *keys: str | int) -> ClipBatch:
     """Return clips with `length` frames each, evenly spaced over the clip.
 
     keys: if given, one frame is drawn at random from each of `length` even parts; they name the draw, as for
-    `isacsim.seeding.stream`, and a clip's frames depend on them and on its name alone.
+    `base.seeding.stream`, and a clip's frames depend on them and on its name alone.
     """
     chosen = [frames(len(clip.inner), length, stream("clip", *keys, clip.name) if keys else None) for clip in clips]
     return ClipBatch(

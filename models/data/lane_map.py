@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from isacsim.arrays import Array
+from isac_cosim.base.arrays import Array
 
 SPACING_M = 2.0
 """Spacing of the points that represent a centre line; on a curve of 100 m radius they are up to 5 mm off it."""

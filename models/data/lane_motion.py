@@ -9,9 +9,9 @@ from typing import Self
 import numpy as np
 from scipy.signal import savgol_coeffs
 
-from isacsim.arrays import Array, IntArray
-from models.data.lane_map import InLane
-from models.data.windows import OnMap
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.models.data.lane_map import InLane
+from isac_cosim.models.data.windows import OnMap
 
 HEADING_STEP_S = 0.2
 """Approximate time between the instants at which the direction of the lane is looked up."""

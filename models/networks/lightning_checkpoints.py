@@ -7,7 +7,7 @@ from typing import Any
 
 from lightning.fabric.plugins import TorchCheckpointIO
 
-from models.networks.checkpoints import read_tensors, write_tensors
+from isac_cosim.models.networks.checkpoints import read_tensors, write_tensors
 
 FOLDER = "<folder>"
 """Stands in a checkpoint for the folder that it lies in."""

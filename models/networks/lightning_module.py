@@ -18,18 +18,18 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
-from isacsim.arrays import IntArray
-from isacsim.errors import RunError
-from isacsim.feedback import Feedback, Move
-from isacsim.files import replace_file
-from isacsim.seeding import stream
-from labeling.intentions import KNOWN, Intention
-from models.data.augment import AugmentSettings, augmented
-from models.data.pre_onset import pre_onset_windows
-from models.data.windows import Ends, Records, Windows, cut, draw_ends
-from models.fit_settings import FitSettings
-from models.networks.losses import exposure_loss
-from models.networks.network import WindowNetwork, torch_seed
+from isac_cosim.base.arrays import IntArray
+from isac_cosim.base.errors import RunError
+from isac_cosim.base.feedback import Feedback, Move
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.augment import AugmentSettings, augmented
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.pre_onset import pre_onset_windows
+from isac_cosim.models.data.windows import Ends, Records, Windows, cut, draw_ends
+from isac_cosim.models.networks.losses import exposure_loss
+from isac_cosim.models.networks.network import WindowNetwork, torch_seed
 
 MONITOR = "validation_macro_f1"
 """The score that chooses the best epoch."""

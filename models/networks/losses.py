@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from isacsim.arrays import IntArray
+from isac_cosim.base.arrays import IntArray
 
 
 def exposure_loss(logits: Tensor) -> Tensor:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from isacsim import seeding
-from models.networks.losses import focal_loss
+from isac_cosim.base import seeding
+from isac_cosim.models.networks.losses import focal_loss
 
 N_STATES = 6
 """Components of a state: x, y, vx, vy, ax, ay."""
+MOST_LAYERS = 64
+"""Largest number of layers of a network, one after or beside the other."""
+LONGEST = 20_000
+"""Largest number of samples or frames that a network may be set to look at, or a convolution may be long."""
 
 
 def torch_seed(*keys: str | int) -> int:
-    """Return a seed for torch's own generator; keys name its purpose, as for `isacsim.seeding.stream`."""
+    """Return a seed for torch's own generator; keys name its purpose, as for `base.seeding.stream`."""
     return int(seeding.stream("torch", *keys).integers(2**62))
 
 

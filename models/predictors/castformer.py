@@ -1,7 +1,7 @@
 """CaSTFormer: causal spatio-temporal Transformer for driving intention, from its paper.
 
 Each of two streams of frames is projected, given a position code and encoded by a causal Transformer. The modules RSF,
-CPE and FSN (`models.predictors.castformer_modules`) follow, in the order of the settings; each can be turned off. For
+CPE and FSN (`models.networks.castformer_modules`) follow, in the order of the settings; each can be turned off. For
 windows, a frame holds the samples of `frame_s`; the TV is the paper's `in` stream and the UV its `out` stream.
 """
 
@@ -15,12 +15,10 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from isacsim.errors import InputError
-from isacsim.settings import Settings
-from models.fit_settings import FitSettings
-from models.networks.losses import focal_loss
-from models.networks.network import N_STATES, WindowNetwork, linear_head
-from models.predictors.castformer_modules import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.networks.castformer_modules import (
     Attention,
     CausalPatternExtraction,
     CausalResidual,
@@ -32,8 +30,10 @@ from models.predictors.castformer_modules import (
     State,
     joint,
 )
-from models.predictors.network_predictor import NetworkPredictor
-from models.predictors.protocol import WindowShape
+from isac_cosim.models.networks.losses import focal_loss
+from isac_cosim.models.networks.network import LONGEST, MOST_LAYERS, N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
+from isac_cosim.models.predictors.protocol import WindowShape
 
 Order = Literal["rsf-cpe-fsn", "cpe-rsf-fsn", "rsf-fsn-cpe", "cpe-fsn-rsf"]
 SPEED_UNIT_M_S = 10.0
@@ -48,7 +48,7 @@ class CastformerSettings(Settings):
     frame_s: float = Field(0.1, gt=0, description="length of a frame, s")
     width: int = Field(64, ge=1, description="features per frame, D")
     heads: int = Field(8, ge=1, description="attention heads")
-    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder of each stream")
+    encoder_layers: int = Field(2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder of each stream")
     feedforward: int = Field(128, ge=1, description="hidden units of the feed-forward blocks in encoders and FSN")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout in encoders, attention and RSF, and before the logits")
     causal_encoder: bool = Field(True, description="encoders do not let a frame see a later one")
@@ -61,7 +61,7 @@ class CastformerSettings(Settings):
         description="the past that RSF attends to. bda: each stream to that of the other; self: to its own; joint: to "
         "both; one_way: `in` to that of `out`, `out` to its own",
     )
-    delay_frames: int = Field(1, ge=0, description="delay of the keys; with 0 a frame sees its own instant")
+    delay_frames: int = Field(1, ge=0, le=LONGEST, description="delay of the keys; with 0 a frame sees its own instant")
     residual: bool = Field(False, description="RSF adds to a stream instead of replacing it")
     detach_mean: bool = Field(True, description="no gradient through the mean in the counterfactual")
     mean_over: MeanOver = Field(

@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from isacsim.feedback import Feedback
-from models.data.windows import Windows
-from models.fit_settings import FitSettings
-from models.predictors.asi_bip import AsiBipPredictor
-from models.predictors.protocol import LEAST_PROBABILITY, FitTask, Outputs, Predictor, WindowShape, Workload
-from models.predictors.trees import TreesPredictor
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.predictors.asi_bip import AsiBipPredictor
+from isac_cosim.models.predictors.protocol import LEAST_PROBABILITY, FitTask, Outputs, Predictor, WindowShape, Workload
+from isac_cosim.models.predictors.trees import TreesPredictor
 
 
 class EnsemblePredictor(Predictor):

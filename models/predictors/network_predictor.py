@@ -7,14 +7,21 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 import torch
-from torch import nn
 
-from isacsim.feedback import Feedback
-from models.data.windows import Windows
-from models.fit_settings import FitSettings
-from models.networks.checkpoints import write_tensors
-from models.networks.network import WindowNetwork, seed_weights
-from models.predictors.protocol import STATISTICS_S, FitSummary, FitTask, Outputs, Predictor, WindowShape, Workload
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
+from isac_cosim.models.networks.network import WindowNetwork, seed_weights
+from isac_cosim.models.predictors.protocol import (
+    STATISTICS_S,
+    FitSummary,
+    FitTask,
+    Outputs,
+    Predictor,
+    WindowShape,
+    Workload,
+)
 
 WEIGHTS_FILE = "weights.pt"
 ANSWER_SHARE = 0.25
@@ -48,7 +55,7 @@ class NetworkPredictor(Predictor):
     @classmethod
     def fit(cls, task: FitTask, feedback: Feedback) -> Self:
         # Lightning takes seconds to import, and only training needs it.
-        from models.networks.fitting import fit_network
+        from isac_cosim.models.networks.fitting import fit_network
 
         seed_weights(task.settings.seed)
         network = cls.build(task.settings, task.shape)
@@ -63,9 +70,7 @@ class NetworkPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        network = cls.build(settings, shape)
-        state: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS_FILE, map_location="cpu", weights_only=True)
-        nn.Module.load_state_dict(network, state)
+        network = read_weights(folder / WEIGHTS_FILE, lambda: cls.build(settings, shape))
         return cls(network.eval().to(answering_device(settings.optimiser.accelerator)))
 
     def __call__(self, windows: Windows) -> Outputs:

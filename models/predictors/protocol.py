@@ -11,13 +11,13 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from isacsim.arrays import Array, IntArray
-from isacsim.errors import InputError, RunError
-from isacsim.feedback import Feedback
-from isacsim.settings import Settings
-from labeling.intentions import KNOWN
-from models.data.windows import Ends, Records, Windows, batches, draw_ends
-from models.fit_settings import FitSettings
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Ends, Records, Windows, batches, draw_ends
 
 LEAST_PROBABILITY = 1e-12
 """Probabilities are raised to this value before their logarithm is taken."""
@@ -171,7 +171,7 @@ class Predictor(ABC):
 
     @abstractmethod
     def save(self, folder: Path) -> None:
-        """Write the predictor's files into a run's folder, each by `isacsim.files.replace_file`.
+        """Write the predictor's files into a run's folder, each by `base.files.replace_file`.
 
         The same predictor gives the same bytes. The names run.json, reference.npz, preludes.skops, history.csv and
         checkpoints are taken.

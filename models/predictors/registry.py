@@ -7,19 +7,19 @@ from functools import cache
 
 from pydantic import BaseModel, create_model
 
-from isacsim.registry import Registry
-from isacsim.settings import Settings
-from models.predictors.aligned import AlignedPredictor
-from models.predictors.asi_bip import AsiBipPredictor, TvAlonePredictor, UvAlonePredictor
-from models.predictors.castformer import CastformerPredictor
-from models.predictors.embedding_trees import EmbeddingTreesPredictor
-from models.predictors.ensemble import EnsemblePredictor
-from models.predictors.inception_time import InceptionTimePredictor
-from models.predictors.minirocket import MinirocketPredictor
-from models.predictors.multirocket_hydra import MultirocketHydraPredictor
-from models.predictors.protocol import Predictor
-from models.predictors.rule import RulePredictor
-from models.predictors.trees import TreesPredictor
+from isac_cosim.base.registry import Registry
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.predictors.aligned import AlignedPredictor
+from isac_cosim.models.predictors.asi_bip import AsiBipPredictor, TvAlonePredictor, UvAlonePredictor
+from isac_cosim.models.predictors.castformer import CastformerPredictor
+from isac_cosim.models.predictors.embedding_trees import EmbeddingTreesPredictor
+from isac_cosim.models.predictors.ensemble import EnsemblePredictor
+from isac_cosim.models.predictors.inception_time import InceptionTimePredictor
+from isac_cosim.models.predictors.minirocket import MinirocketPredictor
+from isac_cosim.models.predictors.multirocket_hydra import MultirocketHydraPredictor
+from isac_cosim.models.predictors.protocol import Predictor
+from isac_cosim.models.predictors.rule import RulePredictor
+from isac_cosim.models.predictors.trees import TreesPredictor
 
 GROUP = "isac_cosim.predictors"
 """The entry point group through which installed packages offer predictors."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from sklearn.linear_model import RidgeClassifierCV
 
-from isacsim.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 
 PENALTIES = np.logspace(-3, 3, 10)
 """Penalties from which leave-one-out validation chooses."""

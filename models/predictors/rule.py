@@ -16,16 +16,16 @@ import numpy as np
 from pydantic import Field
 from sklearn.metrics import f1_score
 
-from isacsim.arrays import Array, BoolArray, IntArray
-from isacsim.errors import InputError
-from isacsim.feedback import Feedback
-from isacsim.files import replace_file
-from isacsim.settings import Settings
-from labeling.intentions import KNOWN, Intention
-from models.data.lane_motion import LaneMotion, places, slopes, smoothed
-from models.data.windows import OnMap, Windows
-from models.fit_settings import FitSettings
-from models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.settings import Settings, read_json
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.lane_motion import LaneMotion, places, slopes, smoothed
+from isac_cosim.models.data.windows import OnMap, Windows
+from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
 
 RULE_FILE = "rule.json"
 LEAST = 1e-3
@@ -91,7 +91,10 @@ class RulePredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+        stored = read_json(RuleSettings, folder / RULE_FILE)
+        if stored is None:
+            raise FileNotFoundError(f"{RULE_FILE}: is missing")
+        return cls(stored)
 
     def __call__(self, windows: Windows) -> Outputs:
         answer = logits(drive(windows, self.settings.smooth_s), self.settings)

@@ -9,41 +9,35 @@ import numpy as np
 from pydantic import Field
 from sklearn.ensemble import HistGradientBoostingClassifier
 
-from isacsim.arrays import Array, Float32Array, IntArray
-from isacsim.feedback import Feedback
-from isacsim.settings import Settings
-from models.data.windows import Windows
-from models.fit_settings import FitSettings
-from models.predictors.protocol import STATISTICS_S, FitTask, Outputs, Predictor, WindowShape, Workload, among_known
-from models.predictors.stored_trees import read_trees, write_trees
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.statistics import N_STATISTICS, statistics
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.predictors.protocol import (
+    STATISTICS_S,
+    FitTask,
+    Outputs,
+    Predictor,
+    WindowShape,
+    Workload,
+    among_known,
+)
+from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
+from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 TREES_FILE = "trees.skops"
-STATISTICS = (
-    "mean",
-    "sd",
-    "min",
-    "max",
-    "first",
-    "last",
-    "slope",
-    "mean_first_third",
-    "mean_middle_third",
-    "mean_last_third",
-)
-"""Statistics of each of a window's twelve state components; the slope is the least-squares one, per sample."""
 BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3
 """Processor time of sorting features into bins before the trees grow, and what each window adds to it, s."""
 ROUND_S = 0.025
 """Processor time of a boosting round, s."""
 
 
-class TreesSettings(Settings):
-    """Settings of the trees, which are scikit-learn's histogram-based ones."""
+class TreesSettings(BoostingSettings):
+    """Settings of the trees."""
 
-    rounds: int = Field(200, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
     ends_per_record: int = Field(4, ge=1, description="training windows per record")
 
 
@@ -69,7 +63,7 @@ class TreesPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(read_trees(folder / TREES_FILE))
+        return cls(read_trees(folder / TREES_FILE, N_STATISTICS, KNOWN))
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)
@@ -91,27 +85,8 @@ def tree_logits(trees: HistGradientBoostingClassifier, features: Float32Array) -
     return among_known(logits, trees.classes_)
 
 
-def statistics(windows: Windows) -> Float32Array:
-    """Return STATISTICS of every component of the TV's, then of the UV's stream, (n, 120)."""
-    return np.concatenate([_of_stream(windows.tv), _of_stream(windows.uv)], axis=1).astype(np.float32)
-
-
-def _of_stream(states: Float32Array) -> Array:
-    """Return the statistics of a stream (n, 6, T), component by component, (n, 60)."""
-    x = states.astype(np.float64)
-    t = np.arange(x.shape[2]) - (x.shape[2] - 1) / 2
-    thirds = [part.mean(axis=2) for part in np.array_split(x, 3, axis=2)]
-    slope = x @ t / (t @ t)
-    parts = [x.mean(axis=2), x.std(axis=2), x.min(axis=2), x.max(axis=2), x[..., 0], x[..., -1], slope, *thirds]
-    return np.stack(parts, axis=2).reshape(len(x), -1)
-
-
 def fit_trees(
     features: Float32Array, label: IntArray, settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Fit trees to features (n, F) with labels (n,), classes weighted by inverse frequency."""
-    trees = HistGradientBoostingClassifier(
-        max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-        l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
-    )  # fmt: skip
-    return trees.fit(features, label)
+    return boosted_trees(settings, seed, balanced=True).fit(features, label)

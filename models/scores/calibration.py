@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
-from isacsim.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array, IntArray
 
 BINS = 15
 """Equal bins of confidence."""

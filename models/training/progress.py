@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from isacsim.feedback import Feedback
+from isac_cosim.base.feedback import Feedback
 
 SURE_S = 60.0
 """After so much work, the time that steps took counts as much as the time expected of them, s."""

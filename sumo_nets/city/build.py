@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.scenarios.demand import flow
-from sumo_nets.plain import Plain, write_scenario
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.demand import flow
+from isac_cosim.sumo_nets.plain import Plain, write_scenario
 
 SEED = 20251122
 ARTERIAL_MPS, STREET_MPS = 16.67, 8.33

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.scenarios.demand import flow
-from sumo_nets.plain import Plain, write_scenario
+from isac_cosim.isacsim.scenarios.demand import flow
+from isac_cosim.sumo_nets.plain import Plain, write_scenario
 
 LIMIT = 13.89
 BLOCK_M, CROSSINGS, SIDE_M = 360.0, 4, 200.0

@@ -7,11 +7,11 @@ from functools import partial
 
 import pytest
 
-import benchmarks.generate
-import benchmarks.traffic
 import cosim
-from isacsim.traffic.simulation import TrafficSettings
-from labeling.generation.settings import DatasetStudy
+import isac_cosim.benchmarks.generate
+import isac_cosim.benchmarks.traffic
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 SHORT = TrafficSettings(run_in_s=15.0, duration_s=10.0)
 
@@ -28,8 +28,8 @@ def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:
 def test_traffic_compares_recording_with_bare_stepping(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(benchmarks.traffic, "TrafficSettings", lambda **_: SHORT)
-    monkeypatch.setattr(benchmarks.traffic, "ROUNDS", 1)
+    monkeypatch.setattr(isac_cosim.benchmarks.traffic, "TrafficSettings", lambda **_: SHORT)
+    monkeypatch.setattr(isac_cosim.benchmarks.traffic, "ROUNDS", 1)
     result = reported("traffic", capfd)
     assert {
         "ratio",
@@ -39,16 +39,16 @@ def test_traffic_compares_recording_with_bare_stepping(
         "simulated_s_per_cpu_s",
         "vehicles",
     } <= set(result)
-    assert set(result["simulated_s_per_cpu_s"]) == set(benchmarks.traffic.KINDS)  # type: ignore[call-overload]
+    assert set(result["simulated_s_per_cpu_s"]) == set(isac_cosim.benchmarks.traffic.KINDS)  # type: ignore[call-overload]
     assert result["vehicles"] > 5  # type: ignore[operator]
 
 
 def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     long_enough = TrafficSettings(run_in_s=45.0, duration_s=40.0)
-    monkeypatch.setattr(benchmarks.generate, "DatasetStudy", partial(DatasetStudy, traffic=long_enough))
-    monkeypatch.setattr(benchmarks.generate, "record_s", lambda records: 0.5 / records)
+    monkeypatch.setattr(isac_cosim.benchmarks.generate, "DatasetStudy", partial(DatasetStudy, traffic=long_enough))
+    monkeypatch.setattr(isac_cosim.benchmarks.generate, "record_s", lambda records: 0.5 / records)
     scaled = {"ratio": 1.8, "ratio_of": "two workers over one", "spread": 0.1}
-    monkeypatch.setattr(benchmarks.generate.scaling, "run", lambda: dict(scaled))
+    monkeypatch.setattr(isac_cosim.benchmarks.generate.scaling, "run", lambda: dict(scaled))
     result = reported("generate", capfd)
     stages: dict[str, float] = result["stages_s"]  # type: ignore[assignment]
     assert list(stages) == ["traffic", "labels", "candidates", "motion_and_sensing", "writing"]

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-import benchmarks
-import benchmarks.live
-from models.predictors.trees import TreesSettings
+import isac_cosim.benchmarks.live
+from isac_cosim import benchmarks
+from isac_cosim.models.predictors.trees import TreesSettings
 
 
 def test_it_says_how_much_faster_than_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(benchmarks.live, "VEHICLES", 2)
-    monkeypatch.setattr(benchmarks.live, "DURATION_S", 6.0)
-    monkeypatch.setattr(benchmarks.live, "TreesSettings", lambda: TreesSettings(rounds=5))
-    monkeypatch.setattr(benchmarks.live, "ROUNDS", 1)
+    monkeypatch.setattr(isac_cosim.benchmarks.live, "VEHICLES", 2)
+    monkeypatch.setattr(isac_cosim.benchmarks.live, "DURATION_S", 6.0)
+    monkeypatch.setattr(isac_cosim.benchmarks.live, "TreesSettings", lambda: TreesSettings(rounds=5))
+    monkeypatch.setattr(isac_cosim.benchmarks.live, "ROUNDS", 1)
     result = benchmarks.run("live")
     assert result["real_time_factor"] > 0
     assert 2 <= result["panels"] <= 4

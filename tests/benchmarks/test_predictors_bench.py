@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import benchmarks.predictors as bench
-from isacsim.errors import InputError
-from models.networks.lightning_module import NetworkModule
-from models.settings import TrainSettings
+from isac_cosim.base.errors import InputError
+from isac_cosim.benchmarks.findings import predictors as bench
+from isac_cosim.models.networks.lightning_module import NetworkModule
+from isac_cosim.models.runs.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
 from tests.support.scripted import InlineEngine

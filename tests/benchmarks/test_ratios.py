@@ -7,9 +7,9 @@ import json
 
 import pytest
 
-import benchmarks
 import cosim
-from benchmarks.ratios import Ratio, Row, as_markdown, machine
+from isac_cosim import benchmarks
+from isac_cosim.benchmarks.ratios import Ratio, Row, as_markdown, machine
 
 BENCH_MODULES = {name: importlib.import_module(module) for name, module in benchmarks.BENCHES.items()}
 

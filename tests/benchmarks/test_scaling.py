@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from benchmarks import cluster, scaling
-from benchmarks.scaling import Measurement
+from isac_cosim.benchmarks import cluster, scaling
+from isac_cosim.benchmarks.scaling import Measurement
 
 
 def measurement(jobs: int, episodes: int, seconds: float, peak_mib: int) -> Measurement:

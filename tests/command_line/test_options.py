@@ -10,10 +10,13 @@ from pathlib import Path
 import pytest
 
 import cosim
-from command_line.arguments import dataset_study
-from command_line.options import cores
+from isac_cosim.command_line.arguments import dataset_study
+from isac_cosim.command_line.options import cores
 
-COUNT = "import os; os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); from command_line.options import cores; "
+COUNT = (
+    "import os; os.sched_setaffinity(0, [min(os.sched_getaffinity(0))]); "
+    "from isac_cosim.command_line.options import cores; "
+)
 
 
 def test_cores_are_some_of_the_machine_s() -> None:

@@ -6,10 +6,8 @@ import importlib
 import pytest
 
 
-@pytest.mark.parametrize(
-    "name", ["files", "radio.channel", "radio.cross_section", "radio.waveform", "scenarios.sumo_values"]
-)
+@pytest.mark.parametrize("name", ["radio.channel", "radio.cross_section", "radio.waveform", "scenarios.sumo_schemas"])
 def test_examples(name: str) -> None:
-    results = doctest.testmod(importlib.import_module(f"isacsim.{name}"))
+    results = doctest.testmod(importlib.import_module(f"isac_cosim.isacsim.{name}"))
     assert results.attempted > 0
     assert results.failed == 0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isacsim.heading import heading_rad
+from isac_cosim.isacsim.heading import heading_rad
 
 
 def test_a_driving_vehicle_points_where_it_drives() -> None:

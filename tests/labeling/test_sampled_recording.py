@@ -5,11 +5,11 @@ from statistics import fmean
 
 import pytest
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
 from tests.support.recording_match import Match, conditioned_rms, match_events
 
 BUSY = ManeuverSettings(

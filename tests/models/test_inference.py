@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from models.data.windows import Ends, Records, cut
-from models.inference import Infer
-from models.predictors.aligned import Aligned, AlignedPredictor
-from models.predictors.asi_bip import AsiBip, TvAlonePredictor, UvAlonePredictor
-from models.run import Run
-from models.scores.open_set import chosen
+from isac_cosim.models.data.windows import Ends, Records, cut
+from isac_cosim.models.inference import Infer
+from isac_cosim.models.predictors.aligned import Aligned, AlignedPredictor
+from isac_cosim.models.predictors.asi_bip import AsiBip, TvAlonePredictor, UvAlonePredictor
+from isac_cosim.models.runs.run import Run
+from isac_cosim.models.scores.open_set import chosen
 from tests.support.made_up import SMALL_RUN
 
 ENDS = Ends(np.array([0, 1, 6]), np.array([300, 350, 400]))

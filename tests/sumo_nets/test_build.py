@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from isacsim.scenarios.scenario import bundled
+from isac_cosim.isacsim.scenarios.scenario import bundled
 
 
 @pytest.mark.parametrize("name", sorted(bundled()))

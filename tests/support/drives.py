@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.recording import Command, Recording, Track
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.recording import Command, Recording, Track
 
 WIDTH_M = 3.2
 STEP_S = 0.01

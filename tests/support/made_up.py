@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from isacsim.seeding import stream
-from labeling.intentions import Intention
-from models.data.pre_onset import PreOnsetSettings
-from models.data.states import StatesOnDisk
-from models.data.windows import Records, WindowSettings
-from models.fit_settings import OptimiserSettings
-from models.predictors.asi_bip import AsiBipSettings
-from models.predictors.trees import TreesSettings
-from models.settings import TrainSettings
+from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.fit_settings import OptimiserSettings
+from isac_cosim.models.data.pre_onset import PreOnsetSettings
+from isac_cosim.models.data.states import StatesOnDisk
+from isac_cosim.models.data.windows import Records, WindowSettings
+from isac_cosim.models.predictors.asi_bip import AsiBipSettings
+from isac_cosim.models.predictors.trees import TreesSettings
+from isac_cosim.models.runs.settings import TrainSettings
 
 TV_RATE_HZ, UV_RATE_HZ = 400.0, 100.0
 BEFORE_ONSET_S, DURATION_S = 2.6, 5.0

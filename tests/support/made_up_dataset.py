@@ -6,21 +6,22 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.scenarios.lane import Lane
-from labeling.dataset.dataset import (
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.labeling.dataset.dataset import (
     Dataset,
     Episode,
     Meta,
     Sample,
     ScenarioMeta,
     SiteMeta,
+    road_digests,
     write_meta,
     write_roads,
     write_shard,
 )
-from labeling.dataset.pull_outs import write_dropped_pull_outs
-from labeling.intentions import Intention
-from models.data.windows import Records
+from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Records
 from tests.support.made_up import make_records
 from tests.support.made_up_pull_outs import make_pull_outs
 
@@ -62,6 +63,6 @@ def write_dataset(
         complete=True, fingerprint="f", tv_rate_hz=400, uv_rate_hz=100, duration_s=5.0, study=STUDY,
         versions={}, scenarios=(described,), shards=tuple(shards),
     )  # fmt: skip
-    write_meta(folder, meta)
     write_roads(folder, scenario, [Lane("e_0", "e", 0, 3.2, 900.0, np.array([[0.0, 0.0], [900.0, 0.0]]), ())])
+    write_meta(folder, meta.model_copy(update={"roads": road_digests(folder, [scenario])}))
     return Dataset.open(folder)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from isacsim.arrays import Array
-from labeling.intentions import Intention
-from models.data.windows import Records
-from models.evaluation.pull_outs import PullOuts
+from isac_cosim.base.arrays import Array
+from isac_cosim.evaluation.on_windows.passing import PullOuts
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Records
 from tests.support.made_up import make_records
 
 PULL_OUTS = (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)

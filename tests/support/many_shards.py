@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labeling.dataset.dataset import Episode, Shard, ShardIndex
-from labeling.dataset.shard_index import SCHEMA
+from isac_cosim.labeling.dataset.dataset import Episode, Shard, ShardIndex
+from isac_cosim.labeling.dataset.shard_index import SCHEMA
 
 
 def made_up_shard(seed: int, scenario: str = "road", fingerprint: str = "") -> Shard:

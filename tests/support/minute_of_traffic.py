@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from labeling.intentions import KNOWN
-from models.live.alarms import Alarms, Levels
-from models.live.events import GROUPS, LiveEvent
-from models.live.predictions import Answers
-from models.live.settings import ScoringSettings
-from models.live.store import RUN, EpisodeFacts, LiveEpisode
+from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms, Levels
+from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
+from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
+from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
+from isac_cosim.evaluation.in_traffic.streams.store import RUN, EpisodeFacts, LiveEpisode
+from isac_cosim.labeling.intentions import KNOWN
 
 SETTINGS = ScoringSettings()
 COUNT = 600

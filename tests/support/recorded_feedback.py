@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from isacsim.feedback import Feedback, Move
+from isac_cosim.base.feedback import Feedback, Move
 
 
 @dataclass

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from isacsim.traffic import motion
-from isacsim.traffic.motion import MotionSettings
-from isacsim.traffic.recording import Recording
-from labeling.events import Labels
-from labeling.intentions import Event
+from isac_cosim.isacsim.traffic import motion
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import Labels
+from isac_cosim.labeling.intentions import Event
 
 WITHIN_S = 0.05
 

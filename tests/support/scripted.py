@@ -13,16 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.errors import InputError
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Scenario, Site
-from isacsim.seeding import stream
-from isacsim.settings import checked
-from isacsim.traffic.recording import Incidents, Recording, Track
-from isacsim.traffic.sumo_messages import SumoWarning
-from isacsim.traffic.traffic_facts import TrafficFacts
-from labeling.generation.engine import Item, Outcome, Result, describe
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import checked
+from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
 LANES = tuple(
@@ -148,10 +148,10 @@ class InlineEngine:
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
         for item in items:
-            try:
-                yield Outcome(item, result=task(item))
-            except RuntimeError as error:
-                yield Outcome(item, error=describe(error))
+            attempt = try_task(task, item)
+            if attempt.stop is not None:
+                raise attempt.stop
+            yield Outcome(item, attempt.result, attempt.error, attempt.seconds)
 
 
 def small_study(**content: object) -> DatasetStudy:

@@ -4,11 +4,11 @@ To add an estimator, write a class that fulfils `isacsim.radio.estimation.Estima
 package of its own, an entry point of GROUP.
 """
 
-from isacsim.radio.estimation import Estimator
-from isacsim.radio.estimators.candan import Candan
-from isacsim.radio.estimators.grid import Grid, PaddedGrid
-from isacsim.radio.estimators.maximum_likelihood import MaximumLikelihood
-from isacsim.registry import Registry
+from isac_cosim.base.registry import Registry
+from isac_cosim.isacsim.radio.estimation import Estimator
+from isac_cosim.isacsim.radio.estimators.candan import Candan
+from isac_cosim.isacsim.radio.estimators.grid import Grid, PaddedGrid
+from isac_cosim.isacsim.radio.estimators.maximum_likelihood import MaximumLikelihood
 
 GROUP = "isac_cosim.estimators"
 ESTIMATORS: Registry[Estimator] = Registry(

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.radio.bounds import cell_bound
-from isacsim.radio.echo import Search, draw_bins
-from isacsim.radio.estimation import Estimates, beaten_by_rival, estimated_snr, in_chunks, strongest
-from isacsim.radio.waveform import Waveform
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.radio.bounds import cell_bound
+from isac_cosim.isacsim.radio.echo import Search, draw_bins
+from isac_cosim.isacsim.radio.estimation import Estimates, beaten_by_rival, estimated_snr, in_chunks, strongest
+from isac_cosim.isacsim.radio.waveform import Waveform
 
 if TYPE_CHECKING:
     import torch
@@ -27,7 +27,7 @@ class Grid:
 
     def estimate(self, echo: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Take the strongest cell of each full echo's DFT."""
-        from isacsim.radio.estimators import on_tensor
+        from isac_cosim.isacsim.radio.estimators import on_tensor
 
         return on_tensor.grid(echo)
 
@@ -47,7 +47,7 @@ class PaddedGrid:
 
     def estimate(self, echo: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Take the strongest cell of each full echo's padded DFT."""
-        from isacsim.radio.estimators import on_tensor
+        from isac_cosim.isacsim.radio.estimators import on_tensor
 
         return on_tensor.padded_grid(echo)
 

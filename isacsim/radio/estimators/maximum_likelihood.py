@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isacsim.arrays import Array
-from isacsim.radio.bounds import cell_bound
-from isacsim.radio.echo import Bins, Moments, draw_moments, draw_search, fourth_moment, spread
-from isacsim.radio.estimation import SCORING_STEPS, Estimates, beaten_by_rival, estimated_snr, in_chunks, strongest
-from isacsim.radio.waveform import Waveform
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.radio.bounds import cell_bound
+from isac_cosim.isacsim.radio.echo import Bins, Moments, draw_moments, draw_search, fourth_moment, spread
+from isac_cosim.isacsim.radio.estimation import (
+    SCORING_STEPS,
+    Estimates,
+    beaten_by_rival,
+    estimated_snr,
+    in_chunks,
+    strongest,
+)
+from isac_cosim.isacsim.radio.waveform import Waveform
 
 if TYPE_CHECKING:
     import torch
@@ -44,7 +51,7 @@ class MaximumLikelihood:
 
     def estimate(self, echo: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Search the cells and half cells of each full echo, and score from the strongest."""
-        from isacsim.radio.estimators import on_tensor
+        from isac_cosim.isacsim.radio.estimators import on_tensor
 
         return on_tensor.maximum_likelihood(echo)
 

@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import torch
 
-from isacsim.radio.echo_tensor import steering
-from isacsim.radio.estimation import SCORING_STEPS
-from isacsim.radio.waveform import centred
+from isac_cosim.isacsim.radio.echo_tensor import steering
+from isac_cosim.isacsim.radio.estimation import SCORING_STEPS
+from isac_cosim.isacsim.radio.waveform import centred
 
 Found = tuple[torch.Tensor, torch.Tensor]
 """Cells (B, 3) and power (B,) of the strongest target of each echo, float64."""

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from isacsim.panels import Panels
-from isacsim.radio.bounds import angle_bound, cell_bound, delay_bound, doppler_bound, measured_bound
-from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
-from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import position_bound
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.radio.bounds import angle_bound, cell_bound, delay_bound, doppler_bound, measured_bound
+from isac_cosim.isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.tracking.fusion import position_bound
 
 WAVEFORM = Waveform()
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from isacsim.errors import InputError
-from isacsim.panels import Panels
-from isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
-from isacsim.radio.channel import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers, blockage_db, blockers_of, mean_loss_db
+from isac_cosim.isacsim.radio.channel import (
     ChannelSettings,
     EchoGeometry,
     LinkBudget,
@@ -16,12 +16,12 @@ from isacsim.radio.channel import (
     rain_db_per_km,
     snr_db,
 )
-from isacsim.radio.cross_section import aspect_dbsm
-from isacsim.radio.waveform import Waveform
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.scenario import Site
-from isacsim.traffic.motion import MotionSettings, states
-from isacsim.traffic.recording import Recording, Track
+from isac_cosim.isacsim.radio.cross_section import aspect_dbsm
+from isac_cosim.isacsim.radio.waveform import Waveform
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.traffic.motion import MotionSettings, states
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 
 WAVEFORM = Waveform()
 SITES = [Site("a", 0.0, 0.0, 25.0, 90.0), Site("b", 300.0, 0.0, 25.0, 270.0)]

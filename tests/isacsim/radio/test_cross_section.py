@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isacsim.radio.cross_section import aspect_dbsm, random_mean_db
+from isac_cosim.isacsim.radio.cross_section import aspect_dbsm, random_mean_db
 
 
 def at(azimuth_deg: float, zenith_deg: float) -> float:

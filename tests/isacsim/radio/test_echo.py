@@ -5,11 +5,11 @@ import pytest
 import torch
 from scipy import stats
 
-import benchmarks.echo
-from isacsim.radio.echo import BLOCK, DEGREES, _kernel, draw_bins, draw_search, fourth_moment, spread
-from isacsim.radio.echo_tensor import observe_tensor, synthesise
-from isacsim.radio.estimators import ESTIMATORS
-from isacsim.radio.waveform import Waveform, centred, steering
+import isac_cosim.benchmarks.echo
+from isac_cosim.isacsim.radio.echo import BLOCK, DEGREES, _kernel, draw_bins, draw_search, fourth_moment, spread
+from isac_cosim.isacsim.radio.echo_tensor import observe_tensor, synthesise
+from isac_cosim.isacsim.radio.estimators import ESTIMATORS
+from isac_cosim.isacsim.radio.waveform import Waveform, centred, steering
 
 WAVEFORM = Waveform()
 
@@ -130,7 +130,7 @@ def test_outlier_rates_agree_through_the_threshold(snr_db: int) -> None:
 
 @pytest.mark.slow
 def test_the_bench_reports_what_it_promises() -> None:
-    result = benchmarks.echo.run()
+    result = isac_cosim.benchmarks.echo.run()
     assert {"reference", "window", "tensor"} <= result["snapshots_per_s"].keys()
     assert result["ratio_window"] > 0
     for method in ("window", "tensor"):

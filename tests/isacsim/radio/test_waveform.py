@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform, centred, steering
+from isac_cosim.isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform, centred, steering
 
 WAVEFORM = Waveform()
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from isacsim.scenarios.corners import sharp_corners
-from isacsim.scenarios.lane import Lane
-from isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.scenarios.corners import sharp_corners
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
 
 
 def road(name: str, turn_deg: float) -> Lane:

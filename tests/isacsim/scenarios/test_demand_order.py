@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.errors import InputError
-from isacsim.scenarios.demand_order import first_departure_s, in_order, read_demand
-from isacsim.scenarios.remarks import remarks
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.sumo_library import load_libsumo
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.demand_order import first_departure_s, in_order, read_demand
+from isac_cosim.isacsim.scenarios.remarks import remarks
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
 from tests.support.roads import straight_road, vehicle
 
 ROUTE = '<route id="r" edges="e0 e1"/>'
@@ -34,7 +34,7 @@ def test_a_sorted_file_is_taken_as_it_is(tmp_path: Path) -> None:
     file = write(
         tmp_path, ROUTE, '<vehicle id="a" depart="1"/>', '<flow id="b" begin="0:0:1"/>', '<trip id="c" depart="2"/>'
     )
-    assert in_order(file, tmp_path, 0.0) == file
+    assert in_order(file, file, tmp_path, 0.0) == file
 
 
 def test_definitions_come_first_and_equal_departures_stay_in_order(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_definitions_come_first_and_equal_departures_stay_in_order(tmp_path: Pat
     )
     content = read_demand(file, 5.0)
     assert (content.late, content.departures, content.sortable) == (("f", "p"), 4, True)
-    copy = in_order(file, tmp_path, 5.0)
+    copy = in_order(file, file, tmp_path, 5.0)
     assert ids(copy) == ["r", "t", "f", "w", "p", "b", "c"]
     assert copy.read_bytes().startswith(file.read_bytes().partition(b"<vehicle")[0])
     assert copy.read_bytes().endswith(b"</routes>\n<!-- end -->")
@@ -64,7 +64,7 @@ def test_a_copy_is_sorted_and_holds_every_vehicle(
 ) -> None:
     folder = tmp_path_factory.mktemp("demand")
     file = write(folder, *(f'<vehicle id="{k}" depart="{depart}"/>' for k, depart in enumerate(departures)))
-    copy = in_order(file, folder, 0.0)
+    copy = in_order(file, file, folder, 0.0)
     assert not read_demand(copy).late
     assert [int(name or "") for name in ids(copy)] == sorted(range(len(departures)), key=departures.__getitem__)
 
@@ -73,13 +73,13 @@ def test_a_packed_file_is_sorted(tmp_path: Path) -> None:
     plain = write(tmp_path, '<vehicle id="b" depart="7"/>', '<vehicle id="a" depart="1"/>')
     packed = tmp_path / "x.rou.xml.gz"
     packed.write_bytes(gzip.compress(plain.read_bytes()))
-    assert ids(in_order(packed, tmp_path, 0.0)) == ["a", "b"]
+    assert ids(in_order(packed, packed, tmp_path, 0.0)) == ["a", "b"]
 
 
 @pytest.mark.parametrize("row", ['<interval begin="5" end="9"><flow id="f"/></interval>', '<include href="y.xml"/>'])
 def test_a_file_whose_elements_depend_on_each_other_stays(tmp_path: Path, row: str) -> None:
     file = write(tmp_path, '<vehicle id="b" depart="7"/>', row, '<vehicle id="a" depart="1"/>')
-    assert in_order(file, tmp_path, 0.0) == file
+    assert in_order(file, file, tmp_path, 0.0) == file
 
 
 def test_the_late_ones_are_those_that_sumo_leaves_out(tmp_path: Path) -> None:

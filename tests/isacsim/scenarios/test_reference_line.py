@@ -6,9 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.arrays import Array
-from isacsim.scenarios import reference_line
-from isacsim.scenarios.reference_line import STEP_M, Smoothing, acceleration, rounding_widths
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios import reference_line
+from isac_cosim.isacsim.scenarios.reference_line import STEP_M, Smoothing, acceleration, rounding_widths
 
 
 def widest_level_by_level(line: Smoothing, max_shift_m: float) -> Array:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.scenarios.demand import DemandSettings
-from isacsim.scenarios.making import add_sites
-from isacsim.scenarios.remarks import remarks
-from isacsim.scenarios.scenario import Elevation, bundled, load, load_without_sites
-from isacsim.scenarios.site_placement import PlacementSettings
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios.demand import DemandSettings
+from isac_cosim.isacsim.scenarios.making import add_sites
+from isac_cosim.isacsim.scenarios.remarks import remarks
+from isac_cosim.isacsim.scenarios.scenario import Elevation, bundled, load, load_without_sites
+from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 from tests.support.roads import SITE, straight_road, vehicle
 
 COVERED = ("west", "merge", "approach", "curve", "leave", "diverge", "east")

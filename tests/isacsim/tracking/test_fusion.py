@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy import stats
 
-from isacsim.panels import Panels
-from isacsim.radio.bounds import measured_bound
-from isacsim.radio.waveform import Waveform
-from isacsim.scenarios.scenario import Site
-from isacsim.tracking.fusion import Fixes, fuse, position_bound, single_site
-from isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
-from isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.radio.bounds import measured_bound
+from isac_cosim.isacsim.radio.waveform import Waveform
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.tracking.fusion import Fixes, fuse, position_bound, single_site
+from isac_cosim.isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
+from isac_cosim.isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
 
 WAVEFORM = Waveform()
 CORNERS = [

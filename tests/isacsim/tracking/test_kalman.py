@@ -6,7 +6,7 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 from scipy import stats
 
-from isacsim.tracking.kalman import TrackingSettings, process_noise, start, track, transition
+from isac_cosim.isacsim.tracking.kalman import TrackingSettings, process_noise, start, track, transition
 
 STEP_S = 1 / 400
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from isacsim.tracking.kalman import TrackingSettings, track
-from isacsim.tracking.streaming import StreamingFilter
+from isac_cosim.isacsim.tracking.kalman import TrackingSettings, track
+from isac_cosim.isacsim.tracking.streaming import StreamingFilter
 
 STEP_S = 1 / 400
 

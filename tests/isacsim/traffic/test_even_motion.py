@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isacsim.traffic.even_motion import even_states
-from isacsim.traffic.motion import MotionSettings, states
+from isac_cosim.isacsim.traffic.motion import MotionSettings, even_states, states
 from tests.support.drives import Drive, Road, record, sweep
 
 ROAD = Road(curvature=0.002, heading=0.3)

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
-from isacsim.traffic.motion import MotionSettings, condition, condition_at, states
-from isacsim.traffic.recording import Recording, Track
+from isac_cosim.isacsim.traffic.motion import MotionSettings, condition, condition_at, states
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 
 STEP = 0.01
 

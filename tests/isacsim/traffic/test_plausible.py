@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from isacsim.arrays import Array
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.motion import MotionSettings, states
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.simulation import TrafficSettings, record
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.motion import MotionSettings, states
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
 MARGIN_S = 0.8

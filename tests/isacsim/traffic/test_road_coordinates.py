@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.arrays import Array, ComplexArray
-from isacsim.scenarios import reference_line
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic import motion
-from isacsim.traffic.motion import MotionSettings, condition, excess, states
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.road_coordinates import RoundedTrack, moved_rows, smooth_step
+from isac_cosim.base.arrays import Array, ComplexArray
+from isac_cosim.isacsim.scenarios import reference_line
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic import motion
+from isac_cosim.isacsim.traffic.motion import MotionSettings, condition, excess, states
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.road_coordinates import RoundedTrack, moved_rows, smooth_step
 from tests.support.drives import sweep
 
 STEP = 0.01

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from isacsim.settings import Settings
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings
-from isacsim.traffic.speed_wander import SpeedWanderSettings
-from isacsim.traffic.sway import SwaySettings
-from labeling.events import LabelSettings
+from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
+from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
+from isac_cosim.labeling.detectors.events import LabelSettings
 
 PAGE = (Path(__file__).parents[3] / "docs" / "traffic.md").read_text(encoding="utf-8")
 UNITS = {"_mps3": "m/s³", "_mps2": "m/s²", "_mps": "m/s", "_per_s": "1/s", "_hour": "1/h", "_share": "1", "_gain": "1"}

@@ -3,9 +3,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from labeling.dataset.distributions import _peaks, too_few_seeds
-from labeling.dataset.summary import EPISODES_SHOWN, _episodes_table, faults
-from labeling.intentions import Intention
+from isac_cosim.labeling.dataset.distributions import _peaks, too_few_seeds
+from isac_cosim.labeling.dataset.summary import EPISODES_SHOWN, _episodes_table, faults
+from isac_cosim.labeling.intentions import Intention
 
 
 @settings(max_examples=25, deadline=None)

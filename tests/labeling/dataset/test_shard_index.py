@@ -13,10 +13,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import labeling.dataset.dataset
-from isacsim.errors import InputError
-from labeling.dataset import shard_index
-from labeling.dataset.dataset import CLASS_NAMES, Dataset, Meta, ScenarioMeta, ShardIndex, read_meta, write_meta
+import isac_cosim.labeling.dataset.dataset
+from isac_cosim.base.errors import InputError
+from isac_cosim.labeling.dataset import shard_index
+from isac_cosim.labeling.dataset.dataset import (
+    CLASS_NAMES,
+    Dataset,
+    Meta,
+    ScenarioMeta,
+    ShardIndex,
+    read_meta,
+    write_meta,
+)
 from tests.support.former_dataset import without_index
 from tests.support.many_shards import made_up_shard, write_many
 
@@ -109,8 +117,8 @@ def test_a_large_index_opens_without_its_entries_and_shards(tmp_path: Path, monk
         return dict.fromkeys(shards.files, 1001)
 
     monkeypatch.setattr(shard_index, "_shards", unwanted)
-    monkeypatch.setattr(labeling.dataset.dataset, "read_table", unwanted)
-    monkeypatch.setattr(labeling.dataset.dataset, "files_in", files_in)
+    monkeypatch.setattr(isac_cosim.labeling.dataset.dataset, "read_table", unwanted)
+    monkeypatch.setattr(isac_cosim.labeling.dataset.dataset, "files_in", files_in)
     dataset = Dataset.open(tmp_path)
     assert looks == [tmp_path / "shards"]
     assert len(dataset) == 4 * count

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from isacsim.traffic.sumo_messages import SumoWarning
-from isacsim.traffic.traffic_facts import TrafficFacts
-from labeling.dataset.shard import Episode
-from labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.labeling.dataset.shard import Episode
+from isac_cosim.labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
 
 SLOW = SumoWarning(kind="'...' is slow", count=3, example="'a' is slow")
 

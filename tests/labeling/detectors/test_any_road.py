@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.traffic.recording import Recording
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Intention
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, total
 
 BRAKES = ramps((0, 30), (20, 30), (22, 18), (30, 18), (33, 29), (99, 29))

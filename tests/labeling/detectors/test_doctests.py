@@ -7,12 +7,14 @@ from importlib import import_module
 
 import pytest
 
-from labeling.detectors.registry import DETECTORS
+from isac_cosim.labeling.detectors.registry import DETECTORS
 
 MODULES = sorted({detector.__module__ for detector in DETECTORS.values()})
 
 
-@pytest.mark.parametrize("module", [*MODULES, "labeling.detectors.threshold_crossings", "labeling.road.straight_road"])
+@pytest.mark.parametrize(
+    "module", [*MODULES, "isac_cosim.labeling.detectors.threshold_crossings", "isac_cosim.labeling.road.straight_road"]
+)
 def test_the_examples_of_a_module_run(module: str) -> None:
     result = doctest.testmod(import_module(module))
     assert result.attempted > 0

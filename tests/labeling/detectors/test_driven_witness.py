@@ -12,14 +12,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.command_settings import LaneChangeCommandSettings
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Command, Recording, Track
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import Labels, label
-from labeling.intentions import LANE_CHANGES, Event, Intention
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.command_settings import LaneChangeCommandSettings
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Command, Recording, Track
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import Labels, label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import LANE_CHANGES, Event, Intention
 
 pytestmark = pytest.mark.slow
 

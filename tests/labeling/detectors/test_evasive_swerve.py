@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detectors.evasive_swerve import EvasiveSwerveDetector, EvasiveSwerveSettings
-from labeling.detectors.protocol import VehicleView, vehicle_view
-from labeling.intentions import Event, Intention
+from isac_cosim.labeling.detectors.evasive_swerve import EvasiveSwerveDetector, EvasiveSwerveSettings
+from isac_cosim.labeling.detectors.protocol import VehicleView, vehicle_view
+from isac_cosim.labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, record, sweep, total
 
 DETECTOR = EvasiveSwerveDetector(EvasiveSwerveSettings())

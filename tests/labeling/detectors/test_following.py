@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isacsim.traffic.recording import Recording
-from labeling.detectors.following import FollowingDetector, FollowingSettings
-from labeling.detectors.protocol import vehicle_view
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Event, Intention
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.following import FollowingDetector, FollowingSettings
+from isac_cosim.labeling.detectors.protocol import vehicle_view
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep
 
 ROAD = Road((Stretch(900.0), Stretch(4.0, internal=True), Stretch(6000.0)))

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.arrays import Array
-from labeling.detectors.hard_accel import HardAccelDetector, HardAccelSettings
-from labeling.detectors.hard_brake import HardBrakeDetector, HardBrakeSettings
-from labeling.detectors.protocol import Detector, vehicle_view
-from labeling.intentions import Event, Intention
+from isac_cosim.base.arrays import Array
+from isac_cosim.labeling.detectors.hard_accel import HardAccelDetector, HardAccelSettings
+from isac_cosim.labeling.detectors.hard_brake import HardBrakeDetector, HardBrakeSettings
+from isac_cosim.labeling.detectors.protocol import Detector, vehicle_view
+from isac_cosim.labeling.intentions import Event, Intention
 from tests.support.drives import Drive, Road, record
 
 BRAKE, ACCEL = HardBrakeDetector(HardBrakeSettings()), HardAccelDetector(HardAccelSettings())

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.arrays import Array
-from labeling.detectors.lane_change import LaneChangeDetector, LaneChangeSettings
-from labeling.detectors.protocol import VehicleView, vehicle_view
-from labeling.intentions import Event, Intention
+from isac_cosim.base.arrays import Array
+from isac_cosim.labeling.detectors.lane_change import LaneChangeDetector, LaneChangeSettings
+from isac_cosim.labeling.detectors.protocol import VehicleView, vehicle_view
+from isac_cosim.labeling.intentions import Event, Intention
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, ramps, record, sweep, total
 
 LEFT, RIGHT = Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import Labels, label
-from labeling.intentions import LANE_CHANGES, Event, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import RecordSettings, candidates
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import Labels, label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import LANE_CHANGES, Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import RecordSettings, candidates
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 from tests.support.roads import straight_road
 
 LEFT, RIGHT = LANE_CHANGES

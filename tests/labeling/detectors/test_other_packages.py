@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from isacsim.errors import InputError
-from isacsim.registry import Registry
-from labeling.detectors.registry import DETECTORS
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Intention
-from labeling.road.straight_road import ScriptedVehicle, straight_road
-from labeling.samples.candidates import RecordSettings, candidates
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.registry import Registry
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.registry import DETECTORS
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
+from isac_cosim.labeling.samples.candidates import RecordSettings, candidates
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 
 PACKAGE = '''
 """Detectors by other definitions than the built-in ones."""
@@ -26,9 +26,9 @@ from dataclasses import dataclass, replace
 
 from pydantic import Field
 
-from isacsim.settings import Settings
-from labeling.detectors.threshold_crossings import intervals_above
-from labeling.intentions import Event, Intention
+from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.detectors.threshold_crossings import intervals_above
+from isac_cosim.labeling.intentions import Event, Intention
 
 
 class GentleSettings(Settings):
@@ -121,7 +121,7 @@ def _installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "other_detectors", raising=False)
     built_in = {name: DETECTORS[name] for name in LabelSettings().active_detectors()}
     registry = Registry("detector", built_in, "isac_cosim.detectors")
-    monkeypatch.setattr("labeling.detectors.settings.DETECTORS", registry)
+    monkeypatch.setattr("isac_cosim.labeling.detectors.settings.DETECTORS", registry)
 
 
 def selecting(**detectors: dict[str, float]) -> LabelSettings:

@@ -2,12 +2,12 @@
 
 import pytest
 
-from isacsim.traffic.recording import Recording
-from labeling.detectors.overtake import OvertakeDetector, OvertakeSettings
-from labeling.detectors.settings import LabelSettings
-from labeling.events import Labels, label
-from labeling.intentions import Event, Intention
-from labeling.road.surroundings import Surroundings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import Labels, label
+from isac_cosim.labeling.detectors.overtake import OvertakeDetector, OvertakeSettings
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
 ROAD = Road((Stretch(700.0), Stretch(6.0, internal=True), Stretch(250.0, (-1, 0, 1, 2)), Stretch(6000.0)))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from labeling.detectors.registry import DETECTORS
-from labeling.detectors.settings import LabelSettings
-from labeling.intentions import Intention
+from isac_cosim.labeling.detectors.registry import DETECTORS
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
 
 STORED_ISAC_1 = (
     '{"preset":"isac-1","width_s":0.15,'

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label, provenance
-from labeling.intentions import Intention
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label, provenance
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Intention
 
 SETTINGS = LabelSettings()
 

@@ -16,14 +16,14 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from isacsim.scenarios.scenario import bundled, load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording, Track
-from isacsim.traffic.simulation import TrafficSettings, record
-from isacsim.traffic.sway import SwaySettings, add_sway
-from labeling.detectors.settings import LabelSettings
-from labeling.events import Labels, label
-from labeling.intentions import Event, Intention
+from isac_cosim.isacsim.scenarios.scenario import bundled, load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import Labels, label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
 from tests.support.drives import thinned
 
 pytestmark = pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labeling.detectors.threshold_crossings import excursions, first_below, intervals_above, last_below
+from isac_cosim.labeling.detectors.threshold_crossings import excursions, first_below, intervals_above, last_below
 
 T = np.arange(0.0, 10.0, 0.1)
 

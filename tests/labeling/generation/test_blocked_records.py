@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from isacsim.scenarios.scenario import Scenario
-from isacsim.traffic.recording import Recording
-from labeling.generation.generate import generate
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.generation.generate import generate
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.settings import checked
-from labeling.generation.cost_estimate import estimate, sensed_anew
-from labeling.generation.settings import DatasetStudy
-from models.studies.study import read_study
+from isac_cosim.base.settings import checked
+from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.studies.study import read_study
 from tests.support.scripted import small_study
 
 QUICK = {"windows": 1600, "min_per_class": 60, "per_class": 20, "following": 20}

@@ -8,11 +8,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from isacsim.errors import InputError, OutputError
-from labeling.dataset.dataset import Dataset, read_shard
-from labeling.generation.generate import generate
-from labeling.generation.resense import ResenseSettings, own_sensing, resense
-from models.studies.study import read_study
+from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.labeling.dataset.dataset import Dataset, read_shard
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
+from isac_cosim.studies.study import read_study
 from tests.support.former_dataset import without_index
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import OutputError
-from labeling.dataset.dataset import SHARDS, Dataset, Meta, Shard, ShardIndex, write_meta
-from labeling.generation import generate, journal
-from labeling.generation.journal import JOURNAL_FILE, Journal
+from isac_cosim.base.errors import OutputError
+from isac_cosim.labeling.dataset.dataset import SHARDS, Dataset, Meta, Shard, ShardIndex, write_meta
+from isac_cosim.labeling.generation import generate, journal
+from isac_cosim.labeling.generation.journal import JOURNAL_FILE, Journal
 from tests.support.former_dataset import without_index
 from tests.support.many_shards import made_up_shard, write_many
 from tests.support.recorded_feedback import RecordedFeedback
@@ -143,7 +143,7 @@ def test_a_large_dataset_is_finished_without_reading_its_shards(
 
     monkeypatch.setattr(journal, "files_in", files_in)
     finished = dict.fromkeys([*noted.files, f"road-{count}.parquet"], 1001)
-    monkeypatch.setattr("labeling.dataset.dataset.files_in", lambda _: finished)
+    monkeypatch.setattr("isac_cosim.labeling.dataset.dataset.files_in", lambda _: finished)
     feedback = RecordedFeedback()
     dataset = generate.generate(study, out, InlineEngine(), feedback, source)
     assert (read, looks) == ([], [out / SHARDS])
@@ -171,7 +171,7 @@ def test_a_command_killed_at_the_end_leaves_a_sound_dataset(tmp_path: Path, monk
 
     for place, killed in (("folder.write_meta", write_index_alone), ("journal.Journal.remove", keep)):
         with monkeypatch.context() as patch:
-            patch.setattr(f"labeling.generation.{place}", killed)
+            patch.setattr(f"isac_cosim.labeling.generation.{place}", killed)
             with pytest.raises(KeyboardInterrupt):
                 generate.generate(study, out, InlineEngine(), source=source)
         assert (out / JOURNAL_FILE).is_file()

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line.arguments import SenseArguments, dataset_study, resense_settings
-from isacsim.errors import InputError
-from isacsim.settings import checked
-from labeling.dataset.dataset import Dataset
-from labeling.dataset.summary import show, summary
-from labeling.generation.generate import generate
-from labeling.generation.kept_workers import KeptWorkers
-from labeling.generation.resense import resense
-from labeling.generation.settings import DatasetStudy
-from labeling.intentions import KNOWN, Intention
-from models.evaluation.evaluation import Evaluation, evaluate
-from models.report.report import write_report
-from models.settings import TrainSettings
-from models.training.training import train
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import checked
+from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.command_line.arguments import SenseArguments, dataset_study, resense_settings
+from isac_cosim.evaluation.on_windows.evaluation import Evaluation, evaluate
+from isac_cosim.evaluation.report.report import write_report
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.summary import show, summary
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.resense import resense
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train
 from tests.support.scripted import InlineEngine
 
 EPISODES, PER_CLASS = 3, 3

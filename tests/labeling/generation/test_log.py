@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.errors import OutputError
-from labeling.dataset.dataset import Dataset
-from labeling.generation import log
-from labeling.generation.generate import generate
-from labeling.generation.kept_workers import KeptWorkers
-from labeling.generation.log import Entry
-from labeling.generation.resense import ResenseSettings, own_sensing, resense
+from isac_cosim.base.errors import OutputError
+from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation import log
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.log import Entry
+from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -85,8 +85,10 @@ def test_how_much_a_command_says(
 ) -> None:
     """A line an episode with --verbose, nothing but warnings with --quiet; the result on standard output always."""
     source = ScriptedSource(tmp_path, broken=(2,), warnings=3)
-    monkeypatch.setattr("labeling.generation.generate.motion_source", lambda study: source)
-    monkeypatch.setattr("labeling.generation.engine.LocalEngine.run", lambda _, task, items: INLINE.run(task, items))
+    monkeypatch.setattr("isac_cosim.labeling.generation.generate.motion_source", lambda study: source)
+    monkeypatch.setattr(
+        "isac_cosim.base.workers.engine.LocalEngine.run", lambda _, task, items: INLINE.run(task, items)
+    )
     out = tmp_path / "data"
     words = ["generate", "road", "-o", str(out), "--seeds", "1:2", "--jobs", "1", "--json", *option.split()]
     assert cosim.main(words) == 0

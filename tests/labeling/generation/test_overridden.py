@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from isacsim.scenarios.scenario import Scenario
-from labeling.generation.generate import generate
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.labeling.generation.generate import generate
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from isacsim.errors import InputError
-from isacsim.settings import checked
-from labeling.generation.settings import DatasetStudy, SeedRange
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import checked
+from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 
 
 def test_a_study_reads_back_from_what_it_writes() -> None:

@@ -1,6 +1,6 @@
 """Studies of earlier versions are read as they were meant; those of this version as they are."""
 
-from labeling.generation.settings import FORMER, DatasetStudy, as_stored
+from isac_cosim.labeling.generation.settings import FORMER, DatasetStudy, as_stored
 
 
 def test_a_stored_study_of_this_version_is_read_as_it_is() -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 import cosim
-from isacsim.settings import checked
-from labeling.generation.engine import LocalEngine
-from labeling.generation.generate import generate
-from labeling.generation.log import LOG_FILE
-from labeling.generation.settings import DatasetStudy
+from isac_cosim.base.settings import checked
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.log import LOG_FILE
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 EPISODES = 1000
 SHORT = {"run_in_s": 30.0, "duration_s": 20.0}

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.scenarios.lane import Lane
-from isacsim.traffic.recording import Recording, Track
-from labeling.road.surroundings import Surroundings
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
+from isac_cosim.labeling.road.surroundings import Surroundings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep
 
 SPLIT = Road((Stretch(400.0), Stretch(8.0, internal=True), Stretch(300.0, (-1, 0, 1, 2)), Stretch(3000.0)))

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from isacsim.traffic.kinematic_settings import KinematicSettings
-from isacsim.traffic.kinematics import SCENARIO, KinematicSource
-from isacsim.traffic.labelled_recording import GeneratedManeuver, LabelledRecording
-from isacsim.traffic.motion import MotionSettings
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Event, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import RecordSettings
-from labeling.samples.generated_labels import (
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.recordings.recording import GeneratedManeuver, LabelledRecording
+from isac_cosim.isacsim.traffic.sources.kinematic import SCENARIO, KinematicSource
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import RecordSettings
+from isac_cosim.labeling.samples.generated_labels import (
     agreement,
     agreement_counts,
     detected_as,

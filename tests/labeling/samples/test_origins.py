@@ -11,15 +11,15 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.recording import Recording
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label, provenance
-from labeling.intentions import KNOWN, Event, Intention
-from labeling.road.lane_graph import LaneGraph
-from labeling.road.road_motion import RoadMotion, road_motion
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label, provenance
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import KNOWN, Event, Intention
+from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.road_motion import RoadMotion, road_motion
 
 SETS = (range(401, 407), range(407, 413), range(413, 419))
 """Seeds of three sets of episodes. The aim is for the trees of one set; those that learn from all of them find more."""

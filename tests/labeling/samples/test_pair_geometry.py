@@ -8,15 +8,15 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_val_predict
 
-from isacsim.scenarios.scenario import load
-from isacsim.traffic.director import ManeuverSettings
-from isacsim.traffic.simulation import TrafficSettings, record
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import KNOWN, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import Candidate, RecordSettings, candidates
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import Candidate, RecordSettings, candidates
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 
 SEEDS = range(301, 309)
 LARGEST_ACCEL_AUC = 0.65

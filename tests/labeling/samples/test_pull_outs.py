@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from isacsim.traffic.motion import MotionSettings
-from isacsim.traffic.recording import Recording
-from labeling.detectors.settings import LabelSettings
-from labeling.events import label
-from labeling.intentions import Event, Intention
-from labeling.road.surroundings import Surroundings
-from labeling.samples.candidates import Candidate, Candidates, RecordSettings, candidates
-from labeling.samples.pull_outs import PullOut, observed_pass, pull_out_of
-from labeling.samples.uv_choice import PairSettings
+from isac_cosim.isacsim.traffic.motion import MotionSettings
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.settings import LabelSettings
+from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import Candidate, Candidates, RecordSettings, candidates
+from isac_cosim.labeling.samples.pull_outs import PullOut, observed_pass, pull_out_of
+from isac_cosim.labeling.samples.uv_choice import PairSettings
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
 ONSET_S = 10.0

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.traffic.recording import Recording
-from labeling.road.surroundings import Surroundings
-from labeling.samples.uv_choice import PairSettings, around_tv, choose_uv, connected, may_be_tv
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.uv_choice import PairSettings, around_tv, choose_uv, connected, may_be_tv
 from tests.support.drives import WIDTH_M, Drive, Road, record
 
 ALL = PairSettings()

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from isacsim.seeding import stream
-from labeling.intentions import Intention
-from models.data.augment import AugmentSettings, augmented, mirrored, mirrored_labels, turned
-from models.data.windows import Records, Windows, WindowSettings
-from models.settings import TrainSettings
-from models.training.training import train_records
+from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.augment import AugmentSettings, augmented, mirrored, mirrored_labels, turned
+from isac_cosim.models.data.windows import Records, Windows, WindowSettings
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 

@@ -8,9 +8,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.errors import InputError
-from models.data.clips import batch, frames, load_clips
-from models.predictors.castformer import CastformerCore, CastformerSettings, castformer_loss
+from isac_cosim.base.errors import InputError
+from isac_cosim.models.data.clips import batch, frames, load_clips
+from isac_cosim.models.predictors.castformer import CastformerCore, CastformerSettings, castformer_loss
 
 
 def write(folder: Path, count: int = 20, classes: int = 5) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models.data.lane_map import LaneMap
+from isac_cosim.models.data.lane_map import LaneMap
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from models.data.lane_motion import slopes, smoothed
+from isac_cosim.models.data.lane_motion import slopes, smoothed
 
 
 @given(st.integers(1, 40), st.integers(0, 60), st.integers(1, 2), st.integers(0, 2**32 - 1))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isacsim.errors import InputError
-from labeling.intentions import KNOWN
-from models.data.windows import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.windows import (
     Ends,
     Records,
     SplitSettings,

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import torch
 
-from isacsim.errors import InputError, OutputError
-from models.data.windows import Records
-from models.networks import fitting
-from models.networks.checkpoints import read_tensors, write_tensors
-from models.networks.lightning_checkpoints import Checkpoints
-from models.run import Run
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.models.data.windows import Records
+from isac_cosim.models.networks import fitting
+from isac_cosim.models.networks.checkpoints import read_tensors, write_tensors
+from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
+from isac_cosim.models.runs.run import Run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 

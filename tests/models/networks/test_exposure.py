@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from labeling.intentions import KNOWN
-from models.data.pre_onset import pre_onset_windows
-from models.data.windows import Records, draw_ends
-from models.evaluation.predictions import predict
-from models.fit_settings import LossSettings
-from models.networks.lightning_module import OUTLIER, WindowData
-from models.networks.losses import exposure_loss
-from models.run import Run
-from models.training.training import train_records
+from isac_cosim.evaluation.on_windows.predictions import predict
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.fit_settings import LossSettings
+from isac_cosim.models.data.pre_onset import pre_onset_windows
+from isac_cosim.models.data.windows import Records, draw_ends
+from isac_cosim.models.networks.lightning_module import OUTLIER, WindowData
+from isac_cosim.models.networks.losses import exposure_loss
+from isac_cosim.models.runs.run import Run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 EXPOSED = SMALL_RUN.model_copy(update={"loss": LossSettings(exposure_weight=1.0)})

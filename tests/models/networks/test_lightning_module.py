@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import torch
 
-from labeling.intentions import KNOWN
-from models.data import windows
-from models.data.augment import AugmentSettings
-from models.data.windows import Ends, Records
-from models.networks import lightning_module
-from models.networks.lightning_module import Batch, WindowData
-from models.settings import TrainSettings
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data import windows
+from isac_cosim.models.data.augment import AugmentSettings
+from isac_cosim.models.data.windows import Ends, Records
+from isac_cosim.models.networks import lightning_module
+from isac_cosim.models.networks.lightning_module import Batch, WindowData
+from isac_cosim.models.runs.settings import TrainSettings
 from tests.support.made_up import SMALL_RUN, on_disk
 
 AUGMENTED = SMALL_RUN.model_copy(update={"augment": AugmentSettings(turn_deg=5.0, mirror_share=0.5, noise_m=0.1)})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.networks.losses import focal_loss, inverse_frequency
+from isac_cosim.models.networks.losses import focal_loss, inverse_frequency
 
 
 def test_by_hand() -> None:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from models.networks import lstms
-from models.networks.lstms import outputs
+from isac_cosim.models.networks import lstms
+from isac_cosim.models.networks.lstms import outputs
 
 
 @contextmanager

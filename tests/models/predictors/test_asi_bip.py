@@ -4,12 +4,12 @@ import pytest
 import torch
 from torch import nn
 
-from models.data.windows import Windows
-from models.networks.lstms import has_bfloat16
-from models.predictors import asi_bip
-from models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches, tokens_of
-from models.predictors.statistics_branch import window_statistics
-from models.predictors.trees import statistics
+from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.networks.lstms import has_bfloat16
+from isac_cosim.models.networks.statistics_branch import window_statistics
+from isac_cosim.models.predictors import asi_bip
+from isac_cosim.models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches, tokens_of
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 

@@ -8,20 +8,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from isacsim.errors import InputError
-from models.data.windows import Records
-from models.fit_settings import OptimiserSettings
-from models.predictors.castformer import (
-    PAPER_OPTIMISER,
-    Castformer,
-    CastformerCore,
-    CastformerSettings,
-    Order,
-    castformer_loss,
-    in_frames,
-    positions,
-)
-from models.predictors.castformer_modules import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.models.data.fit_settings import OptimiserSettings
+from isac_cosim.models.data.windows import Records
+from isac_cosim.models.networks.castformer_modules import (
     Attention,
     CausalResidual,
     ChannelGate,
@@ -32,9 +22,19 @@ from models.predictors.castformer_modules import (
     running_mean,
     shifted,
 )
-from models.predictors.protocol import WindowShape
-from models.settings import TrainSettings
-from models.training.training import train_records
+from isac_cosim.models.predictors.castformer import (
+    PAPER_OPTIMISER,
+    Castformer,
+    CastformerCore,
+    CastformerSettings,
+    Order,
+    castformer_loss,
+    in_frames,
+    positions,
+)
+from isac_cosim.models.predictors.protocol import WindowShape
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 SMALL = CastformerSettings(width=16, heads=4, encoder_layers=1, feedforward=20)

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from models.data.windows import Records, cut, draw_ends
-from models.predictors.trees import statistics
-from models.run import Run, load_run
-from models.training.training import train_records
+from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 

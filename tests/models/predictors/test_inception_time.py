@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from models.data.windows import Records, cut, draw_ends
-from models.predictors.inception_time import InceptionModule, InceptionNetwork, InceptionTimeSettings
-from models.run import load_run
-from models.settings import TrainSettings
-from models.training.training import train_records
+from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.predictors.inception_time import InceptionModule, InceptionNetwork, InceptionTimeSettings
+from isac_cosim.models.runs.run import load_run
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 SMALL = InceptionTimeSettings(length=30, filters=4, depth=3, kernels=(9, 5, 3))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import InputError
-from models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
-from models.predictors.minirocket import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
+from isac_cosim.models.predictors.minirocket import (
     MinirocketPredictor,
     MinirocketSettings,
     check,
@@ -17,8 +17,8 @@ from models.predictors.minirocket import (
     read_rocket,
     write_rocket,
 )
-from models.run import Run, load_run
-from models.training.training import train_records
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 SETTINGS = SMALL_RUN.model_copy(update={"model": "minirocket", "minirocket": MinirocketSettings(features=1000)})

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from isacsim.errors import InputError
-from models.data.windows import Records, Windows, cut, draw_ends
-from models.predictors.multirocket_hydra import (
+from isac_cosim.base.errors import InputError
+from isac_cosim.models.data.windows import Records, Windows, cut, draw_ends
+from isac_cosim.models.predictors.multirocket_hydra import (
     Averaging,
     MultirocketHydraSettings,
     Scaling,
@@ -20,9 +20,9 @@ from models.predictors.multirocket_hydra import (
     torch_left_alone,
     write_rocket,
 )
-from models.predictors.protocol import WindowShape
-from models.run import Run, load_run
-from models.training.training import train_records
+from isac_cosim.models.predictors.protocol import WindowShape
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 SMALL = MultirocketHydraSettings(features=1344, groups=4)

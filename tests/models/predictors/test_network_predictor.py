@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from models.predictors.network_predictor import NetworkPredictor, answering_device
-from models.predictors.protocol import WindowShape
-from models.predictors.registry import OWN
-from models.settings import TrainSettings
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor, answering_device
+from isac_cosim.models.predictors.protocol import WindowShape
+from isac_cosim.models.predictors.registry import OWN
+from isac_cosim.models.runs.settings import TrainSettings
 
 SHAPE = WindowShape(6, 80, 20, 400.0, 100.0)
 NETWORKS = [name for name, kind in OWN.items() if issubclass(kind, NetworkPredictor)]

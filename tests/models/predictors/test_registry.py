@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 import cosim
-from isacsim.errors import InputError
-from isacsim.feedback import SILENT
-from isacsim.settings import checked
-from models.data.windows import Records, cut, draw_ends
-from models.evaluation.evaluation import EvaluateSettings, evaluate_records
-from models.fit_settings import OptimiserSettings
-from models.predictors.protocol import Workload
-from models.predictors.registry import OWN, PREDICTORS, catalogue, section_name, sections
-from models.roles import DEFAULT, FLOOR
-from models.run import load_run
-from models.settings import TrainSettings
-from models.studies.cost_estimate import estimate_study
-from models.studies.study import Study
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT
+from isac_cosim.base.settings import checked
+from isac_cosim.evaluation.on_windows.evaluation import EvaluateSettings, evaluate_records
+from isac_cosim.models import DEFAULT, FLOOR
+from isac_cosim.models.data.fit_settings import OptimiserSettings
+from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.predictors.protocol import Workload
+from isac_cosim.models.predictors.registry import OWN, PREDICTORS, catalogue, section_name, sections
+from isac_cosim.models.runs.run import load_run
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.training.training import train_records
+from isac_cosim.studies.cost_estimate import estimate_study
+from isac_cosim.studies.study import Study
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
 PACKAGE = '''
@@ -35,9 +35,9 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from isacsim.files import replace_file
-from isacsim.settings import Settings
-from models.predictors.protocol import Outputs, Predictor, among_known
+from isac_cosim.base.files import replace_file
+from isac_cosim.base.settings import Settings
+from isac_cosim.models.predictors.protocol import Outputs, Predictor, among_known
 
 
 class NearestSettings(Settings):
@@ -181,14 +181,15 @@ WITHOUT_NAMES = [
     *(ROOT / "models").glob("*.py"),
     *(ROOT / "models" / "training").glob("*.py"),
     *(ROOT / "models" / "scores").glob("*.py"),
+    *(ROOT / "models" / "runs").glob("*.py"),
     # The cross-validation on clips is of one predictor alone.
-    *(path for path in (ROOT / "models" / "studies").glob("*.py") if path.name != "clip_validation.py"),
+    *(path for path in (ROOT / "studies").glob("*.py") if path.name != "clip_validation.py"),
 ]
 
 
 @pytest.mark.parametrize("path", WITHOUT_NAMES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_predictor_is_named_outside_its_file_and_the_registry(path: Path) -> None:
-    """The default one and the floor have a name in `models.roles` alone."""
+    """The default one and the floor have a name in `models.predictors` alone."""
     names = {*OWN, *map(section_name, OWN)}
     classes = {name for kind in OWN.values() for name in (kind.__name__, getattr(kind.settings_class, "__name__", ""))}
     modules = {kind.__module__ for kind in OWN.values()}
@@ -203,4 +204,4 @@ def test_no_predictor_is_named_outside_its_file_and_the_registry(path: Path) -> 
                 used.append(text)
             case ast.ImportFrom(module=str(text)) if text in modules:
                 used.append(text)
-    assert used == ([DEFAULT, FLOOR] if path.name == "roles.py" else [])
+    assert used == ([DEFAULT, FLOOR] if path == ROOT / "models" / "__init__.py" else [])

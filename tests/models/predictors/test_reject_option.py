@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from labeling.intentions import Intention
-from models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
-from models.data.windows import Records, WindowSettings, draw_ends, end_bounds
-from models.evaluation.predictions import predict, unseen
-from models.run import REJECT_OPTION_FILE, Run
-from models.scores import open_set
-from models.training.training import train_records
+from isac_cosim.evaluation.on_windows.predictions import predict, unseen
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
+from isac_cosim.models.data.windows import Records, WindowSettings, draw_ends, end_bounds
+from isac_cosim.models.runs.run import REJECT_OPTION_FILE, Run
+from isac_cosim.models.scores import open_set
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 
 TREES = SMALL_RUN.model_copy(update={"model": "trees"})

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from sklearn.linear_model import RidgeClassifierCV
 
-from models.data.windows import Windows
-from models.predictors.minirocket import standardised, stream_scale
-from models.predictors.ridge import PENALTIES, fit_ridge
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.predictors.minirocket import standardised, stream_scale
+from isac_cosim.models.predictors.ridge import PENALTIES, fit_ridge
 
 
 @pytest.mark.parametrize("classes", [(1, 4), (0, 2, 5)])

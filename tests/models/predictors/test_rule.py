@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from isacsim.errors import InputError
-from labeling.intentions import Intention
-from models.data.lane_map import LaneMap
-from models.data.windows import OnMap, Records, Windows, WindowSettings, cut, draw_ends
-from models.evaluation.evaluation import evaluate_records
-from models.evaluation.settings import EvaluateSettings
-from models.inference import Infer
-from models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
-from models.run import Run, load_run
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError
+from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
+from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.lane_map import LaneMap
+from isac_cosim.models.data.windows import OnMap, Records, Windows, WindowSettings, cut, draw_ends
+from isac_cosim.models.inference import Infer
+from isac_cosim.models.predictors.rule import FITTED, Drive, RuleSettings, drive, fitted, logits, strengths
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, TV_RATE_HZ, UV_RATE_HZ, make_records
 
 RADIUS_M, WIDTH_M, WINDOW_S = 300.0, 3.6, 2.2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
-from models.scores.calibration import calibration_error, fit_temperature
+from isac_cosim.models.scores.calibration import calibration_error, fit_temperature
 
 
 def sharpened_logits(sharpening: float, n: int = 20000) -> tuple[np.ndarray, np.ndarray]:

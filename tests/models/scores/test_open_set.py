@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from models.predictors.protocol import Outputs
-from models.scores import open_set
+from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.scores import open_set
 
 
 def outputs(n: int = 40, seed: int = 0) -> Outputs:

@@ -13,24 +13,25 @@ import skops.io
 import torch
 from pydantic import ValidationError
 
-from isacsim.errors import InputError, RunError
-from labeling.intentions import Intention
-from models.data.windows import Records, Windows, cut, draw_ends
-from models.evaluation.evaluation import evaluate_records
-from models.evaluation.prediction_table import PREDICTIONS_FILE
-from models.evaluation.settings import EvaluateSettings
-from models.inference import Infer
-from models.networks import fitting
-from models.networks.lightning_module import Share
-from models.predictors.asi_bip import AsiBipSettings
-from models.predictors.protocol import Outputs
-from models.predictors.trees import TreesPredictor
-from models.report.evaluation_figures import read_history
-from models.run import Run, load_run
-from models.scores import open_set
-from models.settings import TrainSettings
-from models.training import training
-from models.training.training import train_records
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
+from isac_cosim.evaluation.on_windows.prediction_table import PREDICTIONS_FILE
+from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+from isac_cosim.evaluation.report.figures import read_history
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Records, Windows, cut, draw_ends
+from isac_cosim.models.inference import Infer
+from isac_cosim.models.networks import fitting
+from isac_cosim.models.networks.lightning_module import Share
+from isac_cosim.models.predictors.asi_bip import AsiBipSettings
+from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.predictors.trees import TreesPredictor
+from isac_cosim.models.runs.run import Run, load_run
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.scores import open_set
+from isac_cosim.models.training import training
+from isac_cosim.models.training.training import train_records
+from tests.support.forged import forge_run
 from tests.support.made_up import MADE_OF, SMALL_RUN, on_disk
 
 
@@ -188,6 +189,7 @@ def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request:
         lambda: np.savez(run / "reference.npz", features=objects, label=objects),
     ):
         write()
+        forge_run(run)
         with pytest.raises(InputError, match="damaged"):
             load_run(run)
         assert not (tmp_path / "mark").exists()
@@ -201,7 +203,8 @@ def test_a_file_of_something_else_is_reported(trees_run: Run, tmp_path: Path) ->
     run = tmp_path / "run"
     shutil.copytree(trees_run.path, run)
     skops.io.dump([1, 2], run / "trees.skops")
-    with pytest.raises(InputError, match=r"damaged \(trees\.skops holds no trees\)"):
+    forge_run(run)
+    with pytest.raises(InputError, match=r"damaged \(trees\.skops: holds no trees\)"):
         load_run(run)
 
 
@@ -209,6 +212,7 @@ def test_damaged_weights_are_reported(network_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(network_run.path, run)
     (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
+    forge_run(run)
     with pytest.raises(InputError, match="damaged"):
         load_run(run)
 

@@ -1,0 +1,1 @@
+"""What every package rests on: errors, files, settings, registries, random streams, progress, workers."""

@@ -1,0 +1,141 @@
+"""Writes files completely or not at all, only into folders that belong to this project, and tells if one changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from isac_cosim.base.errors import InputError, writing
+
+LOCK_FILE = ".lock"
+"""Name of the file that is locked while a command writes a folder. It stays there, empty."""
+DIGEST = r"^[0-9a-f]{64}$"
+"""A SHA-256 digest, hexadecimal."""
+SETTLED_S = 2.0
+"""A file that was changed more recently may change again without a change of its times, s."""
+
+
+def replace_file(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file completely or not at all, even if the machine goes down meanwhile.
+
+    write: called with a temporary path in the same folder and with the same suffix; writes the content there.
+    Raises OutputError if the file cannot be written.
+    """
+    partial = path.with_name(f".{os.getpid()}-{path.name}")
+    try:
+        with writing(path):
+            write(partial)
+            # Renaming alone does not guarantee that the content reaches the disk before the name does.
+            with partial.open("r+b") as file:
+                os.fsync(file.fileno())
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain values as indented JSON, completely or not at all. Raises OutputError."""
+    replace_file(path, lambda partial: partial.write_text(json_text(content, 1) + "\n", encoding="utf-8"))
+
+
+def json_text(content: Any, indent: int | None = None) -> str:
+    """Return plain values as JSON, in one line if there is no indent.
+
+    JSON has no NaN and no infinity: a number that is not finite is written as null, like all that is undefined.
+
+    >>> json_text({"ratio": float("inf"), "scores": (0.5, float("nan"))})
+    '{"ratio": null, "scores": [0.5, null]}'
+    """
+    return json.dumps(_finite(content), indent=indent, allow_nan=False)
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, float) and not isfinite(content):
+        return None
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return content
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 digest of a file, hexadecimal. A file that has not changed is read only once."""
+    state = path.stat()
+    if time.time() - max(state.st_mtime, state.st_ctime) < SETTLED_S:
+        return _digest_of(path)
+    marks = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+    return _settled_digest(path, marks)
+
+
+@lru_cache(maxsize=2**16)
+def _settled_digest(path: Path, marks: tuple[int, ...]) -> str:
+    """Return a file's digest, which is kept as long as the marks of its state stay the same."""
+    return _digest_of(path)
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def content_digest(content: Any) -> str:
+    """Return the SHA-256 digest of plain values, hexadecimal, whatever the order of their keys."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def remove_partial(folder: Path, pattern: str) -> None:
+    """Delete the temporary files of a folder that belong to killed commands.
+
+    pattern: of the names of the files that those commands were writing, "*.parquet".
+    """
+    for partial in folder.glob(f".*-{pattern}"):
+        partial.unlink()
+
+
+@contextmanager
+def claim(folder: Path, mark: str, kind: str) -> Iterator[None]:
+    """Lock a folder of results for this command, and create the folder if it does not exist.
+
+    mark: name of the file that identifies the folder as one of this kind; the caller writes it before anything else.
+    kind: what the folder holds, as messages call it, "dataset". The lock ends with the process at the latest.
+    Raises InputError if the path is a file, the folder holds something else or cannot be used, or another command has
+    locked it.
+    """
+    lock = FileLock(folder / LOCK_FILE, timeout=0)
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; give a folder for the {kind}")
+        if folder.is_dir() and not _is_ours(folder, mark):
+            raise InputError(f"{folder}: is not empty and holds no {kind}; choose a new or empty folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        raise InputError(f"{folder}: another command is writing it; wait for it, or choose another folder") from None
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written ({error.strerror}); choose another folder for the {kind}"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _is_ours(folder: Path, mark: str) -> bool:
+    """Return whether a folder has its mark, or is empty apart from the remains of a command that had yet to mark it."""
+    return (folder / mark).is_file() or all(
+        path.name == LOCK_FILE or (path.name.startswith(".") and path.name.endswith(f"-{mark}"))
+        for path in folder.iterdir()
+    )

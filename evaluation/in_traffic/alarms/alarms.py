@@ -1,0 +1,156 @@
+"""Turns the answers to consecutive windows into alarms: the rule, and all alarms of a whole episode.
+
+An answer gives each intention a level: the higher, the more it speaks for that intention. The k-th highest of the last
+n levels is the confirmed level; levels from before a pause do not count. An alarm is raised when the confirmed level
+rises to the intention's threshold, unless the vehicle had an alarm of that intention too soon before.
+
+What those words mean is stated once, in `is_pause`, `confirm` and `is_too_soon`. A whole episode is done at once here;
+`evaluation.in_traffic.alarms.stream` applies the same rule answer by answer, and is the reference in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
+from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
+from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
+
+NEVER = -np.inf
+"""The level of an intention for which a window cannot raise an alarm."""
+
+
+def is_pause(gap_s: Array | float, decision_s: float) -> BoolArray:
+    """Return whether predictions of a vehicle are so far apart, s, that the later one begins anew."""
+    return np.asarray(np.asarray(gap_s) > 1.5 * decision_s)
+
+
+def confirm(recent: Float32Array, k: int) -> Float32Array:
+    """Return the confirmed level of some of the latest levels, (m, ...): the k-th highest; NEVER if they are fewer."""
+    if len(recent) < k:
+        return np.full(recent.shape[1:], NEVER, np.float32)
+    return np.asarray(np.sort(recent, axis=0)[-k])
+
+
+def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray:
+    """Return whether an alarm comes too soon after the one before, s, of the same vehicle and intention."""
+    return np.asarray(np.asarray(gap_s) < refractory_s - 1e-9)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The levels of the n predictions of one episode, vehicle by vehicle, in order of time.
+
+    level: of each prediction and intention, (n, 6). vehicle: number of the vehicle, (n,). time_s: end of the window,
+    (n,). begins: whether the prediction is the first of its vehicle, or the first after a pause, (n,).
+    """
+
+    level: Float32Array
+    vehicle: IntArray
+    time_s: Array
+    begins: BoolArray
+
+    @classmethod
+    def of(cls, episode: LiveEpisode, level: Float32Array) -> Levels:
+        """Return the levels (n, 6) of an episode's predictions."""
+        return cls(level, episode.vehicle, episode.time_s, pauses(episode))
+
+
+@dataclass(frozen=True)
+class Alarms:
+    """The n alarms of one episode, sorted by intention, then vehicle, then time.
+
+    intention: its number in KNOWN, (n,). row: number of the prediction that raised the alarm, (n,). vehicle, time_s:
+    vehicle and time of that prediction, (n,).
+    """
+
+    intention: IntArray
+    row: IntArray
+    vehicle: IntArray
+    time_s: Array
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+def pauses(episode: LiveEpisode) -> BoolArray:
+    """Return whether each prediction is the first of its vehicle, or the first after a pause, (n,)."""
+    count = len(episode.time_s)
+    begins = np.ones(count, dtype=bool)
+    if count:
+        begins[1:] = (np.diff(episode.vehicle) != 0) | is_pause(np.diff(episode.time_s), episode.facts.decision_s)
+    return begins
+
+
+def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
+    """Return the levels of the paper's method, (n, 6).
+
+    The level of the likeliest intention is the unknown score; all others are NEVER.
+    least_probability: if the likeliest intention is less likely than this, its level is NEVER, too.
+    """
+    level = np.full(answers.probabilities.shape, NEVER, np.float32)
+    if len(level):
+        rows, likeliest = np.arange(len(level)), answers.probabilities.argmax(axis=1)
+        sure = answers.probabilities[rows, likeliest] >= least_probability
+        level[rows[sure], likeliest[sure]] = answers.score[sure]
+    return level
+
+
+def confirmed(levels: Levels, k: int, n: int) -> Levels:
+    """Return the confirmed levels: of the last n at every prediction. Those from before a pause are NEVER."""
+    if n == 1:
+        return levels
+    run = np.cumsum(levels.begins)
+    recent = np.full((n, *levels.level.shape), NEVER, np.float32)
+    recent[0] = levels.level
+    for back in range(1, min(n, len(run))):
+        same = run[back:] == run[:-back]
+        recent[back, back:][same] = levels.level[:-back][same]
+    return Levels(confirm(recent, k), levels.vehicle, levels.time_s, levels.begins)
+
+
+def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Alarms:
+    """Return the alarms that confirmed levels raise.
+
+    thresholds: of each intention, (6,), or a single one for all. refractory_s: see `AlarmSettings`.
+    """
+    on = levels.level >= thresholds
+    rising = on.copy()
+    rising[1:] &= ~on[:-1] | levels.begins[1:, None]
+    intentions, rows = np.divmod(np.flatnonzero(rising.T), max(1, len(rising)))
+    vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
+    soon = np.zeros(len(rows), dtype=bool)
+    soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & is_too_soon(np.diff(time_s), refractory_s)
+    kept, last = ~soon, -1
+    for place in np.flatnonzero(soon).tolist():
+        # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
+        last = place - 1 if kept[place - 1] else last
+        kept[place] = not is_too_soon(time_s[place] - time_s[last], refractory_s)
+    return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
+
+
+def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
+    """Return the alarms that levels raise with some settings. levels: by the settings' method, not confirmed yet."""
+    return raised(confirmed(levels, settings.k, settings.n), settings.thresholds, settings.refractory_s)
+
+
+def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:
+    """Return the share of predictions at which some intention reaches its threshold; None without any prediction."""
+    level = confirmed(levels, settings.k, settings.n).level
+    return float((level >= settings.thresholds).any(axis=1).mean()) if len(level) else None
+
+
+def peaks(levels: Levels, intentions: Sequence[int] | None = None) -> Float32Array:
+    """Return the highest confirmed level of each intention between two pauses, where there is one, (m,).
+
+    intentions: numbers of those that matter; all by default.
+    """
+    if not len(levels.level):
+        return np.empty(0, np.float32)
+    level = levels.level if intentions is None else levels.level[:, list(intentions)]
+    highest = np.maximum.reduceat(level, np.flatnonzero(levels.begins), axis=0)
+    return np.asarray(highest[np.isfinite(highest)], np.float32)

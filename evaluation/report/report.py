@@ -1,0 +1,110 @@
+"""The report of an evaluation: one HTML page with everything in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+
+from isac_cosim.base.arrays import Float32Array
+from isac_cosim.base.files import json_text
+from isac_cosim.base.threads import limited
+from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
+from isac_cosim.evaluation.on_windows.evaluation import Evaluation
+from isac_cosim.evaluation.on_windows.results import EvaluationResult
+from isac_cosim.evaluation.report import page, terminal
+from isac_cosim.evaluation.report.figures import draw_figures, spoken
+from isac_cosim.evaluation.report.parts import Shown
+from isac_cosim.evaluation.report.record_view import RecordView, choose_record, draw_record
+from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.evaluation.report.verdict import seeds_text
+from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.data.windows import Ends, Records, cut, fitting
+from isac_cosim.models.runs.run import Run
+
+if TYPE_CHECKING:
+    from isac_cosim.labeling.dataset.dataset import Dataset
+
+END_STEP_S = 0.05
+"""Time between the ends of the windows that are predicted in a drawn record, s."""
+
+
+@limited()
+def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -> Path:
+    """Draw all figures of an evaluation into its folder, with that of one record, and write index.html.
+
+    dataset: the one that was measured. Returns the page's path.
+    """
+    out, evaluated = Path(folder), evaluation.measured[0]
+    draw_figures(evaluation, out)
+    choice = choose_record(evaluated.predictions)
+    sample_ids = dataset.frame(["sample_id"])["sample_id"]
+    row = int(np.flatnonzero(sample_ids == choice.sample_id)[0])
+    records, truth = Records.of(dataset), dataset.record("tv_truth", row)
+    scenario = str(records.table["scenario"].iloc[row])
+    view = record_view(evaluated.run, records, truth, row)
+    draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
+    return write_page(evaluation.result, out, choice.rule)
+
+
+def write_page(result: EvaluationResult, folder: Path, record_rule: str = "") -> Path:
+    """Write index.html from a result and the figures in a folder. The page needs no other file.
+
+    record_rule: sentence for the caption of the record's figure, saying how the record was chosen.
+    Returns the page's path.
+    """
+    shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {})
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
+    return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder)
+
+
+def show(result: EvaluationResult, folder: Path, console: Console) -> None:
+    """Print the scores and what can be said of them. folder: of the page."""
+    seeds = "" if result.groups is None else f", {seeds_text(result.groups)}"
+    title = f"Windows of seeds that no run was trained or chosen on{seeds}"
+    terminal.show(parts_of(Shown(result, folder, answers=result.answers or {})), console, title)
+
+
+def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
+    """Write the page of an evaluation in traffic or of a closed loop, and print its scores. Returns the page's path.
+
+    folder: holds the figures.
+    """
+    shown = Shown(result, folder, answers=result.answers or {})
+    parts = parts_of(shown)
+    title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
+    terminal.show(parts, console, title)
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
+    return page.write_page(f"{result.name} in running traffic", parts, origin, folder)
+
+
+def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> RecordView:
+    """Return what is drawn of one record, with the run's predictions for every window in it.
+
+    truth: true states of the TV, as they are stored, (6, S). row: of the record.
+    """
+    table = records.table.iloc[row]
+    onset = float(table["t_onset"] - table["t_start"])
+    n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
+    first, last = fitting(records, run.card.settings.windows)
+    steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
+    point = records.points[row]
+    windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
+    snr_db = float(table["snr_db"])
+    snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
+    return RecordView(
+        title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
+        tv=in_plane(records.tv[row], *point),
+        truth=in_plane(truth, *point),
+        uv=in_plane(records.uv[row], *point),
+        t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
+        t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
+        commit_s=float(table["t_commit"] - table["t_onset"]),
+        classes=run.card.classes,
+        t_end=steps / records.uv_rate_hz - onset,
+        probabilities=run.answer(windows).probabilities,
+    )

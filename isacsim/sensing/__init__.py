@@ -1,0 +1,1 @@
+"""What the network knows of a vehicle: the sensing chain, the sensors, and the reports of connected vehicles."""

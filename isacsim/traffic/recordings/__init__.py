@@ -1,0 +1,1 @@
+"""What was driven: the states of all vehicles, logged at every step or rebuilt from samples."""

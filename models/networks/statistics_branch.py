@@ -1,0 +1,54 @@
+"""The statistics of a window inside a network: an extension of ASI-BIP that shows it what the boosted trees see."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from isac_cosim.models.data.statistics import STATISTICS
+from isac_cosim.models.networks.network import N_STATES
+
+
+class StatisticsBranch(nn.Module):
+    """An MLP on the statistics of one or more streams of a window, standardised by those of training windows.
+
+    streams: how many streams. hidden: hidden units. width: of the output. dropout: before the output layer.
+    """
+
+    mean: Tensor
+    sd: Tensor
+
+    def __init__(self, streams: int, hidden: int, width: int, dropout: float) -> None:
+        super().__init__()
+        count = streams * N_STATES * len(STATISTICS)
+        self.register_buffer("mean", torch.zeros(count))
+        self.register_buffer("sd", torch.ones(count))
+        self.mlp = nn.Sequential(nn.Linear(count, hidden), nn.GELU(), nn.Dropout(dropout), nn.Linear(hidden, width))
+
+    def fit_scale(self, *streams: Tensor) -> None:
+        """Set the scale to the statistics of training windows, (n, 6, T) for each stream."""
+        statistics = window_statistics(*streams)
+        self.mean.copy_(statistics.mean(dim=0))
+        self.sd.copy_(statistics.std(dim=0, correction=0) + 1e-6)
+
+    def forward(self, *streams: Tensor) -> Tensor:
+        """Return (B, width) for streams (B, 6, T)."""
+        return torch.as_tensor(self.mlp((window_statistics(*streams) - self.mean) / self.sd))
+
+
+def window_statistics(*streams: Tensor) -> Tensor:
+    """Return `models.data.statistics.statistics` of streams (B, 6, T) in torch, 60 columns for each stream."""
+    return torch.cat([_of_stream(x) for x in streams], dim=1)
+
+
+def _of_stream(x: Tensor) -> Tensor:
+    """Return the statistics of a stream (B, 6, T), component by component, (B, 60)."""
+    count = x.shape[2]
+    t = torch.arange(count, dtype=x.dtype, device=x.device) - (count - 1) / 2
+    # Like numpy's array_split, this makes the first thirds longer by one if three does not divide the window.
+    thirds = [part.mean(dim=2) for part in torch.tensor_split(x, 3, dim=2)]
+    parts = [
+        x.mean(dim=2), x.std(dim=2, correction=0), x.amin(dim=2), x.amax(dim=2), x[..., 0], x[..., -1],
+        x @ t / (t @ t), *thirds,
+    ]  # fmt: skip
+    return torch.stack(parts, dim=2).flatten(1)

@@ -1,0 +1,1 @@
+"""Boosted trees: how they are fitted and stored, whatever they are for."""

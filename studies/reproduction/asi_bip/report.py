@@ -1,0 +1,316 @@
+"""The page of the ASI-BIP reproduction: its tables, figures and claims, from the files of the stages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, mean_f1
+from isac_cosim.evaluation.report import figures
+from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.parts import Part, Row, write_table
+from isac_cosim.evaluation.statistics import (
+    Trainings,
+    between_0_and_1,
+    class_mean,
+    difference,
+    estimate,
+    of_left_out,
+    pooled,
+    score,
+)
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
+from isac_cosim.studies.reproduction.asi_bip.stages import FAST
+from isac_cosim.studies.reproduction.experiments import drawings
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, TABLES, claims_part
+from isac_cosim.studies.reproduction.experiments.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
+from isac_cosim.studies.reproduction.experiments.sensing_cases import TRAINED, weather_cases, weather_stage
+from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize
+from isac_cosim.studies.reproduction.experiments.stages import Claim, result_of
+from isac_cosim.studies.reproduction.experiments.trainings import Scores, of_measure
+from isac_cosim.studies.reproduction.experiments.unknown_class import RATES, UnknownScores
+
+CLASSES = [intention.text for intention in KNOWN]
+
+
+def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]:
+    """Return the parts of the page for the stages that were run, their figures drawn, and the claims."""
+    (out / FIGURES).mkdir(exist_ok=True)
+    (out / TABLES).mkdir(exist_ok=True)
+    cases, by_snr = case_counts(out, size), snr_counts(out)
+    claims = asi_bip_claims(cases, by_snr)
+    parts = [
+        claims_part(claims),
+        _data(out),
+        _table_1(out, size, cases),
+        _training(out),
+        _unknown(out),
+        _snr(out, by_snr),
+        _literal(out),
+        _fast(out, cases),
+    ]
+    return [part for part in parts if part is not None], claims
+
+
+def case_counts(out: Path, size: AsiBipSize) -> dict[str, Trainings]:
+    """Return the confusion matrices of every way of sensing that was run, and of aligned fusion."""
+    counts: dict[str, Trainings] = {}
+    for name in [*(case.name for case in TRAINED), "aligned"]:
+        if scores := _scores(out, name):
+            counts[name] = of_measure(scores, "test")
+    for chain in size.weather_chains:
+        if scores := _scores(out, weather_stage(chain)):
+            for case in weather_cases(chain):
+                counts[case.name] = of_measure(scores, case.name)
+    return counts
+
+
+def snr_counts(out: Path) -> dict[float, Trainings]:
+    """Return the confusion matrices at each test SNR, dB, at which the sites followed any vehicle."""
+    result = result_of(out, "fig5")
+    if result is None:
+        return {}
+    scores = _scores(out, "fig5")
+    by_snr = {float(snr_db): of_measure(scores, f"{snr_db:g}") for snr_db in result["snr_db"]}
+    return {snr_db: counts for snr_db, counts in by_snr.items() if all(counts)}
+
+
+def _data(out: Path) -> Part | None:
+    result = result_of(out, "data")
+    if result is None:
+        return None
+    rows: list[Row] = [{"side": side, "scenario seeds": len(result["sides"][side]), **counts} for side, counts in
+                       result["samples"].items()]  # fmt: skip
+    text = "The paper has 6,000 samples, 80 % of which train, and 1,200 to test. Ours are split by scenario seed."
+    return Part("data", "Samples", text, rows)
+
+
+def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part | None:
+    rows: list[Row] = []
+    drawn: dict[str, tuple[float, float, float]] = {}
+    paper: dict[str, float] = {}
+    stages = [(case.name, case) for case in TRAINED]
+    stages += [(weather_stage(chain), case) for chain in size.weather_chains for case in weather_cases(chain)]
+    for stage, case in stages:
+        if case.name not in cases:
+            continue
+        counts = cases[case.name]
+        f1 = class_mean(mean_f1, counts)
+        reference = CASES.get(case.paper_case) if case.paper_case else None
+        rows.append(
+            {
+                "case": case.title,
+                "paper's case": case.paper_case,
+                "paper: accuracy": reference and reference[0],
+                "ours: accuracy": score(accuracy, counts),
+                "paper: macro-F1": reference and reference[1],
+                "ours: macro-F1": f1,
+                "windows": int(pooled(counts).sum()) // len(counts),
+                "trainings": len(counts),
+                "position error, m": _position_error(out, stage, case.name),
+            }
+        )
+        if f1.value is not None:
+            low, high = (f1.value if bound is None else bound for bound in (f1.low, f1.high))
+            drawn[case.title] = (f1.value, low, high)
+            if reference:
+                paper[case.title] = reference[1]
+    if not rows:
+        return None
+    drawings.bars(drawn, paper, out / FIGURES / "table1.png")
+    text = (
+        "Each case is trained and tested on what it senses, but for ISAC in adverse weather, which is tested with the "
+        "predictors trained in clear weather: once in violent rain, once with the loss that the paper gives the radar. "
+        "The paper's Case 2 is in adverse weather, so it stands beside all rows of ISAC. "
+        "The paper gives no ranges for its motion, so compare the order of the cases and their gaps, not single "
+        "numbers. A sensor may lose a record; `windows` says how many it followed."
+    )
+    return Part("table1", "Table I: ways of sensing", text, rows, [("table1.png", "Macro-F1 by way of sensing.")])
+
+
+def _position_error(out: Path, stage: str, case: str) -> float | None:
+    """Return the median distance of a case's filtered positions from the true ones, m."""
+    result = result_of(out, stage) or {}
+    dataset = result["datasets"][case] if "datasets" in result else result.get("dataset", {})
+    error: float | None = dataset.get("median_position_error_m")
+    return error
+
+
+def _training(out: Path) -> Part | None:
+    scores = _scores(out, "fig3")
+    if not scores:
+        return None
+    folder, drawn = out / FIGURES, []
+    if scores[0].history:
+        figures.loss_curves(pd.DataFrame(scores[0].history).astype({"epoch": int}), folder / "fig3_loss.png")
+        history = [
+            {"training seed": training.training_seed, **epoch, "epoch": int(epoch["epoch"]) + 1}
+            for training in scores
+            for epoch in training.history or ()
+        ]
+        write_table(history, out / TABLES / "fig3_loss.csv")
+        drawn.append(("fig3_loss.png", f"Training and validation, training seed {scores[0].training_seed}."))
+    counts = of_measure(scores, "test")
+    figures.confusion(np.array(pooled(counts).tolist()), CLASSES, folder / "fig3_confusion.png", "ASI-BIP")
+    write_table(_matrix(pooled(counts).tolist(), CLASSES), out / TABLES / "fig3_confusion.csv")
+    drawn.append(("fig3_confusion.png", "Confusion on the test seeds, all trainings together."))
+    rows: list[Row] = []
+    for number, name in enumerate(CLASSES):
+        validation = of_measure(scores, "validation")
+        rows.append(
+            {
+                "intention": spoken(name),
+                "paper: F1": CLASS_F1.get(name),
+                "ours: F1, test": score(class_f1(number), counts),
+                "ours: F1, validation": score(class_f1(number), validation),
+            }
+        )
+    text = "ASI-BIP on what the sites sense at 0 to 10 dB. The paper prints three of the six F1."
+    return Part("fig3", "Fig. 3: feasibility", text, rows, drawn)
+
+
+def _unknown(out: Path) -> Part | None:
+    measured = [training.unknown for training in _scores(out, "fig4") if training.unknown is not None]
+    if not measured:
+        return None
+    folder, first = out / FIGURES, measured[0]
+    grid = np.linspace(0, 1, RATES)
+    curves = {name: (grid, _mean([scores.roc[name] for scores in measured])) for name in first.roc}
+    figures.unknown_roc(curves, folder / "fig4_roc.png")
+    known, unknown = (_total(measured, name) for name in ("known_confidence", "unknown_confidence"))
+    drawings.confidence(known, unknown, first.threshold, folder / "fig4_confidence.png")
+    counts = np.sum([scores.confusion for scores in measured], axis=0).tolist()
+    figures.confusion(np.array(counts), [*CLASSES, "unknown"], folder / "fig4_confusion.png", "ASI-BIP, thresholded")
+    points = [
+        {"false-positive rate": float(grid[k])} | {n: float(c[1][k]) for n, c in curves.items()} for k in range(RATES)
+    ]
+    write_table(points, out / TABLES / "fig4_roc.csv")
+    bins = [{"confidence from": k / len(known), "known": n, "following": unknown[k]} for k, n in enumerate(known)]
+    write_table(bins, out / TABLES / "fig4_confidence.csv")
+    write_table(_matrix(counts, [*CLASSES, "unknown"]), out / TABLES / "fig4_confusion.csv")
+    rows: list[Row] = []
+    for name in first.auroc:
+        areas = np.array([scores.auroc[name] for scores in measured])
+        left_out = np.array([scores.auroc_without.get(name, []) for scores in measured])
+        rows.append(
+            {
+                "score": name,
+                "paper: AUROC": UNKNOWN_AUROC if name == "msp" else None,
+                "ours: AUROC": between_0_and_1(of_left_out(areas, left_out)),
+                "saw driving in training": "yes" if name == "prelude" else "no",
+            }
+        )
+    text = (
+        "`following` takes no part in training. The paper does not name its score; the largest probability (msp) is "
+        "the common one. The paper could not have used `prelude`, which was trained on windows before the onset. "
+        f"{first.n_known} known windows and {first.n_unknown} of following in each training."
+    )
+    drawn = [
+        ("fig4_roc.png", "ROC, mean over the trainings."),
+        ("fig4_confidence.png", "Confidence; the threshold is that of the first training."),
+        ("fig4_confusion.png", "Confusion where windows below the threshold count as unknown."),
+    ]
+    return Part("fig4", "Fig. 4: the unknown class", text, rows, drawn)
+
+
+def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
+    if not by_snr:
+        return None
+    levels = sorted(by_snr)
+    rows: list[Row] = [
+        {
+            "SNR, dB": level,
+            "windows": int(pooled(by_snr[level]).sum()) // len(by_snr[level]),
+            "macro-F1": class_mean(mean_f1, by_snr[level]),
+            **{spoken(name): score(class_f1(k), by_snr[level]) for k, name in enumerate(CLASSES)},
+        }
+        for level in levels
+    ]
+    curves = {
+        spoken(name): [_value(score(class_f1(k), by_snr[level]).value) for level in levels]
+        for k, name in enumerate(CLASSES)
+    }
+    labels = ("F1 by SNR, trained at 0 to 10 dB", "per-element SNR, dB", "F1")
+    drawings.lines(curves, levels, out / FIGURES / "fig5.png", labels)
+    text = (
+        "The predictors of Table I (ISAC, our estimator), tested on the same motion sensed at other SNRs; nothing is "
+        "trained anew. The paper prints no numbers for this figure. Records that the sites lose at a low SNR are left "
+        "out."
+    )
+    return Part("fig5", "Fig. 5: F1 by SNR", text, rows, [("fig5.png", "F1 of each intention.")])
+
+
+def _literal(out: Path) -> Part | None:
+    scores = _scores(out, "literal")
+    if not scores:
+        return None
+    rows: list[Row] = [
+        {
+            "tokens": training.name,
+            "accuracy": score(accuracy, of_measure([training], "test")),
+            "macro-F1": class_mean(mean_f1, of_measure([training], "test")),
+            "parameters": training.parameters,
+            "processor time of the training, s": training.cpu_s,
+        }
+        for training in scores
+    ]
+    epochs = (result_of(out, "literal") or {})["epochs"]
+    length = "1 epoch" if epochs == 1 else f"{epochs} epochs"
+    text = (
+        "Literal: every LSTM output is a token, 1,101 with the class token, as the paper's figure shows it. Pooled: 89 "
+        f"tokens, as in all other tables. One training each, of {length}."
+    )
+    return Part("literal", "The architecture taken literally", text, rows)
+
+
+def _fast(out: Path, cases: dict[str, Trainings]) -> Part | None:
+    scores = _scores(out, "fast")
+    if not scores:
+        return None
+    rows: list[Row] = []
+    for name in FAST:
+        counts = of_measure([training for training in scores if training.name.startswith(f"fast-{name},")], "test")
+        plain = cases.get("isac")
+        rows.append(
+            {
+                "training": name,
+                "accuracy": score(accuracy, counts),
+                "macro-F1": class_mean(mean_f1, counts),
+                "macro-F1 minus that of ISAC": estimate(difference(mean_f1), counts, plain) if plain else None,
+            }
+        )
+    text = (
+        "Two ways to train faster, neither of which is in the paper: the LSTMs in bfloat16, and 25 ms of samples side "
+        "by side in one step of an LSTM. Both are compared with ISAC of Table I, on the same test and training seeds. "
+        "`cosim bench train` times their steps."
+    )
+    return Part("fast", "Faster trainings", text, rows)
+
+
+def _scores(out: Path, stage: str) -> list[Scores]:
+    """Return the scores of a stage, none where it was not run."""
+    result: dict[str, Any] = result_of(out, stage) or {}
+    return [Scores.model_validate(training) for training in result.get("trainings", [])]
+
+
+def _mean(values: Sequence[Sequence[float]]) -> Array:
+    return np.asarray(np.mean(values, axis=0))
+
+
+def _total(measured: Sequence[UnknownScores], name: str) -> Array:
+    return np.asarray(np.sum([getattr(scores, name) for scores in measured], axis=0), dtype=np.float64)
+
+
+def _matrix(counts: Sequence[Sequence[int]], names: Sequence[str]) -> list[Row]:
+    """Return a confusion matrix as rows, true intentions down and predicted ones across."""
+    return [{"true": name, **dict(zip(names, row, strict=True))} for name, row in zip(names, counts, strict=True)]
+
+
+def _value(number: float | None) -> float:
+    return float("nan") if number is None else number

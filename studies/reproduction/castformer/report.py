@@ -1,0 +1,169 @@
+"""The page of the CaSTFormer reproduction: its tables, figures and claims, from the files of the stages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isac_cosim.evaluation.on_windows.metrics import maneuver_f1
+from isac_cosim.evaluation.report.parts import Part, Row
+from isac_cosim.evaluation.statistics import Trainings, class_mean, pooled
+from isac_cosim.studies.reproduction.castformer import variants
+from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
+from isac_cosim.studies.reproduction.experiments import drawings
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
+from isac_cosim.studies.reproduction.experiments.paper_figures import (
+    ABLATION,
+    HORIZON,
+    HORIZONS_S,
+    ORDERS,
+    contradictions,
+    end_of,
+)
+from isac_cosim.studies.reproduction.experiments.stages import Claim, result_of
+from isac_cosim.studies.reproduction.experiments.trainings import Scores, of_measure
+
+STAGES = {
+    "horizon": "Table 3: observation that ends before the action",
+    "ablation": "Table 4: modules",
+    "attention": "Fig. 5: attention",
+    "orders": "Table 5: order of the modules",
+    "counterfactual": "Eq. (6): the mean in the counterfactual",
+    "alpha": "Fig. 6: weight of the intention's loss",
+    "motorway": "Table 3 on the motorway",
+}
+"""Tables with a column for each horizon, by stage, with their titles."""
+
+
+@dataclass(frozen=True)
+class MeasuredVariant:
+    """A network that was measured on every fold. name, title: as in `Variant`. scores: of the folds."""
+
+    name: str
+    title: str
+    scores: Sequence[Scores]
+
+    def at(self, horizon_s: int) -> Trainings:
+        """Return the confusion matrices at a horizon, by fold.
+
+        The fold is the unit of the intervals: it has a training of its own, so they cover trainings, too.
+        """
+        folds = of_measure(self.scores, str(horizon_s))
+        return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds)}]
+
+
+def measured_of(out: Path, stage: str) -> list[MeasuredVariant]:
+    """Return the networks that a stage measured, none where it was not run."""
+    result: dict[str, Any] = result_of(out, stage) or {}
+    return [
+        MeasuredVariant(row["name"], row["title"], [Scores.model_validate(fold) for fold in row["folds"]])
+        for row in result.get("variants", [])
+    ]
+
+
+def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
+    """Return the parts of the page for the stages that were run, their figures drawn, and the claims."""
+    (out / FIGURES).mkdir(exist_ok=True)
+    measured = {stage: measured_of(out, stage) for stage in STAGES}
+    claims = castformer_claims(
+        {
+            stage: {row.name: {h: row.at(h) for h in HORIZONS_S} for row in rows}
+            for stage, rows in measured.items()
+            if rows and stage != "motorway"
+        }
+    )
+    tables = [_table(out, stage, rows) for stage, rows in measured.items() if rows]
+    parts = [claims_part(claims), _data(out), *tables, _compared(out), _contradictions()]
+    return [part for part in parts if part is not None], claims
+
+
+def paper_rows(stage: str) -> Mapping[str, Sequence[float]]:
+    """Return the paper's row of each network in a stage's table, in percent, by the network's name."""
+    if stage == "horizon":
+        return {variants.COMPLETE.name: HORIZON["CaSTFormer"]}
+    if stage == "ablation":
+        return {
+            row.name: ABLATION["rsf+cpe+fsn" if row is variants.COMPLETE else row.name.removeprefix("modules-")]
+            for row in variants.ablation()
+            if row.name != "modules-none"
+        } | {"modules-none": ABLATION[""]}
+    if stage == "orders":
+        complete = {variants.COMPLETE.name: ORDERS["rsf-cpe-fsn"]}
+        return complete | {f"order-{order}": row for order, row in ORDERS.items() if order != "rsf-cpe-fsn"}
+    return {}
+
+
+def _data(out: Path) -> Part | None:
+    result = result_of(out, "data")
+    if result is None:
+        return None
+    if result["source"] == "clips":
+        rows: list[Row] = [{"class": k, "clips": count} for k, count in enumerate(result["by_class"])]
+        return Part("data", "Clips", f"{result['clips']} feature files.", rows)
+    counts = result["dataset"]["by_intention"]
+    rows = [{"intention": name, "samples": count} for name, count in counts.items() if count]
+    text = (
+        f"Source: {result['source']}. The folds are of scenario seeds, so no traffic is on two sides. A window of "
+        "2.2 s ends 0 to 4 s before the commit; in training anywhere between. The kinematic UVs drive at 10 to 17 m/s, "
+        "so that the sites see all of the long records."
+    )
+    return Part("data", "Samples", text, rows)
+
+
+def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
+    paper, rows = paper_rows(stage), list[Row]()
+    curves: dict[str, list[float]] = {}
+    reference: dict[str, list[float]] = {}
+    for row in measured:
+        scores = {h: class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S}
+        cells: dict[str, Any] = {"network": row.title}
+        for k, h in enumerate(HORIZONS_S):
+            if row.name in paper:
+                cells[f"paper: {end_of(h)}"] = paper[row.name][k] / 100
+            cells[f"ours: {end_of(h)}"] = scores[h]
+        rows.append(cells)
+        curves[row.title] = [np.nan if (value := scores[h].value) is None else value for h in HORIZONS_S]
+        if row.name in paper:
+            reference[row.title] = [score / 100 for score in paper[row.name]]
+    figure = f"{stage}.png"
+    labels = (STAGES[stage], "observation ends this long before the action, s", "F1 of Eq. (13)")
+    drawings.lines(curves, list(HORIZONS_S), out / FIGURES / figure, labels, reference)
+    text = (
+        "F1 of macro precision and macro recall, Eq. (13), over all folds together. 95 % intervals are over the folds, "
+        "each with a training of its own. The paper's numbers are of Brain4Cars, so compare the order of the networks, "
+        "not single numbers."
+    )
+    return Part(stage, STAGES[stage], text, rows, [(figure, f"{STAGES[stage]}. Dotted: the paper.")])
+
+
+def _compared(out: Path) -> Part | None:
+    measured = measured_of(out, "compared")
+    if not measured:
+        return None
+    rows: list[Row] = []
+    for row in measured:
+        window_ms = [fold.window_ms for fold in row.scores if fold.window_ms is not None]
+        rows.append(
+            {
+                "predictor": row.title,
+                "parameters": row.scores[0].parameters,
+                "processor time of a training, s": float(np.mean([fold.cpu_s for fold in row.scores])),
+                "time of a prediction, ms": float(np.mean(window_ms)) if window_ms else None,
+                **{f"F1: {end_of(h)}": class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S},
+            }
+        )
+    text = (
+        "The same windows and folds. Times are of one thread on this machine, other work included. The paper's Table 2 "
+        "gives its network 14.53 million parameters, feature extraction from video included, which ours has no part of."
+    )
+    return Part("compared", "Parameters and time beside F1", text, rows)
+
+
+def _contradictions() -> Part:
+    rows: list[Row] = [{"contradiction": sentence} for sentence in contradictions()]
+    text = "Tables 3 and 4 print the complete network, and so does the first row of Table 5."
+    return Part("contradictions", "Where the paper contradicts itself", text, rows)

@@ -1,0 +1,279 @@
+"""The experiments of the CaSTFormer paper as stages: Tables 3 to 5, Figs. 5 and 6, on windows or on clips.
+
+Every network is trained once on each fold, on windows that end at any of the paper's horizons, and measured at all of
+them. So a table with five horizons takes five trainings a row, not twenty-five.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import checked, read_toml
+from isac_cosim.base.workers.engine import Engine
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.generation.cost_estimate import estimate
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.models.predictors.castformer import PAPER_OPTIMISER
+from isac_cosim.models.predictors.protocol import Workload
+from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.studies.cost_estimate import INSTANTS
+from isac_cosim.studies.reproduction.asi_bip.stages import PATCH_FACTOR, STUDY
+from isac_cosim.studies.reproduction.castformer import variants
+from isac_cosim.studies.reproduction.castformer.clips import ClipTraining, clips_in, measure_clips
+from isac_cosim.studies.reproduction.castformer.variants import Variant
+from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
+from isac_cosim.studies.reproduction.experiments.sensing_cases import description
+from isac_cosim.studies.reproduction.experiments.sizes import CastformerSize, merged
+from isac_cosim.studies.reproduction.experiments.stages import Stage
+from isac_cosim.studies.reproduction.experiments.trainings import Measure, WindowTraining, run_tasks, train_and_measure
+from isac_cosim.studies.sweep import finished
+
+PAPER = "castformer"
+KINEMATIC, MOTORWAY = "kinematic", "motorway"
+"""Sources of the windows."""
+SMALL_BATCH = 1.8
+"""Processor time of a training step in batches of 16, relative to that of `Predictor.cost_s`, for batches of 32."""
+OVERHEAD_S = 4.0
+"""Processor time of a training beyond its steps: reading the records, and the predictions that are measured, s."""
+VALIDATION_SHARE = 1 / 8
+"""Share of the scenario seeds outside the tested fold on which the best epoch is chosen."""
+
+
+@dataclass(frozen=True)
+class CastformerReproduction:
+    """The stages of the reproduction, in a folder.
+
+    engine: runs episodes and trainings. feedback: where progress is reported. clips: folder of feature files that take
+    the place of the windows, as those of Brain4Cars; None for windows.
+    """
+
+    size: CastformerSize
+    out: Path
+    engine: Engine
+    feedback: Feedback
+    clips: Path | None = None
+
+    def stages(self) -> list[Stage]:
+        """Return all stages, in order. A network that several of them compare is trained by the first."""
+        tables = [
+            ("horizon", "Table 3: observation that ends 0 to 4 s before the action", variants.horizon()),
+            ("ablation", "Table 4: every combination of RSF, CPE and FSN", variants.ablation()),
+            ("attention", "Fig. 5: what RSF attends to", variants.attention()),
+            ("orders", "Table 5: the order of the modules", variants.orders()),
+            ("counterfactual", "Eq. (6): the mean over a window or over a batch", variants.counterfactuals()),
+            ("alpha", "Fig. 6: the weight of the intention's loss", variants.alphas(self.size.alphas)),
+        ]
+        if self.clips is None:
+            tables.append(("compared", "parameters and time beside F1", variants.compared(self.size.compared)))
+        trained: set[str] = set()
+        stages = [self._data_stage()]
+        for name, question, rows in tables:
+            new = [row for row in rows if row.name not in trained]
+            trained |= {row.name for row in new}
+            stages.append(self._stage(name, question, new, rows))
+        if self.clips is None and self.size.motorway is not None:
+            data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
+            rows = variants.compared(("trees",))
+            stages += [
+                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, self._motorway_data),
+                self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
+            ]
+        return stages
+
+    def _stage(
+        self, name: str, question: str, new: Sequence[Variant], rows: Sequence[Variant], source: str = KINEMATIC
+    ) -> Stage:
+        cost_s = self.size.folds * sum(self.training_s(row, source) for row in new)
+        parallel = max(1, len(new) * self.size.folds)
+        work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
+        return Stage(name, name, question, cost_s, parallel, work, check)
+
+    def _data_stage(self) -> Stage:
+        if self.clips is not None:
+            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data)
+        cost_s = estimate(self.dataset_study(KINEMATIC)).cpu_s
+        return Stage("data", "data", "windows that reach 6 s before the commit", cost_s, 8, self._kinematic_data)
+
+    def _kinematic_data(self) -> dict[str, Any]:
+        return {"source": KINEMATIC, "dataset": description(self.dataset(KINEMATIC)), "folds": self.folds(KINEMATIC)}
+
+    def _motorway_data(self) -> dict[str, Any]:
+        return {"source": MOTORWAY, "dataset": description(self.dataset(MOTORWAY)), "folds": self.folds(MOTORWAY)}
+
+    def _clips_data(self) -> dict[str, Any]:
+        clips = self._clips
+        labels = np.bincount([clip.label for clip in clips])
+        return {"source": "clips", "clips": len(clips), "by_class": [int(count) for count in labels]}
+
+    def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> dict[str, Any]:
+        """Train and measure networks; return their scores by name."""
+        tasks: list[WindowTraining] | list[ClipTraining]
+        if self.clips is not None:
+            tasks = [self._clip_task(row, fold) for row in rows for fold in range(self.size.folds)]
+            scores = run_tasks(measure_clips, tasks, self.engine, self.feedback, stage)
+        else:
+            self.dataset(source)
+            sides = self.sides(source)
+            tasks = [self._window_task(row, source, k, fold) for row in rows for k, fold in enumerate(sides)]
+            scores = run_tasks(train_and_measure, tasks, self.engine, self.feedback, stage)
+        plain = [training.model_dump(mode="json") for training in scores]
+        folds = self.size.folds
+        return {
+            "source": source if self.clips is None else "clips",
+            "variants": [
+                {"name": row.name, "title": row.title, "folds": plain[k * folds : (k + 1) * folds]}
+                for k, row in enumerate(rows)
+            ],
+        }
+
+    def _window_task(self, row: Variant, source: str, fold: int, sides: dict[str, list[str]]) -> WindowTraining:
+        folder = self._dataset_folder(source)
+        return WindowTraining(
+            name=f"{source}, {row.name}, fold {fold}",
+            scores_file=self._scores_file(source, row, fold),
+            dataset=folder,
+            sides=sides,
+            training=self.training(row),
+            run=self.out / "work" / "runs" / source / row.name / f"fold-{fold}",
+            measures=tuple(
+                Measure(name=str(h), dataset=folder, relative_to="commit", end_after_s=(-h, -h)) for h in HORIZONS_S
+            ),
+        )
+
+    def _clip_task(self, row: Variant, fold: int) -> ClipTraining:
+        assert self.clips is not None
+        return ClipTraining(
+            name=f"clips, {row.name}, fold {fold}",
+            scores_file=self._scores_file("clips", row, fold),
+            folder=self.clips,
+            castformer=row.settings,
+            folds=self.size.folds,
+            fold=fold,
+            epochs=self.epochs,
+        )
+
+    def _scores_file(self, source: str, row: Variant, fold: int) -> Path:
+        return self.out / "work" / "scores" / source / row.name / f"fold-{fold}.json"
+
+    @property
+    def epochs(self) -> int:
+        """Epochs of CaSTFormer: the size's, or the paper's."""
+        epochs: int = self.size.training.get("optimiser", {}).get("epochs", PAPER_OPTIMISER["epochs"])
+        return epochs
+
+    def training(self, row: Variant) -> TrainSettings:
+        """Return the settings that a network is trained with: plain cross-entropy, no clipping, constant rate."""
+        content = merged(
+            {
+                "windows": {"relative_to": "commit", "end_after_s": self.size.trained_end_s},
+                "optimiser": {"clip_norm": 0.0, "threads": 1},
+                "loss": {"class_weights": False},
+                "preludes": {"use": False},
+                "castformer": row.settings,
+                "asi_bip": {"lstm_bfloat16": False},
+            },
+            self.size.training,
+        )
+        if row.model != PAPER:
+            epochs = {"epochs": self.size.compared_epochs, "patience": self.size.compared_epochs}
+            content = merged(content, {"model": row.model, "optimiser": epochs, "loss": {"class_weights": True}})
+        else:
+            content["model"] = PAPER
+        return checked(TrainSettings, content, f"variant {row.name}")
+
+    def dataset_study(self, source: str) -> DatasetStudy:
+        """Return the settings of a source's dataset."""
+        if source == MOTORWAY:
+            return checked(DatasetStudy, {"scenarios": [MOTORWAY], **(self.size.motorway or {})}, MOTORWAY)
+        content = read_toml(Path(str(importlib.resources.files("isac_cosim.studies") / STUDY)))["dataset"]
+        return checked(DatasetStudy, merged(content, self.size.dataset), STUDY)
+
+    def dataset(self, source: str) -> Dataset:
+        """Return a source's dataset, generated unless it is there."""
+        folder = self._dataset_folder(source)
+        if finished(folder):
+            return Dataset.open(folder)
+        return generate(self.dataset_study(source), folder, self.engine, self.feedback)
+
+    def folds(self, source: str) -> list[list[str]]:
+        """Return the scenario seeds that each fold tests; every seed is in one fold."""
+        table = self.dataset(source).frame(("scenario", "seed"))
+        groups = sorted(set(table["scenario"].astype(str) + "-" + table["seed"].astype(str)))
+        return folds_of(groups, self.size.folds)
+
+    def sides(self, source: str) -> list[dict[str, list[str]]]:
+        """Return the scenario seeds to train, validate and test on in each fold."""
+        return sides_of(self.folds(source))
+
+    @cached_property
+    def _clips(self) -> list[Any]:
+        assert self.clips is not None
+        return list(clips_in(self.clips))
+
+    def _dataset_folder(self, source: str) -> Path:
+        return self.out / "work" / "datasets" / source
+
+    def training_s(self, row: Variant, source: str) -> float:
+        """Return the expected processor time of one training on one fold, s."""
+        training = self.training(row)
+        if self.clips is not None:
+            share, n, scale = 1 - 1 / self.size.folds, len(self._clips), 1.0
+        else:
+            share, n = (1 - 1 / self.size.folds) * (1 - VALIDATION_SHARE), estimate(self.dataset_study(source)).samples
+            record = self.dataset_study(source).record
+            scale = training.windows.window_s * (record.tv_rate_hz + record.uv_rate_hz) / INSTANTS
+        work = Workload(share * n, (1 - share) / 2 * n, n / self.size.folds * len(HORIZONS_S), scale)
+        factor = SMALL_BATCH if row.model == PAPER else 1.0
+        if row.model == "asi-bip" and "asi_bip" in self.size.training:
+            factor = PATCH_FACTOR
+        return factor * PREDICTORS[row.model].cost_s(work, training) + OVERHEAD_S
+
+
+def _check_installed(rows: Sequence[Variant]) -> None:
+    """Raise InputError where a predictor needs an optional package that is missing."""
+    for row in rows:
+        PREDICTORS[row.model].check_requirements()
+
+
+def folds_of(groups: Sequence[str], count: int) -> list[list[str]]:
+    """Return `count` parts of about equal size that hold each of the groups once.
+
+    Raises InputError with fewer than two groups outside a part.
+    """
+    if len(groups) - math.ceil(len(groups) / count) < 2:
+        raise InputError(
+            f"{len(groups)} scenario seeds with samples are too few for {count} folds: generate more seeds"
+        )
+    order = stream("folds", count).permutation(len(groups))
+    return [sorted(groups[int(k)] for k in order[part::count]) for part in range(count)]
+
+
+def sides_of(folds: Sequence[Sequence[str]]) -> list[dict[str, list[str]]]:
+    """Return the sides of each fold: it is tested, and some of the other groups choose the best epoch."""
+    sides = []
+    for k, test in enumerate(folds):
+        others = [group for j, fold in enumerate(folds) if j != k for group in fold]
+        order = stream("fold validation", k).permutation(len(others))
+        n_validation = max(1, round(VALIDATION_SHARE * len(others)))
+        shuffled = [others[int(i)] for i in order]
+        sides.append(
+            {
+                "train": sorted(shuffled[n_validation:]),
+                "validation": sorted(shuffled[:n_validation]),
+                "test": sorted(test),
+            }
+        )
+    return sides

@@ -1,0 +1,1 @@
+"""What the experiments of both papers share: stages, trainings, sensing cases, claims and their pages."""

@@ -1,0 +1,227 @@
+"""Stages of a reproduction: each answers one question, leaves one small file, and is not run again.
+
+OUT/reproduction.json       the paper, the size and the settings; identifies the folder
+OUT/stages/<stage>.json     what a stage measured: scores, no weights
+OUT/work/                   datasets, trained predictors and scores of single trainings
+OUT/tables, OUT/figures     CSV and PNG
+OUT/index.html              the page
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import claim, json_text, replace_file, write_json
+from isac_cosim.base.settings import Settings
+from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.evaluation.statistics import Estimate
+from isac_cosim.models.training.progress import Steps
+
+MARK = "reproduction.json"
+STAGES = "stages"
+ALWAYS = ("claims", "page")
+"""Names that stand for no stage: claims and page follow from the files of the stages, and are always written."""
+
+
+@dataclass(frozen=True)
+class Capacity:
+    """What stages run on. workers: number of worker processes. cores: number of processor cores that they share."""
+
+    workers: int
+    cores: int
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of a reproduction.
+
+    name: as `--stages` takes it. group: other name, shared by stages that fill one table together. question: what it
+    answers, for people. cost_s: expected processor time, s. parallel: how many of its parts can run side by side.
+    run: does the work; returns what the stage's file holds, plain values. check: raises InputError, with the fix, where
+    something is missing that the stage needs.
+    """
+
+    name: str
+    group: str
+    question: str
+    cost_s: float
+    parallel: int
+    run: Callable[[], dict[str, Any]]
+    check: Callable[[], None] = lambda: None
+
+    def seconds(self, capacity: Capacity) -> float:
+        """Return the expected duration, s. Parts of equal length run in rounds, and share the cores."""
+        full, rest = divmod(self.parallel, capacity.workers)
+        rounds = full * max(1.0, capacity.workers / capacity.cores)
+        if rest:
+            rounds += max(1.0, rest / capacity.cores)
+        return self.cost_s * rounds / self.parallel
+
+
+class Identity(Settings):
+    """The content of `reproduction.json`: a folder holds one reproduction, with one size and one set of settings."""
+
+    paper: str
+    size: str
+    settings: dict[str, Any]
+    versions: dict[str, str]
+
+
+class Cost(Settings):
+    """What a reproduction costs.
+
+    stages: expected duration of each stage that is not finished, s, by name. cpu_s: processor time, s. seconds:
+    duration, s. workers, cores: number of worker processes behind the durations, and of the cores that they share.
+    """
+
+    stages: dict[str, float]
+    cpu_s: float
+    seconds: float
+    workers: int
+    cores: int
+
+
+def chosen_stages(stages: Sequence[Stage], names: Sequence[str] | None) -> list[Stage]:
+    """Return the stages with these names or in these groups, all of them if None. Raises InputError for other names."""
+    if names is None:
+        return list(stages)
+    offered = [*dict.fromkeys(name for stage in stages for name in (stage.name, stage.group)), *ALWAYS]
+    if unknown := [name for name in names if name not in offered]:
+        raise InputError(f"--stages {unknown[0]}: no such stage; choose among {', '.join(offered)}")
+    return [stage for stage in stages if {stage.name, stage.group} & set(names)]
+
+
+def fastest(stages: Sequence[Stage], cores: int) -> Capacity:
+    """Return how many workers make the stages short on that many cores: the fewest, from one to two for each core."""
+    offered = [Capacity(workers, cores) for workers in range(cores, 2 * cores + 1)]
+    return min(offered, key=lambda capacity: sum(stage.seconds(capacity) for stage in stages))
+
+
+def cost_of(stages: Sequence[Stage], folder: Path, capacity: Capacity) -> Cost:
+    """Return what the stages cost that are not finished in a folder."""
+    missing = [stage for stage in stages if not _file(folder, stage.name).is_file()]
+    durations = {stage.name: round(stage.seconds(capacity), 1) for stage in missing}
+    return Cost(
+        stages=durations,
+        cpu_s=round(sum(stage.cost_s for stage in missing), 1),
+        seconds=round(sum(durations.values()), 1),
+        workers=capacity.workers,
+        cores=capacity.cores,
+    )
+
+
+def run_stages(
+    identity: Identity, stages: Sequence[Stage], folder: Path, capacity: Capacity, feedback: Feedback
+) -> None:
+    """Run the stages that are not finished in a folder, in order, and write the file of each.
+
+    Raises InputError where the folder holds something else or a reproduction with other settings, and, before any
+    stage runs, where one of them lacks what it needs.
+    """
+    for stage in stages:
+        if not _file(folder, stage.name).is_file():
+            stage.check()
+    with claim(folder, MARK, "reproduction"):
+        _identify(folder, identity)
+        (folder / STAGES).mkdir(exist_ok=True)
+        steps = Steps(feedback, sum(stage.seconds(capacity) for stage in stages))
+        for number, stage in enumerate(stages):
+            file, duration_s = _file(folder, stage.name), stage.seconds(capacity)
+            title = f"stage {number + 1} of {len(stages)}, {stage.name}: {stage.question}"
+            with steps.step(title, duration_s, file.is_file()):
+                if not file.is_file():
+                    # Without line breaks: matrices would take a line for every number.
+                    content = json_text(stage.run()) + "\n"
+                    replace_file(file, partial(Path.write_text, data=content, encoding="utf-8"))
+
+
+def result_of(folder: Path, stage: str) -> dict[str, Any] | None:
+    """Return what a stage measured, or None where it was not run."""
+    file = _file(folder, stage)
+    if not file.is_file():
+        return None
+    try:
+        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        raise InputError(f"{file}: is damaged; delete it, and run the same command again") from None
+    return content
+
+
+def identity_of(paper: str, size: str, settings: dict[str, Any]) -> Identity:
+    """Return the identity of a reproduction with the installed versions."""
+    return Identity(paper=paper, size=size, settings=settings, versions=versions(OF_RUNS))
+
+
+def _identify(folder: Path, identity: Identity) -> None:
+    """Write the identity of a claimed folder, or check it against the one that is there."""
+    content, file = identity.model_dump(mode="json"), folder / MARK
+    if not file.is_file():
+        write_json(file, content)
+        return
+    try:
+        stored = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError:
+        stored = None
+    if stored != content:
+        raise InputError(
+            f"{folder}: holds a reproduction of another paper, size, setting or version; choose another folder with -o"
+        )
+
+
+def _file(folder: Path, stage: str) -> Path:
+    return folder / STAGES / f"{stage}.json"
+
+
+Verdict = Literal["holds", "does not hold", "undecided"]
+
+
+class Claim(Settings):
+    """A claim of a paper beside what was measured.
+
+    claim: in words. paper: the paper's figure. rule: what has to be so for the claim to hold. measured: our figure with
+    its interval; None where its stage was not run. verdict: `undecided` where the interval does not decide.
+    """
+
+    claim: str
+    paper: str
+    rule: str
+    measured: Estimate | None
+    verdict: Verdict
+
+
+def above(measured: Estimate | None, bound: float = 0.0) -> Verdict:
+    """Return whether a number is above a bound: `holds` or `does not hold` where the whole interval says so."""
+    if measured is None or measured.low is None or measured.high is None:
+        return "undecided"
+    if measured.low > bound:
+        return "holds"
+    return "does not hold" if measured.high <= bound else "undecided"
+
+
+def at_most(measured: Estimate | None, bound: float) -> Verdict:
+    """Return whether a number is at most a bound: `holds` or `does not hold` where the whole interval says so."""
+    opposite: dict[Verdict, Verdict] = {"holds": "does not hold", "does not hold": "holds", "undecided": "undecided"}
+    return opposite[above(measured, bound)]
+
+
+def within(measured: Estimate | None, bound: float) -> Verdict:
+    """Return whether a number lies between -bound and bound: equivalence, for claims that two scores are alike."""
+    if measured is None or measured.low is None or measured.high is None:
+        return "undecided"
+    if -bound <= measured.low and measured.high <= bound:
+        return "holds"
+    return "does not hold" if measured.low > bound or measured.high < -bound else "undecided"
+
+
+def all_of(verdicts: list[Verdict]) -> Verdict:
+    """Return the verdict of a claim with several parts: it holds where all hold, and not where one does not."""
+    if "does not hold" in verdicts:
+        return "does not hold"
+    return "undecided" if "undecided" in verdicts or not verdicts else "holds"

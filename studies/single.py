@@ -1,0 +1,72 @@
+"""Runs a study without a sweep, from its scenarios to a report.
+
+    OUT/study.json    the study, with all defaults filled in
+    OUT/dataset/      the samples
+    OUT/run/          the trained predictor
+    OUT/floor/        the plain predictor that it is compared with
+    OUT/report/       metrics.json, figures, index.html
+
+Each part resumes where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.files import claim, write_json
+from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.on_windows.coverage import lacking
+from isac_cosim.evaluation.on_windows.evaluation import evaluate
+from isac_cosim.evaluation.on_windows.results import EvaluationResult
+from isac_cosim.evaluation.report.report import write_report
+from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.models.training.training import train
+from isac_cosim.studies.study import Study
+
+STUDY_FILE = "study.json"
+
+
+def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> EvaluationResult:
+    """Generate, train, evaluate and write the report; return the result of the evaluation.
+
+    engine: what runs the episodes. feedback: where progress is reported.
+    Raises InputError where the folder holds something else or another study.
+    """
+    with claim_study(out, study):
+        dataset = generate(study.dataset, out / "dataset", engine, feedback)
+        for line in lacking(dataset, study.training, study.evaluation):
+            feedback.message(f"warning: {line}")
+        trained = train(dataset, out / "run", study.training, feedback)
+        floor = train(dataset, out / "floor", study.floor, feedback)
+        evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])
+        write_report(evaluation, dataset, out / "report")
+    return evaluation.result
+
+
+@contextmanager
+def claim_study(out: Path, study: Study) -> Iterator[None]:
+    """Hold a folder for a study, and write the study into it.
+
+    Raises InputError where the folder belongs to another study, or to no study at all.
+    """
+    content = study.model_dump(mode="json")
+    with claim(out, STUDY_FILE, "study's results"):
+        if (out / STUDY_FILE).is_file():
+            if _stored_content(out / STUDY_FILE) != content:
+                raise InputError(f"{out}: holds the results of another study; choose another folder with -o")
+        else:
+            write_json(out / STUDY_FILE, content)
+        yield
+
+
+def _stored_content(path: Path) -> dict[str, object] | None:
+    """Return the study that a file holds, under the current names of its keys, or None where it is damaged."""
+    try:
+        return Study.model_validate(json.loads(path.read_text(encoding="utf-8"))).model_dump(mode="json")
+    except (RecursionError, ValueError):
+        return None

@@ -1,0 +1,112 @@
+"""A study: the settings of dataset, predictor and evaluation, or of a sweep over them, read from one TOML file."""
+
+from __future__ import annotations
+
+import importlib.resources
+from pathlib import Path
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from isac_cosim.base.parsing import channel
+from isac_cosim.base.settings import Settings, checked, read_toml
+from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
+from isac_cosim.labeling.generation.generate import describe, read_scenarios
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.models import FLOOR
+from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.studies.sweep_axes import Cell, SweepAxes, WayOfSensing, network_name, sensings
+
+QUICK = "quick.toml"
+"""The bundled study, which runs where none is given."""
+
+
+class Study(Settings):
+    """All settings between scenarios and results.
+
+    name: of the results folder where none is given; when absent, that of the study file.
+    sweep: what is varied; a study without it is a single cell, compared with its floor.
+    """
+
+    name: str = Field("", pattern=r"^[A-Za-z0-9_-]*$")
+    dataset: DatasetStudy = DatasetStudy()
+    training: TrainSettings = TrainSettings()
+    evaluation: EvaluateSettings = EvaluateSettings()
+    sweep: SweepAxes | None = None
+
+    @model_validator(mode="after")
+    def _can_be_sensed_anew(self) -> Self:
+        if self.sweep is not None and len(self.sweep.snr) > 1 and self.dataset.sensing.channel.blockage:
+            raise ValueError(
+                "sweep.snr: with more than one, records are sensed anew, but blockage needs the other vehicles, "
+                "which records do not hold; give one value, or remove dataset.sensing.channel.blockage"
+            )
+        return self
+
+    def check_scenarios(self) -> None:
+        """Raise InputError where a scenario is at fault, before anything is written or hours go into the others."""
+        for network in self.networks.values():
+            describe(network, read_scenarios(network))
+
+    @property
+    def floor(self) -> TrainSettings:
+        """Training settings of the floor: a plain predictor on the same windows and split."""
+        return self.training.for_predictor(FLOOR)
+
+    @property
+    def axes(self) -> SweepAxes:
+        """What is varied, with the floor first among the models and the study's own values on absent axes."""
+        axes = self.sweep or SweepAxes()
+        models = tuple(dict.fromkeys([FLOOR, *(axes.models or (self.training.model,))]))
+        return axes.model_copy(
+            update={"models": models, "training_seeds": axes.training_seeds or (self.training.seed,)}
+        )
+
+    @property
+    def networks(self) -> dict[str, DatasetStudy]:
+        """Settings of the dataset that is generated for each network, by the network's short name.
+
+        Without scenarios in the sweep, the study's own together are one network.
+        """
+        axes, dataset = self.axes, self.dataset.model_copy(update={"sensing": self.sensing_at(self.first.snr)})
+        if not axes.scenarios:
+            return {"+".join(map(network_name, dataset.scenarios)): dataset}
+        return {
+            network_name(scenario): dataset.model_copy(update={"scenarios": (scenario,)}) for scenario in axes.scenarios
+        }
+
+    @property
+    def first(self) -> WayOfSensing:
+        """The way of sensing, by the sites, with which datasets are generated; other ways sense their records anew."""
+        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == DEFAULT), WayOfSensing(DEFAULT))
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Every combination of network, way of sensing and predictor."""
+        axes = self.axes
+        return [
+            Cell(network, sensing, model)
+            for network in self.networks
+            for sensing in sensings(axes)
+            for model in axes.models
+        ]
+
+    def sensing_at(self, snr: str | None) -> SensingSettings:
+        """Return the study's sensing settings at another SNR, as `cosim sense --snr` takes it; None keeps its own."""
+        if snr is None:
+            return self.dataset.sensing
+        content = self.dataset.sensing.model_dump()
+        return SensingSettings.model_validate({**content, "channel": {**content["channel"], **channel(snr)}})
+
+    def training_of(self, model: str, seed: int) -> TrainSettings:
+        """Return the study's training settings for another predictor and training seed."""
+        return self.training.for_predictor(model, seed)
+
+
+def read_study(path: Path | None) -> Study:
+    """Return the study of a file, or the bundled quick one. Raises InputError naming the key that is wrong."""
+    file = Path(str(importlib.resources.files("isac_cosim.studies") / QUICK)) if path is None else path
+    study = checked(Study, read_toml(file), file)
+    return study if study.name else study.model_copy(update={"name": file.stem.strip(".") or "study"})

@@ -1,0 +1,42 @@
+"""The distribution of lead times: a row for each intention that has alarms, its median and quartiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from isac_cosim.evaluation.report import live_figures
+from isac_cosim.labeling.intentions import KNOWN
+
+
+def test_lead_times_show_median_and_quartiles_of_all_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    original = live_figures.figure
+
+    @contextmanager
+    def kept(path: Path, width: float, height: float) -> Iterator[Figure]:
+        with original(path, width, height) as figure:
+            drawn.append(figure)
+            yield figure
+
+    monkeypatch.setattr(live_figures, "figure", kept)
+    first = {0: np.array([0.5, 1.5, np.nan]), 2: np.array([np.nan])}
+    second = {0: np.array([1.0, -0.2, 2.0]), 3: np.array([0.7])}
+    outcomes = [
+        SimpleNamespace(of=lambda row, leads=leads: SimpleNamespace(to_commit=leads.get(row, np.empty(0))))
+        for leads in (first, second)
+    ]
+    live_figures.lead_times(outcomes, tmp_path / "lead_times.png")
+    assert (tmp_path / "lead_times.png").stat().st_size > 5000
+    (axes,) = drawn[0].axes
+    medians = {line.get_ydata()[0]: line.get_xdata()[0] for line in axes.lines if line.get_marker() == "D"}
+    assert medians == {0: 1.0, 3: 0.7}
+    bars = {tuple(line.get_ydata()): tuple(line.get_xdata()) for line in axes.lines if line.get_linewidth() == 2}
+    assert bars[0, 0] == (0.5, 1.5)
+    assert [label.get_text() for label in axes.get_yticklabels()] == [k.text.replace("_", " ") for k in KNOWN]

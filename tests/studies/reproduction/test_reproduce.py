@@ -1,0 +1,173 @@
+"""Both reproductions from end to end, smaller than quick; the quick ones run with `pytest -m slow`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize, CastformerSize
+from isac_cosim.studies.reproduction.experiments.stages import Capacity, cost_of, result_of
+from isac_cosim.studies.reproduction.reproduce import (
+    PAPERS,
+    Request,
+    best_workers,
+    cost_in_words,
+    expected_cost,
+    reproduce,
+    request,
+)
+from tests.studies.reproduction import tiny
+from tests.support.recorded_feedback import RecordedFeedback
+from tests.support.scripted import InlineEngine
+
+ASI_BIP_STAGES = ("data", "isac", "isac-weather", "fig3", "fig4", "fig5", "fast")
+CASTFORMER_STAGES = ("data", "horizon", "alpha", "compared")
+
+
+def wanted(paper: str, size: AsiBipSize | CastformerSize, out: Path, stages: Sequence[str] | None) -> Request:
+    return Request(paper, "tiny", size, out, stages)
+
+
+@pytest.fixture(scope="module")
+def asi_bip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("asi_bip") / "out"
+    reproduce(wanted("asi-bip", tiny.asi_bip(), out, ASI_BIP_STAGES), InlineEngine())
+    return out
+
+
+@pytest.fixture(scope="module")
+def castformer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("castformer") / "out"
+    reproduce(wanted("castformer", tiny.castformer(), out, CASTFORMER_STAGES), InlineEngine())
+    return out
+
+
+def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
+    names = {"claims", "data", "table1", "fig3", "fig3_loss", "fig3_confusion", "fig4", "fig4_roc", "fig5", "fast"}
+    assert {path.stem for path in (asi_bip / "tables").iterdir()} == names | {"fig4_confidence", "fig4_confusion"}
+    figures = {path.name for path in (asi_bip / "figures").iterdir()}
+    assert {"table1.png", "fig3_loss.png", "fig4_roc.png", "fig4_confidence.png", "fig5.png"} <= figures
+    losses = (asi_bip / "tables" / "fig3_loss.csv").read_text().splitlines()
+    assert [line.split(",")[:2] for line in losses] == [["training seed", "epoch"], ["0", "1"]]
+    page = (asi_bip / "index.html").read_text()
+    assert "Size tiny" in page
+    assert "radar-nlos: Table I, onboard radar, NLoS" in page
+    assert len(json.loads((asi_bip / "claims.json").read_text())) == 13
+
+
+def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: Path) -> None:
+    table, fig3, fig5 = (result_of(asi_bip, stage) for stage in ("isac", "fig3", "fig5"))
+    assert table is not None
+    assert fig3 is not None
+    assert fig5 is not None
+    counts = table["trainings"][0]["counts"]["test"]
+    assert fig3["trainings"][0]["counts"]["test"] == counts
+    assert len(list((asi_bip / "work" / "runs" / "isac").iterdir())) == 1
+    known = {side: part["known"] for side, part in (result_of(asi_bip, "data") or {})["samples"].items()}
+    assert np.sum(list(counts.values())) == known["test"]
+    at_20_db = fig5["trainings"][0]["counts"]["20"]
+    assert {group: np.sum(matrix) for group, matrix in at_20_db.items()} == {
+        group: np.sum(matrix) for group, matrix in counts.items()
+    }
+
+
+def test_faster_trainings_are_those_of_isac_but_for_one_setting(asi_bip: Path) -> None:
+    stage = result_of(asi_bip, "fast")
+    assert stage is not None
+    assert [training["name"] for training in stage["trainings"]] == [
+        "fast-bfloat16, training seed 0", "fast-patches, training seed 0",
+    ]  # fmt: skip
+    runs = {run.parent.name: json.loads((run / "run.json").read_text()) for run in asi_bip.glob("work/runs/*/seed-0")}
+    networks = {name: run["settings"]["asi_bip"] for name, run in runs.items() if name.startswith("isac")}
+    plain = networks["isac"]
+    changed = {name: {key for key in plain if network[key] != plain[key]} for name, network in networks.items()}
+    assert changed == {"isac": set(), "isac-bfloat16": {"lstm_bfloat16"}, "isac-patches": {"tv_patch", "uv_patch"}}
+
+
+def test_castformer_measures_every_horizon_on_every_seed(castformer: Path) -> None:
+    horizon, alpha = result_of(castformer, "horizon"), result_of(castformer, "alpha")
+    assert horizon is not None
+    assert alpha is not None
+    folds = horizon["variants"][0]["folds"]
+    for horizon_s in "01234":
+        tested = [group for fold in folds for group in fold["counts"][horizon_s]]
+        assert sorted(tested) == [f"straight_road-{seed}" for seed in (1, 2, 3, 4)]
+    assert [row["name"] for row in alpha["variants"]] == ["complete"]
+    assert alpha["variants"][0]["folds"] == folds
+    assert "contradictions" in {path.stem for path in (castformer / "tables").iterdir()}
+
+
+def test_a_finished_reproduction_is_not_run_again(castformer: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in (castformer / "stages").iterdir()}
+    feedback = RecordedFeedback()
+    result = reproduce(wanted("castformer", tiny.castformer(), castformer, CASTFORMER_STAGES), InlineEngine(), feedback)
+    assert {path: path.stat().st_mtime_ns for path in (castformer / "stages").iterdir()} == before
+    assert feedback.messages == ["every stage is finished; only the page is written"]
+    assert result.not_run == ["ablation", "attention", "orders", "counterfactual"]
+
+
+def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    (tmp_path / "clips").mkdir()
+    for k in range(20):
+        streams = {"in": rng.normal(size=(15, 5)) + k % 5, "out": rng.normal(size=(15, 3)), "label": np.int64(k % 5)}
+        np.savez(tmp_path / "clips" / f"clip{k:02}.npz", **streams)
+    size = tiny.castformer(training={"optimiser": {"epochs": 1}})
+    asked = Request("castformer", "tiny", size, tmp_path / "out", ("data", "horizon"), tmp_path / "clips")
+    result = reproduce(asked, InlineEngine())
+    stage = result_of(tmp_path / "out", "horizon")
+    assert stage is not None
+    assert stage["source"] == "clips"
+    counts = [fold["counts"]["4"] for fold in stage["variants"][0]["folds"]]
+    assert sum(np.sum(matrix) for fold in counts for matrix in fold.values()) == 20
+    assert "compared" not in result.not_run
+
+
+def test_the_full_run_states_its_cost(tmp_path: Path) -> None:
+    for paper in PAPERS:
+        asked = request(paper, tmp_path / "out")
+        workers = best_workers(asked, 2)
+        assert workers == 3
+        cost = cost_of(asked.reproduction(InlineEngine(), SILENT).stages(), asked.out, Capacity(workers, 2))
+        assert cost.seconds <= 6 * 3600
+        assert max(cost.stages.values()) <= 3600
+        assert "with 3 workers on 2 cores" in cost_in_words(cost)
+
+
+def test_wrong_requests_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="choose asi-bip or castformer"):
+        request("lstm", tmp_path)
+    with pytest.raises(InputError, match="--clips applies to castformer only"):
+        request("asi-bip", tmp_path, clips=tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        expected_cost(request("castformer", tmp_path, clips=tmp_path / "nowhere"), LocalEngine(1))
+
+
+def test_a_missing_package_is_reported_before_any_stage_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PREDICTORS["minirocket"], "optional_packages", {"no_such_package": "pip install it"})
+    with pytest.raises(InputError, match="no_such_package: pip install it"):
+        reproduce(request("castformer", tmp_path / "out", stages=["data", "compared"]), InlineEngine())
+    assert not (tmp_path / "out").exists()
+
+
+def test_epochs_replace_those_of_the_size(tmp_path: Path) -> None:
+    asked = request("asi-bip", tmp_path, epochs=3)
+    assert asked.settings.training["optimiser"] == {"epochs": 3, "patience": 3}
+    assert asked.settings.model_dump()["literal_epochs"] == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("paper", PAPERS)
+def test_the_quick_reproduction_runs_every_stage(paper: str, tmp_path: Path) -> None:
+    result = reproduce(request(paper, tmp_path / "out", quick=True), LocalEngine(2))
+    assert result.not_run == []
+    assert {claim.verdict for claim in result.claims} <= {"holds", "does not hold", "undecided"}
+    assert "Size quick" in result.page.read_text()
