@@ -82,7 +82,7 @@ def run() -> dict[str, dict[str, int]]:
         windows={measure.name: 5000 for measure in measures},
     )  # fmt: skip
     return {
-        "generate": _sizes(generated, EpisodeResult(shard, 0)),
+        "generate": _sizes(generated, EpisodeResult(shard, None)),
         "sense": _sizes(sensed, shard),
         "run, a training of a sweep": _sizes(size(try_task, attempt, swept), None),
         "evaluate --traffic": _sizes(size(try_task, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),

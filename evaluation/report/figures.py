@@ -65,7 +65,7 @@ def figure(
     the figure, and holds again afterwards. dpi: pixels per inch.
     """
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in BACKEND}
-    with mpl.rc_context({**defaults, **style}):
+    with mpl.rc_context(defaults | dict(style)):
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn
@@ -203,9 +203,7 @@ def window_end(rows: Mapping[str, Sequence[WindowEndScores]], relative_to: str, 
         axes.legend(**BESIDE)
 
 
-def _macro_f1_line(
-    axes: Axes, x: Sequence[float], rows: Sequence[LeadTimeBin] | Sequence[WindowEndScores], name: str
-) -> bool:
+def _macro_f1_line(axes: Axes, x: Sequence[float], rows: Sequence[LeadTimeBin | WindowEndScores], name: str) -> bool:
     """Draw a predictor's macro-F1 against a quantity, with hollow points where it is not over all intentions.
 
     x: the quantity at each of the rows. Returns whether there is such a point.
