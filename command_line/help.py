@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import Any
+from typing import Any, NoReturn
 
 from typer.core import TyperArgument, TyperCommand, TyperOption
+
+from isac_cosim.base.errors import InputError
 
 
 def examples(*lines: str) -> str:
@@ -20,6 +22,17 @@ class HelpfulCommand(TyperCommand):
     The packages are imported only when help is asked for.
     """
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments. Raises InputError for one that is given as an empty text."""
+        given, _, _ = self.make_parser(ctx).parse_args(args=list(args))
+        rest: list[str] = super().parse_args(ctx, args)
+        for parameter in self.params:
+            value = given.get(str(parameter.name))
+            texts = value if isinstance(value, list | tuple) else [value]
+            if any(isinstance(text, str) and not text.strip() for text in texts):
+                _refuse_empty(parameter)
+        return rest
+
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Fill in the placeholders and write the help."""
         for parameter in self.params:
@@ -28,6 +41,15 @@ class HelpfulCommand(TyperCommand):
                     if f"{{{name}}}" in parameter.help:
                         parameter.help = parameter.help.replace(f"{{{name}}}", lookup())
         super().format_help(ctx, formatter)
+
+
+def _refuse_empty(parameter: Any) -> NoReturn:
+    """Raise InputError for an option or argument whose value is an empty text."""
+    if isinstance(parameter, TyperOption):
+        name, advice = max(parameter.opts, key=len), "" if parameter.required else ", or leave it out"
+    else:
+        name, advice = parameter.metavar or parameter.name.upper(), ""
+    raise InputError(f"{name}: is empty; give it a value{advice}")
 
 
 def _default(settings: str, field: str) -> Callable[[], str]:
