@@ -14,6 +14,7 @@ from typing import Annotated
 
 import typer
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
 from isac_cosim.command_line.exit_codes import exit_code
@@ -61,6 +62,8 @@ def run(
     content = read_study(study)
     content.check_scenarios()
     if dry_run:
+        if cluster is not None:
+            raise InputError("--cluster runs a study, and --dry-run counts on local workers: give --jobs in its place")
         output.print_json(as_json, show_cost(content, jobs or opt.cores(), console))
         return
     feedback = output.feedback_of(console, verbose)
@@ -196,7 +199,9 @@ def train(
     out: opt.Out,
     model: Annotated[str, typer.Option(help="Predictor to train: {predictors}.")] = DEFAULT,
     epochs: Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of initial weights, window ends and batches.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches.")
+    ] = 0,
     held_out: Annotated[
         str | None,
         typer.Option(
@@ -212,8 +217,11 @@ def train(
     """
     from isac_cosim.base.settings import checked
     from isac_cosim.command_line.training import train_and_show
+    from isac_cosim.models.predictors.registry import PREDICTORS
     from isac_cosim.models.runs.settings import TrainSettings
 
+    if epochs is not None and model in PREDICTORS and not PREDICTORS[model].is_network:
+        raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -66,7 +67,10 @@ def read_toml(path: Path) -> dict[str, Any]:
             content = file.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
             raise InputError(f"{path}: has more than {MOST_BYTES} bytes, too many for a study; give a study file")
-        return tomllib.loads(content.decode())
+        if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            raise InputError(f"{path}: is in UTF-16, and TOML is in UTF-8; save the file as UTF-8")
+        # Editors on Windows put this mark before a file in UTF-8.
+        return tomllib.loads(content.decode("utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such study file; give the path of a .toml file") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:

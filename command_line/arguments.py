@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.sensing.sensors import SENSORS
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources import kinematic as kinematics
 from isac_cosim.labeling.dataset.dataset import Dataset
@@ -54,6 +56,7 @@ def dataset_study(
     scenarios: may be empty where the source has a scenario of its own. source: name of the motion source. natural:
     leave the drivers alone.
     """
+    _refuse_given({"--natural": natural and source != "sumo"}, "drivers of SUMO's traffic: remove it, or --source")
     if not scenarios and source not in OWN_SCENARIO:
         raise InputError("Missing argument 'SCENARIO': name a bundled scenario, a folder, a .sumocfg or a .net.xml")
     content: dict[str, Any] = {
@@ -91,8 +94,29 @@ class SenseArguments:
     records: int | None = None
 
 
+def _refuse_given(options: Mapping[str, bool], belongs_to: str) -> None:
+    """Raise InputError for the first option that is given, though the command would ignore it.
+
+    belongs_to: what these options apply to, and how to mend the command.
+    """
+    for option, given in options.items():
+        if given:
+            raise InputError(f"{option} applies to {belongs_to}")
+
+
 def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSettings:
     """Return a dataset's own sensing settings, changed by what the arguments give. Raises InputError."""
+    if arguments.sensor in SENSORS and not SENSORS[arguments.sensor].by_sites:
+        of_sites = {
+            "--snr": arguments.snr is not None,
+            "--estimator": arguments.estimator is not None,
+            "--fusion": arguments.fusion is not None,
+            "--sites": arguments.sites is not None,
+            "--no-blockage": not arguments.blockage,
+        }
+        _refuse_given(of_sites, f"the sites: remove it, or --sensor {arguments.sensor}")
+    of_echoes = {"--rain": arguments.sensor == "truth" and arguments.rain_mm_per_h is not None}
+    _refuse_given(of_echoes, "sensors with echoes: remove it, or --sensor truth")
     sensing = own_sensing(dataset).model_dump()
     if arguments.snr is not None:
         sensing["channel"] |= channel(arguments.snr)
@@ -110,6 +134,7 @@ def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSett
     for option, value in (("--radar", arguments.radar), ("--pattern", arguments.pattern)):
         if value is not None and arguments.sensor != "radar":
             raise InputError(f"{option} applies to the onboard radar only: add --sensor radar")
+    _refuse_given({"--pattern": arguments.pattern is not None and arguments.radar != "nlos"}, "--radar nlos: add it")
     radar = {
         "condition": arguments.radar,
         "pattern": arguments.pattern,

@@ -47,8 +47,9 @@ def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Li
             raise InputError("--conditioning applies to a closed loop: give --advisories")
         return "traffic"
     for name, value in asdict(live).items():
-        if value:
-            raise InputError(f"--{name.replace('_', '-')} applies to an evaluation in traffic: give --traffic SCENARIO")
+        if value is not None and (value is not False or name == "lanes"):
+            option = "no-lanes" if name == "lanes" and not value else name.replace("_", "-")
+            raise InputError(f"--{option} applies to an evaluation in traffic: give --traffic SCENARIO")
     return "data"
 
 

@@ -148,7 +148,10 @@ Vehicles = Annotated[
     int | None,
     typer.Option(help="About how many vehicles are on the road at once, where demand is made. Default: {vehicles}."),
 ]
-DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that is made.")]
+DemandSeed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, max=2**32 - 1, help="Seed of the demand, where demand is made. Default: 0."),
+]
 
 
 def engine_of(jobs: int | None, cluster: str | None, out: Path) -> Engine:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
 from isac_cosim.command_line.help import HelpfulCommand, examples
@@ -30,7 +31,7 @@ def network_import(
     set_back: opt.SetBack = None,
     height: opt.Height = None,
     vehicles: opt.Vehicles = None,
-    seed: opt.DemandSeed = 0,
+    seed: opt.DemandSeed = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -40,7 +41,7 @@ def network_import(
 
     part = None if box is None else box_of(box)
     placement = opt.placement_of(spacing, set_back, height, vehicles)
-    new_scenario = import_map(source, out, part, *placement, seed, lefthand=left_hand)
+    new_scenario = import_map(source, out, part, *placement, seed or 0, lefthand=left_hand)
     output.print_json(as_json, output.show_scenario(new_scenario, str(source), output.console_of(quiet)))
 
 
@@ -56,7 +57,7 @@ def network_sites(
     set_back: opt.SetBack = None,
     height: opt.Height = None,
     vehicles: opt.Vehicles = None,
-    seed: opt.DemandSeed = 0,
+    seed: opt.DemandSeed = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -64,7 +65,12 @@ def network_sites(
 
     Nothing is written beside the original.
     """
-    from isac_cosim.isacsim.scenarios.making import add_sites
+    from isac_cosim.isacsim.scenarios.making import add_sites, has_own_demand
+    from isac_cosim.isacsim.scenarios.scenario import load_without_sites
 
-    new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed)
+    of_demand = {"--vehicles": vehicles, "--seed": seed}
+    given = [option for option, value in of_demand.items() if value is not None]
+    if given and has_own_demand(load_without_sites(scenario)):
+        raise InputError(f"{given[0]} applies to demand that is made, and {scenario} has its own: remove the option")
+    new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed or 0)
     output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))

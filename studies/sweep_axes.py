@@ -39,7 +39,9 @@ def _channel_of(text: str) -> str:
 class SweepAxes(Settings):
     """What a study varies. An axis that is absent has the study's own value."""
 
-    scenarios: tuple[str, ...] = Field((), description="networks, each with its own dataset")
+    scenarios: tuple[Annotated[str, Field(min_length=1)], ...] = Field(
+        (), description="networks, each with its own dataset"
+    )
     snr: tuple[Annotated[str, AfterValidator(_channel_of)], ...] = Field(
         (), description="per-element SNR of the sites, dB: LO:HI, one value, or link, as `cosim sense --snr` takes it"
     )

@@ -109,6 +109,16 @@ BAD = {
     "evaluate empty --data empty --traffic motorway": "give one of them",
     "evaluate empty --data empty --seeds 1:2": "--seeds applies to an evaluation in traffic",
     "evaluate empty --traffic motorway": "empty: not a run",
+    "evaluate empty --data empty --no-lanes": "--no-lanes applies to an evaluation in traffic",
+    "generate -o new --source kinematic --natural": "--natural applies to drivers of SUMO's traffic",
+    "train full -o new --model trees --epochs 3": "--epochs applies to networks: remove it, or --model trees",
+    "train full -o new --seed -1": "--seed",
+    "train full -o new --seed 4294967296": "--seed",
+    "run --dry-run --cluster tcp://127.0.0.1:9": "--dry-run counts on local workers",
+    "network sites siteless -o new --seed 3": "--seed applies to demand that is made",
+    "network sites siteless -o new --vehicles 3": "--vehicles applies to demand that is made",
+    "run wide.toml": "wide.toml: is in UTF-16, and TOML is in UTF-8; save the file as UTF-8",
+    "run marked.toml": "marked.toml: dataset.sede: unknown key",
 }
 
 
@@ -126,6 +136,32 @@ def test_bad_input_is_one_line_and_exit_2(
     assert printed.err.count("\n") == 1
     assert BAD[line] in printed.err
     assert sorted(bad.rglob("*")) == before
+
+
+EMPTY = {
+    ("generate", "motorway", "-o", ""): "--out: is empty; give it a value",
+    ("generate", "", "-o", "new"): "SCENARIO: is empty",
+    ("generate", "motorway", "-o", "new", "--seeds", ""): "--seeds: is empty; give it a value, or leave it out",
+    ("generate", "motorway", "-o", "new", "--snr", " "): "--snr: is empty",
+    ("inspect", ""): "DATASET: is empty",
+    ("reproduce", "asi-bip", "--stages", ""): "--stages: is empty",
+    ("evaluate", "run", "--data", ""): "--data: is empty",
+    ("evaluate", "run", "--data", "data", "--against", ""): "--against: is empty",
+    ("network", "import", "map.osm", "-o", "new", "--box", ""): "--box: is empty",
+}
+"""Arguments that are an empty text, which is no path, no range and no list, and what is said to them."""
+
+
+@pytest.mark.parametrize("arguments", EMPTY)
+def test_an_empty_text_is_refused(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cosim.main(arguments) == 2
+    printed = capfd.readouterr().err
+    assert EMPTY[arguments] in printed
+    assert printed.count("\n") == 1
+    assert not any(tmp_path.iterdir())
 
 
 def test_an_unknown_model_is_bad_input(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -300,6 +336,14 @@ SENSE_BAD = {
     "--sensor radar --radar fog": "arguments: radar.condition",
     "--sensor radar --radar nlos --pattern line_of_sight": "choose random or contiguous",
     "--records 0": "arguments: records",
+    "--records 100000000000000000000": "arguments: records",
+    "--sensor truth --snr 5": "--snr applies to the sites: remove it, or --sensor truth",
+    "--sensor truth --rain 5": "--rain applies to sensors with echoes",
+    "--sensor radar --estimator music": "--estimator applies to the sites",
+    "--sensor radar --fusion eq5": "--fusion applies to the sites",
+    "--sensor radar --sites 2": "--sites applies to the sites",
+    "--sensor radar --no-blockage": "--no-blockage applies to the sites",
+    "--sensor radar --radar clear --pattern random": "--pattern applies to --radar nlos: add it",
 }
 
 

@@ -135,7 +135,7 @@ def _complete(
 ) -> NewScenario:
     """Write configuration, sites and, where there is none, demand into a folder, which will be renamed to `out`."""
     routes = [*scenario.demand]
-    lacks_demand = not any(map(has_demand, (*scenario.demand, *scenario.additional)))
+    lacks_demand = not has_own_demand(scenario)
     if lacks_demand:
         routes = [folder / f"{name_of(out)}.rou.xml"]
         write_lines(routes[0], make_demand(scenario.network, demand, seed))
@@ -165,6 +165,11 @@ def _complete(
     corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)
     said = tuple(remarks(scenario))
     return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners, scenario.removed, said)
+
+
+def has_own_demand(scenario: Scenario) -> bool:
+    """Whether a scenario's files name traffic, so that none is made."""
+    return any(map(has_demand, (*scenario.demand, *scenario.additional)))
 
 
 def _relative(file: Path, folder: Path) -> str:

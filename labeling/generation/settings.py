@@ -72,7 +72,7 @@ class DatasetStudy(Settings):
     kinematics: of the source `kinematic`; stored only for that source.
     """
 
-    scenarios: tuple[str, ...] = Field(("motorway",), min_length=1)
+    scenarios: tuple[Annotated[str, Field(min_length=1)], ...] = Field(("motorway",), min_length=1)
     seeds: SeedRange = SeedRange()
     source: Annotated[str, AfterValidator(MOTION_SOURCES.check)] = "sumo"
     traffic: TrafficSettings = TrafficSettings()
