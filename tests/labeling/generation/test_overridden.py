@@ -1,4 +1,4 @@
-"""What SUMO does not get of a user's scenario is reported once: options of its configuration, and parts of its files."""
+"""What SUMO does not get of a scenario is reported once: options of its configuration, and parts of its files."""
 
 from __future__ import annotations
 
