@@ -12,7 +12,6 @@ import contextvars
 import ctypes
 import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, wait
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from isac_cosim.base.errors import RunError
+from isac_cosim.base.temporary import TemporaryFolder
 
 Result = TypeVar("Result")
 
@@ -83,12 +83,12 @@ def confined(task: Callable[[], Result]) -> Result:
 
     def run() -> None:
         try:
-            _confine(Path(name))
+            _confine(temporary.path)
             future.set_result(context.run(task))
         except BaseException as error:
             future.set_exception(error)
 
-    with tempfile.TemporaryDirectory(prefix="cosim-") as name:
+    with TemporaryFolder() as temporary:
         thread = threading.Thread(target=run, name="confined", daemon=True)
         try:
             thread.start()

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -29,6 +29,7 @@ from isac_cosim.evaluation.in_traffic.measurement.evaluation import study_of
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -52,7 +53,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
     scenario: bundled name or path. run: folder of a trained predictor; None: the network senses but predicts nothing.
     duration_s, run_in_s: of an episode, s. every_s: time between two actions, s. slots: vehicles that can be advised
     at once. advisory_cost: what sending one costs, in the unit of the reward. natural: drivers are left alone.
-    sensor: what senses the TVs, isac, radar or truth. settings: content of `ClosedLoopSettings`.
+    sensor: what senses the TVs, isac, radar, truth or an installed one. settings: content of `ClosedLoopSettings`.
 
     Observation, (slots, FEATURES): the connected vehicles that follow a sensed TV, the one that would reach it first
     in front. Action, (slots,): for each, 0 nothing, or the number of one of INSTRUCTIONS plus 1. Reward: minus the time
@@ -74,7 +75,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         slots: int = 8,
         advisory_cost: float = 0.01,
         natural: bool = False,
-        sensor: Literal["isac", "radar", "truth"] = "isac",
+        sensor: str = DEFAULT,
         settings: dict[str, Any] | None = None,
     ) -> None:
         infer = None if run is None else Infer.load(Path(run))

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.isacsim.scenarios.naming import check_name
@@ -96,7 +97,7 @@ def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
 
 
 def _run_missing(
-    task: Callable[[EpisodeJob], EpisodeResult | InputError | OutputError],
+    task: Callable[[EpisodeJob], EpisodeResult],
     plan: EpisodePlan,
     journal: Journal,
     engine: Engine,
@@ -108,8 +109,6 @@ def _run_missing(
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
             job, result = outcome.item, outcome.result
-            if isinstance(result, InputError | OutputError):
-                raise result
             if result is not None:
                 journal.add(result.shard)
                 plan.add(job, result.shard.by_intention)
@@ -117,28 +116,20 @@ def _run_missing(
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
-                spent = {"seconds": outcome.seconds, "retries": outcome.retries}
+                spent = {"seconds": outcome.seconds, "retries": outcome.retries, "printed": outcome.printed}
                 note(Entry(**lost.model_dump(), outcome="lost", **spent))
             move(*plan.progress())
             if plan.done:
                 return
 
 
-def _work(
-    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob
-) -> EpisodeResult | InputError | OutputError:
-    """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
-    try:
-        ready()
-        scenario = _load(source, job.where)
-        recording = source.record(scenario, job.seed)
-        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
-    except (InputError, OutputError) as error:
-        return error
-    except OSError as error:
-        if error.errno in NO_ROOM:
-            return output_error(error.filename or folder, error)
-        raise
+@limited()
+def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob) -> EpisodeResult:
+    """Run one episode in a worker and write its shard."""
+    ready()
+    scenario = _load(source, job.where)
+    recording = source.record(scenario, job.seed)
+    return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
 
 
 @lru_cache(maxsize=4)

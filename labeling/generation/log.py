@@ -17,7 +17,7 @@ from pydantic import Field
 from isac_cosim.base.errors import writing
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.workers.engine import Outcome
+from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.labeling.dataset.shard import Shard
 
 LOG_FILE = "log.jsonl"
@@ -31,7 +31,7 @@ class Entry(Settings):
     outcome: `made` if it has a shard, `lost` if it failed. seconds: duration of the last try, None if its worker died.
     retries: tries before the last one. events: number of events by intention. collided, teleported: number of vehicles.
     beyond_car: number of vehicles that their driver model drove beyond 9 m/s2 or 25 m/s3. warnings: number of SUMO's
-    warnings. reason: why the episode was lost.
+    warnings. reason: why the episode was lost. printed: the end of what SUMO and other libraries printed.
     """
 
     scenario: str
@@ -46,6 +46,7 @@ class Entry(Settings):
     beyond_car: int = 0
     warnings: int = 0
     reason: str | None = None
+    printed: str = ""
 
     def __str__(self) -> str:
         outcome = f"{self.samples} samples" if self.outcome == "made" else f"lost, {self.reason}"
@@ -77,6 +78,7 @@ def entry_of(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Ent
         teleported=episode.teleported,
         beyond_car=episode.counts.get("beyond_car", 0),
         warnings=warnings,
+        printed=outcome.printed,
     )
 
 

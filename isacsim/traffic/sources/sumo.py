@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
+from isac_cosim.base.workers.activity import reading
 from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
@@ -130,11 +131,12 @@ def record_stepwise(
                 log.step(sumo, director.commanded | moment.steered)
                 let_stops_last(sumo, log.parking, traffic.step_s)
             log.finish(sumo)
+            onward = {name: edges_ahead(sumo, name) for name in sumo.vehicle.getIDList()}
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
-    tracks = log.tracks()
+    tracks = {name: replace(track, onward=onward.get(name, ())) for name, track in log.tracks().items()}
     add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, scenario.name, seed)
     return Recording(
         scenario=scenario.name,
@@ -148,6 +150,15 @@ def record_stepwise(
         lefthand=scenario.lefthand,
         parked=log.parked(tracks),
     )
+
+
+def edges_ahead(sumo: Any, vehicle: str) -> tuple[str, ...]:
+    """Return the edges that a vehicle has still to drive, from the one on which it is, or came from, on.
+
+    Inside a junction, SUMO says that the vehicle is on the edge from which it came.
+    """
+    route = sumo.vehicle.getRoute(vehicle)
+    return tuple(route[max(sumo.vehicle.getRouteIndex(vehicle), 0) :])
 
 
 def state_log(scenario: Scenario, traffic: TrafficSettings, first: int) -> StateLog:
@@ -178,11 +189,13 @@ def session(
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
     import libsumo
 
-    with tempfile.TemporaryDirectory(prefix="cosim-", dir=landlock.folder()) as folder, _guarded(scenario):
-        handover = Handover(Path(folder))
+    with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
+        folder = temporary.path
+        handover = Handover(folder)
 
         def handed(*files: Path) -> str:
-            return ",".join(str(handover.path_of(file)) for file in files)
+            with writing_temporary():
+                return ",".join(str(handover.path_of(file)) for file in files)
 
         options = {
             **scenario.kept,
@@ -203,13 +216,15 @@ def session(
             "no-step-log": "true",
             # Warnings go to the log only, not to the console.
             "no-warnings": "true",
-            "error-log": str(Path(folder) / LOG_FILE),
+            "error-log": str(folder / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
-            **(log.options(Path(folder)) if log else {}),
+            **(log.options(folder) if log else {}),
         }
+        files = (scenario.network, *scenario.demand, *scenario.additional)
         try:
-            libsumo.start(["sumo", *_arguments(options)])
+            with reading(f"scenario {scenario.name}, seed {seed}", files):
+                libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
         try:
@@ -225,7 +240,7 @@ def session(
         finally:
             libsumo.close()
             if messages is not None:
-                with (Path(folder) / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
+                with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
 
 
