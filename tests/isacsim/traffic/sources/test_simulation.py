@@ -9,6 +9,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.temporary import LOCK_FILE
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.command_settings import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
@@ -172,7 +173,7 @@ def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatc
         for _ in range(100):
             sumo.simulationStep()
             log.step(sumo)
-        assert [file.name for file in tmp_path.glob("cosim-*/*")] == [LOG_FILE]
+        assert {file.name for file in tmp_path.glob("cosim-*/*")} == {LOG_FILE, LOCK_FILE}
     assert len(log.tracks()["a"]) == 100
 
 
