@@ -31,6 +31,7 @@ from isac_cosim.labeling.dataset.dataset import Episode, write_shard
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.episode import make_samples, ready, select
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import candidates
 
@@ -70,7 +71,8 @@ def _one_episode() -> dict[str, Any]:
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
         chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
-        samples, _ = make_samples(study, scenario, recording, chosen)
+        sensor = watch_episode(study, scenario, SEED, recording)
+        samples, _ = make_samples(study, scenario, recording, chosen, sensor)
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
         tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)

@@ -30,10 +30,11 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     lanes_of,
     rule_answer,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import Sensing, Track
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 from isac_cosim.labeling.road.surroundings import Surroundings
@@ -56,7 +57,7 @@ TIMING = Timing(
 
 
 @dataclass(frozen=True)
-class Spent:
+class LiveTime:
     """Processor time by purpose, s; predicted driving, s; and the mean number of panels that sense a vehicle."""
 
     sensing_s: float
@@ -102,7 +103,7 @@ def sites() -> tuple[Site, ...]:
     )
 
 
-def measured(folder: Path) -> Spent:
+def measured(folder: Path) -> LiveTime:
     """Sense and predict the vehicles once. folder: an empty folder, for the scenario's files."""
     pairs = [
         ScriptedVehicle(f"{name}{k}", 25.0, start_m=100.0 * k + lead, duration_s=DURATION_S)
@@ -114,7 +115,8 @@ def measured(folder: Path) -> Spent:
     content = DatasetStudy().model_dump()
     content["sensing"]["channel"] |= {"kind": "link"}
     study = DatasetStudy.model_validate(content)
-    sensing = Sensing(study, scenario, recording, TIMING.before_decision_s)
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    sensing = StretchSensing(study, recording, sensor, TIMING.before_decision_s)
     driving = watched(recording, Surroundings(recording), study.pairs, TIMING)
     stretches = [stretch for stretch in driving.stretches if stretch.tv.startswith("tv")]
     begin = time.process_time()
@@ -140,11 +142,11 @@ def measured(folder: Path) -> Spent:
         rule_answer(LiveWindows(tv, uv, SHAPE.tv_rate_hz, lanes))
     ruled = time.process_time()
     count = sum(len(track.stretch.decision_s) for track in tracks)
-    panels = float(np.mean([track.fixes.n_sites for track in tracks]))
-    return Spent(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
+    panels = float(np.mean([track.n_sites for track in tracks]))
+    return LiveTime(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
 
 
-def _windows(cutter: WindowCutter, tracks: list[Track]) -> Iterator[tuple[Array, Array]]:
+def _windows(cutter: WindowCutter, tracks: list[SensedStretch]) -> Iterator[tuple[Array, Array]]:
     for track in tracks:
         yield from cutter.batches(track)
 

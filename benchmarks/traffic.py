@@ -39,7 +39,7 @@ RATIOS = (
 
 
 @dataclass(frozen=True)
-class Spent:
+class SteppingTime:
     """CPU seconds of one simulation: of the commands, and of the rest. vehicles: mean number on the road."""
 
     commands_s: float
@@ -79,7 +79,7 @@ def run() -> dict[str, Any]:
     }
 
 
-def simulate(traffic: TrafficSettings, record: bool) -> Spent:
+def simulate(traffic: TrafficSettings, record: bool) -> SteppingTime:
     """Simulate once, in the way of `isacsim.traffic.sources.sumo.record`."""
     scenario = load(SCENARIO)
     first = round(traffic.run_in_s / traffic.step_s)
@@ -108,7 +108,7 @@ def simulate(traffic: TrafficSettings, record: bool) -> Spent:
     if record:
         log.tracks()
     rest_s += time.process_time() - begin
-    return Spent(commands_s, rest_s, float(np.mean(vehicles)))
+    return SteppingTime(commands_s, rest_s, float(np.mean(vehicles)))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import PassScores, PredictorResult
-from isac_cosim.evaluation.on_windows.score_results import Interval, ScoreSpreads, Spread, WindowEndScores
+from isac_cosim.evaluation.on_windows.score_results import Difference, ScoreSpreads, Spread, WindowEndScores
 from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.predictors.registry import PREDICTORS
@@ -42,7 +42,7 @@ def value(measured: Spread, digits: int = 3) -> str:
     return f"{measured.mean:.{digits}f}{deviation}"
 
 
-def difference(interval: Interval | None) -> str:
+def difference(interval: Difference | None) -> str:
     """Return a difference with its interval, with signs."""
     if interval is None or interval.difference is None:
         return ""

@@ -75,7 +75,7 @@ class Infer:
         if lanes is not None:
             scenario = np.full(len(tv), "", dtype=object)
             windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
-        outputs = self.run.predictor(windows)
+        outputs = self.run.answer(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         score = self.score(outputs)
         probabilities = softmax(outputs.logits / card.temperature, axis=1)

@@ -12,11 +12,12 @@ from isac_cosim.base.parsing import channel
 from isac_cosim.base.settings import Settings, checked, read_toml
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
 from isac_cosim.models.runs.settings import TrainSettings
-from isac_cosim.studies.sweep_axes import Cell, Sensing, SweepAxes, network_name, sensings
+from isac_cosim.studies.sweep_axes import Cell, SweepAxes, WayOfSensing, network_name, sensings
 
 QUICK = "quick.toml"
 """The bundled study, which runs where none is given."""
@@ -77,9 +78,9 @@ class Study(Settings):
         }
 
     @property
-    def first(self) -> Sensing:
+    def first(self) -> WayOfSensing:
         """The way of sensing, by the sites, with which datasets are generated; other ways sense their records anew."""
-        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == "isac"), Sensing("isac"))
+        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == DEFAULT), WayOfSensing(DEFAULT))
 
     @property
     def cells(self) -> list[Cell]:

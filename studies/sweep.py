@@ -22,10 +22,11 @@ import numpy as np
 from isac_cosim.base.errors import InputError, OutputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.base.workers.engine import Engine, describe
+from isac_cosim.base.workers.attempts import describe
+from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
-from isac_cosim.evaluation.report.report import PAGE
+from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.labeling.dataset.dataset import Dataset, read_description
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
 from isac_cosim.labeling.generation.generate import generate
@@ -38,7 +39,7 @@ from isac_cosim.studies.cell_tasks import CellEvaluation, CellTraining, run_task
 from isac_cosim.studies.cost_estimate import cell_s, estimate_study
 from isac_cosim.studies.single import claim_study
 from isac_cosim.studies.study import Study
-from isac_cosim.studies.sweep_axes import Cell, Sensing, sensings
+from isac_cosim.studies.sweep_axes import Cell, WayOfSensing, sensings
 from isac_cosim.studies.sweep_results import FailedTraining, SweepMadeBy, SweepResult, SweepRow
 from isac_cosim.studies.sweep_table import row_of, write_sweep
 
@@ -74,7 +75,7 @@ class Sweep:
     def __init__(self, study: Study, out: Path, engine: Engine, feedback: Feedback) -> None:
         self.study, self.out, self.engine, self.feedback = study, out, engine, feedback
         self.axes = study.axes
-        self.datasets: dict[tuple[str, Sensing], Dataset] = {}
+        self.datasets: dict[tuple[str, WayOfSensing], Dataset] = {}
         self.sides: dict[str, dict[str, list[str]]] = {}
         self.rows: list[SweepRow] = []
         self.failed: list[FailedTraining] = []
@@ -232,7 +233,7 @@ class Sweep:
         cpu_s = sum(cell_s(self.study, cell.model, samples[cell.network]) for cell in cells)
         return cpu_s * len(self.axes.training_seeds) / self.estimate.trainings_at_once(self.engine.workers)
 
-    def _folder(self, network: str, sensing: Sensing) -> Path:
+    def _folder(self, network: str, sensing: WayOfSensing) -> Path:
         return self.out / "datasets" / network / sensing.name
 
     def _run(self, cell: Cell, seed: int) -> Path:

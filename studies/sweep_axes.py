@@ -20,7 +20,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.radio.channel import ChannelSettings
 from isac_cosim.isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
-from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
 from isac_cosim.models.predictors.registry import PREDICTORS
 
 
@@ -43,7 +43,7 @@ class SweepAxes(Settings):
         (), description="per-element SNR of the sites, dB: LO:HI, one value, or link, as `cosim sense --snr` takes it"
     )
     sensors: tuple[Annotated[str, AfterValidator(SENSORS.check)], ...] = Field(
-        ("isac",), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
+        (DEFAULT,), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
     models: tuple[Annotated[str, AfterValidator(PREDICTORS.check)], ...] = Field(
         (), description="predictors; trees are always added, as the floor"
@@ -66,7 +66,7 @@ class SweepAxes(Settings):
 
 
 @dataclass(frozen=True)
-class Sensing:
+class WayOfSensing:
     """A way of sensing: the sensor, and for the sites the SNR.
 
     snr: as `cosim sense --snr` takes it; None for the study's own channel, and for other sensors.
@@ -91,7 +91,7 @@ class Cell:
     """One network, by its short name, one way of sensing and one predictor."""
 
     network: str
-    sensing: Sensing
+    sensing: WayOfSensing
     model: str
 
     @property
@@ -103,10 +103,10 @@ class Cell:
         return f"{self.network}, {self.sensing}, {self.model}"
 
 
-def sensings(axes: SweepAxes) -> list[Sensing]:
+def sensings(axes: SweepAxes) -> list[WayOfSensing]:
     """Return the ways of sensing. The SNR applies to the sites only, so radar and truth are one way each."""
     return [
-        Sensing(sensor, snr)
+        WayOfSensing(sensor, snr)
         for sensor in axes.sensors
         for snr in ((axes.snr or (None,)) if SENSORS[sensor].by_sites else (None,))
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from isac_cosim.base.settings import Settings
 from isac_cosim.evaluation.on_windows.results import ScoreName
 from isac_cosim.studies.study import Study
-from isac_cosim.studies.sweep_axes import Sensing
+from isac_cosim.studies.sweep_axes import WayOfSensing
 
 
 class TrainingScores(Settings):
@@ -71,9 +71,9 @@ class SweepRow(Settings):
     runs: list[TrainingScores]
 
     @property
-    def sensing(self) -> Sensing:
+    def sensing(self) -> WayOfSensing:
         """What sensed the records."""
-        return Sensing(self.sensor, self.snr)
+        return WayOfSensing(self.sensor, self.snr)
 
     def score(self, name: ScoreName) -> tuple[float | None, float | None]:
         """Return mean and standard deviation of a score."""

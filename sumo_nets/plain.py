@@ -15,7 +15,8 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.demand import drivers
 from isac_cosim.isacsim.scenarios.scenario import read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand, write_lines
+from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand
+from isac_cosim.isacsim.scenarios.xml_files import write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)
@@ -54,7 +55,7 @@ class Plain:
 
 
 @dataclass(frozen=True)
-class Road:
+class PlainRoad:
     """The middle line of a straight road with one bend to the left.
 
     bend_m: where the bend begins, m along the road. radius_m, angle: of the bend, m and rad.
@@ -102,10 +103,10 @@ class Carriageway:
 
     speed: limit, m/s. lanes: of its main part, half of them on either side of the road's middle.
     pieces: name, start, end (m along the road) and number of lanes of each edge. Additional lanes lie on the right.
-    Each edge must be either straight or bent, see `Road`.
+    Each edge must be either straight or bent, see `PlainRoad`.
     """
 
-    road: Road
+    road: PlainRoad
     speed: float
     lanes: int
     pieces: tuple[tuple[str, float, float, int], ...]

@@ -30,7 +30,7 @@ LONG_S = 1.0
 
 
 @dataclass(frozen=True)
-class Excursion:
+class AbandonedChange:
     """A stretch of time that a vehicle spends away from the middle of a lane.
 
     crosses: whether it crosses a marking. lasts_s: its length. stopped_s: how long the vehicle does not move across.
@@ -41,7 +41,7 @@ class Excursion:
     stopped_s: float
 
 
-def excursions(track: Track, step_s: float) -> Iterator[Excursion]:
+def excursions(track: Track, step_s: float) -> Iterator[AbandonedChange]:
     """Yield the excursions of one vehicle."""
     steps = np.diff(track.lane_lat)
     marking = np.abs(steps) > MARKING_STEP_M
@@ -50,7 +50,7 @@ def excursions(track: Track, step_s: float) -> Iterator[Excursion]:
     for first, after in np.flatnonzero(np.diff(aside)).reshape(-1, 2):
         crosses = bool(marking[max(first - 1, 0) : after].any())
         stopped = np.abs(across[first:after]) < STOPPED_MPS
-        yield Excursion(crosses, (after - first) * step_s, float(stopped.sum() * step_s))
+        yield AbandonedChange(crosses, (after - first) * step_s, float(stopped.sum() * step_s))
 
 
 def traffic_left_alone(scenario: str, seed: int, duration_s: float, sublane_m: float) -> Recording:

@@ -28,7 +28,7 @@ END_M = 1.0
 
 
 @dataclass(frozen=True)
-class Crossing:
+class LaneCrossing:
     """Where the centre lines of two lanes cross. lanes: their numbers in the recording. places: m along each."""
 
     lanes: tuple[int, int]
@@ -66,7 +66,7 @@ def crossings(recording: Recording) -> Encroachments:
     return Encroachments.of(sorted(rows), crossing=True)
 
 
-def conflict_points(lanes: Sequence[Lane]) -> list[Crossing]:
+def conflict_points(lanes: Sequence[Lane]) -> list[LaneCrossing]:
     """Return where lanes of the same junction cross."""
     inside: dict[str, list[int]] = defaultdict(list)
     for number, lane in enumerate(lanes):
@@ -78,7 +78,9 @@ def conflict_points(lanes: Sequence[Lane]) -> list[Crossing]:
         goals = {k: _outside(k, lanes, graph.successors) for k in numbers}
         for first, second in combinations(numbers, 2):
             if origins[first].isdisjoint(origins[second]) and goals[first].isdisjoint(goals[second]):
-                points += [Crossing((first, second), places) for places in _intersections(lanes[first], lanes[second])]
+                points += [
+                    LaneCrossing((first, second), places) for places in _intersections(lanes[first], lanes[second])
+                ]
     return points
 
 

@@ -37,7 +37,7 @@ SMOOTHING_S = 0.15
 
 
 @dataclass(frozen=True)
-class Driving:
+class VehicleMotions:
     """What each vehicle did at each instant, n rows, vehicle by vehicle in order of time.
 
     names: of the vehicles. vehicle: number in `names`, (n,). time_s: s. x, y: m. speed: m/s. acceleration: along the
@@ -96,7 +96,9 @@ def drac_mps2(gap_m: Array, closing_mps: Array) -> Array:
     return np.where(closes, closing_mps**2 / (2.0 * np.where(closes, gap_m, 1.0)), 0.0)
 
 
-def driving_of(recording: Recording, surroundings: Surroundings | None = None, every_s: float = EVERY_S) -> Driving:
+def driving_of(
+    recording: Recording, surroundings: Surroundings | None = None, every_s: float = EVERY_S
+) -> VehicleMotions:
     """Return what the vehicles of a recording did, one row each `every_s`. Parked vehicles have no rows meanwhile."""
     stride = max(1, round(every_s / recording.step_s))
     tracks = list(recording.tracks.values())
@@ -113,7 +115,7 @@ def driving_of(recording: Recording, surroundings: Surroundings | None = None, e
     leader, gap = _leaders(step, column("lane").astype(np.int64), column("lane_pos"), vehicle, length)
     _across_lane_ends(surroundings or Surroundings(recording), vehicle, step, leader, gap)
     closing = np.where(leader >= 0, speed - speed[leader], 0.0) if len(speed) else speed
-    return Driving(
+    return VehicleMotions(
         names=tuple(track.vehicle for track in tracks),
         every_s=stride * recording.step_s,
         vehicle=vehicle,
@@ -257,7 +259,7 @@ class Totals:
     hardest_braking_mps2: float
 
     @classmethod
-    def of(cls, driving: Driving, encroachments: Encroachments, rows: BoolArray, chosen: BoolArray) -> Totals:
+    def of(cls, driving: VehicleMotions, encroachments: Encroachments, rows: BoolArray, chosen: BoolArray) -> Totals:
         """Sum up chosen rows of the driving, (n,), and chosen encroachments, (m,)."""
         every_s, ttc, drac = driving.every_s, driving.ttc_s[rows], driving.drac_mps2[rows]
         close = chosen & (encroachments.pet_s < PET_S)

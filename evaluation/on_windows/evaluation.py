@@ -13,13 +13,14 @@ from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.files import claim, write_json
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
 from isac_cosim.evaluation.on_windows.prediction_table import write_predictions
 from isac_cosim.evaluation.on_windows.predictions import Predictions, ends_at_lead, predict, unseen
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import (
     METRICS_FILE,
     ComparedResult,
@@ -31,6 +32,7 @@ from isac_cosim.evaluation.on_windows.results import (
 )
 from isac_cosim.evaluation.on_windows.score_results import Calibration, ManeuverScores, WindowEndScores
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
@@ -49,7 +51,7 @@ class Evaluation:
     """
 
     result: EvaluationResult
-    measured: tuple[Measured, ...]
+    measured: tuple[MeasuredRun, ...]
     passing: Passing | None = None
 
 
@@ -80,6 +82,7 @@ def evaluate(
     return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
 
 
+@limited()
 def evaluate_records(
     run: Run,
     records: Records,
@@ -149,7 +152,7 @@ def _evaluate(
             versions=versions(OF_RUNS),
         ),
     )
-    return Evaluation(result, tuple(measured), passing)
+    return with_answers(Evaluation(result, tuple(measured), passing))
 
 
 def _dropped_ends(
@@ -161,7 +164,7 @@ def _dropped_ends(
     return (dropped, ends) if len(ends) else None
 
 
-def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> Measured:
+def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: EvaluateSettings) -> MeasuredRun:
     """Return a run's predictions on the windows with those ends, and all its metrics.
 
     name: of the run in the result.
@@ -174,7 +177,7 @@ def measure(run: Run, name: str, records: Records, ends: SharedEnds, settings: E
     result = run_result(run, name, predictions, at_leads)
     if curve is not None:
         result = result.model_copy(update={"by_window_end": window_end_scores(run, at_ends)})
-    return Measured(run, predictions, result, at_leads, at_ends, dropped)
+    return MeasuredRun(run, predictions, result, at_leads, at_ends, dropped)
 
 
 def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[float, Predictions]) -> RunResult:

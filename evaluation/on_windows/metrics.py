@@ -16,7 +16,7 @@ from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.evaluation.on_windows.score_results import (
     ClassifiedWindows,
     ClassScores,
-    Interval,
+    Difference,
     LeadTimeBin,
     ManeuverScores,
     PairedDifference,
@@ -263,7 +263,7 @@ def paired_difference(
         ]
         return np.asarray(means[0] - means[1])
 
-    def of_class(name: str, k: int) -> Interval:
+    def of_class(name: str, k: int) -> Difference:
         # A group in which the class neither occurs nor is predicted says nothing about its F1.
         informed = np.any([c[..., k, :].sum(axis=(0, 2)) + c[..., :, k].sum(axis=(0, 2)) > 0 for c in counts], axis=0)
         return _interval(
@@ -325,10 +325,10 @@ def _number(value: float | np.floating | Array) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _interval(difference: Array, left_out: Array) -> Interval:
+def _interval(difference: Array, left_out: Array) -> Difference:
     """Return a difference with its interval; left_out: the same without each group in turn, (g,)."""
     half_width = jackknife_half_width(left_out)
-    return Interval(
+    return Difference(
         difference=_number(difference),
         low=_number(np.maximum(difference - half_width, -1.0)),
         high=_number(np.minimum(difference + half_width, 1.0)),

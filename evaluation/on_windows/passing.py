@@ -20,7 +20,7 @@ from sklearn.metrics import roc_auc_score
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
 from isac_cosim.evaluation.on_windows.predictions import Predictions
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import PassAnswer, PassScores, ReliabilityBin, TrainedPassAnswer
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.statistics import jackknife_interval
@@ -28,7 +28,7 @@ from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.labeling.intentions import Intention, outward
 from isac_cosim.models.data.statistics import statistics
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, batches, draw_ends, end_bounds
-from isac_cosim.models.predictors.trees import TreesSettings
+from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
 
 WITHIN_S = (5.0, 10.0)
 """Times after the end of the window within which the TV may pass, s."""
@@ -53,7 +53,7 @@ class Passing:
 
 
 def ask(
-    pull_outs: PullOuts, records: Records, measured: Measured, windows: WindowSettings, settings: EvaluateSettings
+    pull_outs: PullOuts, records: Records, measured: MeasuredRun, windows: WindowSettings, settings: EvaluateSettings
 ) -> Passing:
     """Return the measured windows of pull-outs, and the answers of models that are trained on the question.
 
@@ -72,13 +72,13 @@ def ask(
     return Passing(pull_outs, tested.windows, models, probability)
 
 
-def pass_scores(passing: Passing, measured: Sequence[Measured]) -> list[PassScores]:
+def pass_scores(passing: Passing, measured: Sequence[MeasuredRun]) -> list[PassScores]:
     """Return the scores of the runs' own answers and of the trained models, for each time in WITHIN_S."""
     own = {member.result.name: own_answer(passing.pull_outs, member) for member in measured}
     return [_scores(passing, own, within_s) for within_s in WITHIN_S]
 
 
-def own_answer(pull_outs: PullOuts, measured: Measured) -> Array | None:
+def own_answer(pull_outs: PullOuts, measured: MeasuredRun) -> Array | None:
     """Return what a run's probabilities say about passing, (n,), for the windows of `Passing.windows`.
 
     It is the probability of an overtake as a share of that of an overtake or a change to the faster side. None for a
@@ -280,7 +280,7 @@ def ends_of(records: Records, windows: WindowSettings, seed: int, per_record: in
     return draw_ends(records, windows, "evaluate", seed, per_record=per_record)
 
 
-TREES = TreesSettings(rounds=100)
+TREES = BoostingSettings(rounds=100)
 """Settings of the trees. There are fewer windows than a predictor of intentions has, and two answers."""
 LEAST_OF_EACH = 5
 """With fewer windows of either answer, on the training or on the validation side, nothing is trained."""
@@ -352,10 +352,7 @@ def fit_pass_model(training: PassFeatures, validation: PassFeatures, within_s: f
     if any(min(answer.sum(), (~answer).sum()) < LEAST_OF_EACH for _, answer in sides):
         return None
     (features, answer), (held_features, held_answer) = sides
-    trees = HistGradientBoostingClassifier(
-        max_iter=TREES.rounds, learning_rate=TREES.learning_rate, max_leaf_nodes=TREES.leaves,
-        l2_regularization=TREES.l2, early_stopping=False, random_state=0,
-    ).fit(features, answer)  # fmt: skip
+    trees = boosted_trees(TREES).fit(features, answer)
     scale, shift = fit_calibration(np.asarray(trees.decision_function(held_features)), held_answer)
     return PassModel(trees, scale, shift, len(answer), len(held_answer))
 

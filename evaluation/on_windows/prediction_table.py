@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from isac_cosim.base.files import replace_file
 from isac_cosim.evaluation.on_windows.passing import Passing
 from isac_cosim.evaluation.on_windows.predictions import Predictions
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
@@ -27,7 +27,7 @@ DRAWN, AT_LEAD, AT_END, DROPPED = "drawn", "at_lead", "at_end", "dropped_pull_ou
 whether the TV passes the UV, of a pull-out that is in no class."""
 
 
-def write_predictions(measured: Sequence[Measured], folder: Path, passing: Passing | None = None) -> Path:
+def write_predictions(measured: Sequence[MeasuredRun], folder: Path, passing: Passing | None = None) -> Path:
     """Write the predictions of all measured runs into a folder, completely or not at all. Returns the file's path.
 
     passing: the windows of pull-outs. The same predictions give the same bytes. Raises OutputError.
@@ -40,7 +40,7 @@ def write_predictions(measured: Sequence[Measured], folder: Path, passing: Passi
     return path
 
 
-def prediction_table(measured: Sequence[Measured], passing: Passing | None = None) -> pd.DataFrame:
+def prediction_table(measured: Sequence[MeasuredRun], passing: Passing | None = None) -> pd.DataFrame:
     """Return one row a window and run, the evaluated run first.
 
     passing: the windows of pull-outs; without them, the table lacks the columns about passing.

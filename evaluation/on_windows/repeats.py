@@ -15,7 +15,7 @@ from isac_cosim.models.runs.run import Run
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredRun:
     """A run, its predictions on the windows that all runs of a comparison share, and its metrics.
 
     at_leads: predictions on windows that end at a fixed time before the commit, by that time, s.
@@ -37,9 +37,9 @@ def same_but_for_seed(first: Run, second: Run) -> bool:
     return cards[0] == cards[1] and first.card.dataset.get("digest") == second.card.dataset.get("digest")
 
 
-def grouped(measured: Sequence[Measured]) -> list[list[Measured]]:
+def grouped(measured: Sequence[MeasuredRun]) -> list[list[MeasuredRun]]:
     """Group runs that differ in the training seed alone; groups are in the order of their first run."""
-    groups: list[list[Measured]] = []
+    groups: list[list[MeasuredRun]] = []
     for candidate in measured:
         group = next((group for group in groups if same_but_for_seed(group[0].run, candidate.run)), None)
         if group is None:
@@ -49,7 +49,7 @@ def grouped(measured: Sequence[Measured]) -> list[list[Measured]]:
     return groups
 
 
-def over_training_seeds(measured: Sequence[Measured]) -> list[PredictorResult]:
+def over_training_seeds(measured: Sequence[MeasuredRun]) -> list[PredictorResult]:
     """Return mean and spread of each group's scores, and its paired difference to the first group.
 
     The difference is of mean scores, first group minus this one, with an interval over scenario seeds. The standard
@@ -88,12 +88,12 @@ def summary(results: Sequence[RunResult]) -> ScoreSpreads:
     )
 
 
-def difference(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
+def difference(first: Sequence[MeasuredRun], second: Sequence[MeasuredRun]) -> PairedDifference:
     """Return `metrics.paired_difference` of two groups, on windows of intentions that all of them were trained on."""
     return _difference(_drawn(first), _drawn(second), first[0].run.card.classes)
 
 
-def difference_before_commit(first: Sequence[Measured], second: Sequence[Measured]) -> PairedDifference:
+def difference_before_commit(first: Sequence[MeasuredRun], second: Sequence[MeasuredRun]) -> PairedDifference:
     """Return the same on the windows that end before the commit."""
     before_commit = first[0].predictions.before_commit
     return _difference(
@@ -101,7 +101,7 @@ def difference_before_commit(first: Sequence[Measured], second: Sequence[Measure
     )
 
 
-def differences_by_lead(first: Sequence[Measured], second: Sequence[Measured]) -> list[LeadDifference]:
+def differences_by_lead(first: Sequence[MeasuredRun], second: Sequence[MeasuredRun]) -> list[LeadDifference]:
     """Return the same on the windows that end at each fixed time before the commit."""
     differences = []
     for lead_s in first[0].at_leads:
@@ -111,7 +111,7 @@ def differences_by_lead(first: Sequence[Measured], second: Sequence[Measured]) -
     return differences
 
 
-def _drawn(group: Sequence[Measured]) -> list[Predictions]:
+def _drawn(group: Sequence[MeasuredRun]) -> list[Predictions]:
     """Return each run's predictions on the windows of the evaluation."""
     return [member.predictions for member in group]
 

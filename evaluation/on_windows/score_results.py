@@ -263,7 +263,7 @@ class WindowEndScores(Settings):
     fpr_at_95_recall: float | None
 
 
-class Interval(Settings):
+class Difference(Settings):
     """A difference with the bounds of its 95 % interval, which are None where there is none."""
 
     difference: float | None
@@ -280,8 +280,8 @@ class PairedDifference(Settings):
     """
 
     groups: int
-    macro_f1: Interval
-    per_class_f1: dict[str, Interval]
+    macro_f1: Difference
+    per_class_f1: dict[str, Difference]
 
     @property
     def has_interval(self) -> bool:

@@ -24,7 +24,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.evaluation.on_windows import repeats
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
-from isac_cosim.evaluation.on_windows.repeats import Measured
+from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import ReliabilityBin
 from isac_cosim.evaluation.on_windows.score_results import LeadTimeBin, WindowEndScores
 from isac_cosim.evaluation.report import figures
@@ -286,7 +286,7 @@ def read_history(path: Path) -> pd.DataFrame:
         raise InputError(f"{path}: is damaged ({error}); delete it to evaluate without it") from None
 
 
-def _roc_curves(measured: Measured) -> dict[str, tuple[Array, Array]]:
+def _roc_curves(measured: MeasuredRun) -> dict[str, tuple[Array, Array]]:
     """Return false- and true-positive rates of the run's own open-set score and of the plain one, by a legend text."""
     predictions, card, scores = measured.predictions, measured.run.card, open_set.of_run(measured.run)
     rows = predictions.known | predictions.unknown

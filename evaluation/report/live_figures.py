@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.closed_loop.scoring import REFERENCE
-from isac_cosim.evaluation.in_traffic.measurement.measuring import Measured
+from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
-from isac_cosim.evaluation.in_traffic.scores.scoring import Outcome
+from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure, spoken
 from isac_cosim.labeling.intentions import KNOWN
 
@@ -37,7 +37,7 @@ def draw_live_figures(evaluation: TrafficEvaluation, folder: Path) -> None:
         time_line(evaluation, first, folder / "time_line.png")
 
 
-def recall_against_false_alarms(shown: Mapping[str, Measured], path: Path) -> None:
+def recall_against_false_alarms(shown: Mapping[str, MeasuredAlarms], path: Path) -> None:
     """Draw recall against false alarms an hour, a curve for each predictor, a dot where its frozen alarms lie."""
     with figure(path, 8, 4.4) as drawn:
         axes = drawn.subplots()
@@ -65,7 +65,7 @@ def _staircase(rates: Array, recalls: Array) -> tuple[Array, Array]:
     return rates[order], np.maximum.accumulate(recalls[order])
 
 
-def lead_times(outcomes: Sequence[Outcome], path: Path) -> None:
+def lead_times(outcomes: Sequence[AlarmOutcome], path: Path) -> None:
     """Draw the distribution of lead times to the commit, an intention a row: every alarm, median and quartiles."""
     with figure(path, 8, 4.2) as drawn:
         axes = drawn.subplots()
@@ -86,7 +86,7 @@ def lead_times(outcomes: Sequence[Outcome], path: Path) -> None:
         axes.set_title("How early alarms come; diamonds: medians, bars: quartiles")
 
 
-def time_line(evaluation: TrafficEvaluation, measured: Measured, path: Path) -> None:
+def time_line(evaluation: TrafficEvaluation, measured: MeasuredAlarms, path: Path) -> None:
     """Draw the first measured episode: a row for each vehicle, events as bars, alarms as marks."""
     truth, alarms = evaluation.truths[0], measured.alarms[0]
     episode, false = truth.episode, set(truth.table.match(alarms).false.tolist())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from isac_cosim.evaluation.on_windows.results import ComparedResult, EvaluationResult, PredictorResult
-from isac_cosim.evaluation.on_windows.score_results import LEAST_FOR_VERDICT, Interval, PairedDifference
+from isac_cosim.evaluation.on_windows.score_results import LEAST_FOR_VERDICT, Difference, PairedDifference
 
 SINGLE_SEED = "All scores are of a single test seed: nothing can be said about other traffic."
 
@@ -32,7 +32,7 @@ def seeds_text(count: int) -> str:
     return f"{count} test seed" + ("" if count == 1 else "s")
 
 
-def difference_text(paired: PairedDifference, interval: Interval) -> str:
+def difference_text(paired: PairedDifference, interval: Difference) -> str:
     """Return a difference with its interval; interval: one of those in `paired`."""
     if interval.difference is None:
         return "-"

@@ -6,7 +6,6 @@ bytes, so that the SHA-256 digests of two shards show whether they hold the same
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -22,9 +21,11 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
+from isac_cosim.base.files import DIGEST, file_digest, replace_file
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.tables import open_parquet, read_columns
 from isac_cosim.base.validation import first_fault
+from isac_cosim.isacsim.scenarios.naming import NAME
 from isac_cosim.labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[3] = 3
@@ -45,10 +46,8 @@ CLASS_NAMES = tuple(intention.text for intention in Intention)
 PASSING = ("pull_out", "t_pass", "t_pair_end")
 """The columns that say whether and when the TV passes the UV."""
 ROW_GROUP = 256
-SHARD_FILE = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$"
+SHARD_FILE = rf"{NAME.removesuffix('$')}\.parquet$"
 """Names of shards' files."""
-DIGEST = r"^[0-9a-f]{64}$"
-"""A SHA-256 digest, hexadecimal."""
 _EPISODE_KEY = b"cosim.episode"
 _PULL_OUTS_KEY = b"cosim.pull_outs"
 
@@ -104,7 +103,7 @@ class Episode(Settings):
     filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
     """
 
-    scenario: str
+    scenario: str = Field(pattern=NAME)
     seed: int
     schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
     fingerprint: str = ""
@@ -254,11 +253,13 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     Origins of former schemas are renamed, and columns that they lack are added, empty or NaN. Raises OSError or
     ValueError for a damaged file.
     """
-    file = pq.ParquetFile(path, page_checksum_verification=True)
+    file = open_parquet(path)
     present = file.schema_arrow.names
+    if missing := [name for name in columns or () if name not in present and name not in LACKING]:
+        raise ValueError(f"{missing[0]}: the column is missing")
     stored = [name for name in columns or present if name in present]
     # Without a column to read there would be no rows.
-    table = file.read([*stored, *([] if stored else ["sample_id"])])
+    table = read_columns(file, [*stored, *([] if stored else ["sample_id"])])
     lacking = [name for name in LACKING if name not in present]
     if not lacking:
         return table
@@ -275,11 +276,15 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 def read_samples(path: Path) -> list[Sample]:
     """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
-        table = read_table(path)
-        states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
-        rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
+        return samples_of(read_table(path))
     except (KeyError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
+
+
+def samples_of(table: pa.Table) -> list[Sample]:
+    """Return the samples in all columns of a shard. Raises KeyError if a column or an intention is unknown."""
+    states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
+    rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
@@ -312,7 +317,7 @@ def pull_outs_digest(path: Path) -> str | None:
 def read_shard(path: Path) -> Shard:
     """Return a shard's entry by reading the whole file. Raises InputError if the file is damaged or not a shard."""
     try:
-        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        table = read_columns(open_parquet(path))
         stored = json.loads(table.schema.metadata[_EPISODE_KEY])
         if (version := stored.get("schema_version")) not in READABLE:
             raise InputError(
@@ -343,12 +348,6 @@ def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:
         by_origin=_count(table["origin"].to_pylist()),
         episode=episode,
     )
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:

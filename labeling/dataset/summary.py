@@ -10,10 +10,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from isac_cosim.labeling.dataset.dataset import SHARDS, Dataset
+from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import read_episode
 from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
@@ -40,7 +39,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
     for name, seed in zip(shards.scenarios, shards.numbers("seed").tolist(), strict=True):
         seeds[name].append(seed)
-    errors = [read_episode(dataset.path / SHARDS / file) for file in shards.files]
+    errors = [dataset.episode(shard) for shard in shards]
     counts = dict(sorted((+shards.totals("counts")).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])

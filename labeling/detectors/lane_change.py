@@ -12,7 +12,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.detectors.protocol import VehicleView
 from isac_cosim.labeling.detectors.threshold_crossings import first_below, intervals_above
 from isac_cosim.labeling.intentions import LANE_CHANGES, Event, Intention
-from isac_cosim.labeling.road.road_motion import Crossing, RoadMotion
+from isac_cosim.labeling.road.road_motion import MarkingCrossing, RoadMotion
 
 
 class LaneChangeSettings(Settings):
@@ -34,7 +34,7 @@ class Crossings:
     cut_off: the number of those followed by the end of the track too soon to tell.
     """
 
-    completed: list[Crossing]
+    completed: list[MarkingCrossing]
     dithering: int
     cut_off: int
 
@@ -86,10 +86,10 @@ class LaneChangeDetector:
 
     def crossings(self, motion: RoadMotion) -> Crossings:
         """Return the crossings of one vehicle, sorted out by whether its centre stayed across."""
-        by_marking: dict[int, list[Crossing]] = defaultdict(list)
+        by_marking: dict[int, list[MarkingCrossing]] = defaultdict(list)
         for crossing in motion.crossings:
             by_marking[crossing.marking].append(crossing)
-        completed: list[Crossing] = []
+        completed: list[MarkingCrossing] = []
         cut_off = 0
         for crossings in by_marking.values():
             settled_left = not crossings[0].left
@@ -106,7 +106,7 @@ class LaneChangeDetector:
         dithering = len(motion.crossings) - len(completed) - cut_off
         return Crossings(sorted(completed, key=lambda crossing: crossing.time), dithering, cut_off)
 
-    def _event(self, motion: RoadMotion, crossing: Crossing) -> Event:
+    def _event(self, motion: RoadMotion, crossing: MarkingCrossing) -> Event:
         sign = 1.0 if crossing.left else -1.0
         onset, end = moving_span(motion, sign, crossing.time, self.settings.onset_mps, self.settings.pause_s)
         during = motion.aq[(motion.times >= onset) & (motion.times <= end)]
@@ -115,7 +115,7 @@ class LaneChangeDetector:
         return Event(motion.vehicle, intention, onset, crossing.time, end, peak)
 
 
-def _time_at_middle(motion: RoadMotion, first: Crossing, second: Crossing) -> float:
+def _time_at_middle(motion: RoadMotion, first: MarkingCrossing, second: MarkingCrossing) -> float:
     """Return when the vehicle is laterally halfway between two crossings towards one side, s."""
     sign = 1.0 if first.left else -1.0
     halfway = sign * (first.at_m + second.at_m) / 2

@@ -33,7 +33,7 @@ class OvertakeSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PullOutOutcome:
     """What a lane change to the faster side meant for another vehicle.
 
     returned: when the overtaking vehicle is back ahead of it, s; None without an overtake.
@@ -90,13 +90,13 @@ class OvertakeDetector:
         for change in view.lane_changes:
             if change.intention is change_out:
                 other = self.vehicle_ahead(view.surroundings, change)
-                outcome = Outcome("not_passed")
+                outcome = PullOutOutcome("not_passed")
                 if other is not None:
                     outcome = self.outcome(view.surroundings, view.lane_changes, change, other)
                 events.append(self.judged(change, other, outcome))
         return events
 
-    def judged(self, change: Event, other: str | None, outcome: Outcome) -> Event:
+    def judged(self, change: Event, other: str | None, outcome: PullOutOutcome) -> Event:
         """Return a lane change to the faster side as what it turned out to be for another vehicle."""
         if outcome.verdict == "overtaken" and outcome.returned is not None:
             return replace(
@@ -112,7 +112,9 @@ class OvertakeDetector:
         leader = surroundings.leader(change.vehicle, time, self.settings.look_ahead_m)
         return None if leader is None else leader.vehicle
 
-    def outcome(self, surroundings: Surroundings, changes: Sequence[Event], change: Event, other: str) -> Outcome:
+    def outcome(
+        self, surroundings: Surroundings, changes: Sequence[Event], change: Event, other: str
+    ) -> PullOutOutcome:
         """Return what one lane change to the faster side meant for another vehicle.
 
         changes: all completed lane changes of the changing vehicle, in order of crossing.
@@ -124,10 +126,10 @@ class OvertakeDetector:
         until = min(horizon, last_seen) if return_time is None else min(horizon, last_seen, return_time)
         passed = _passes(surroundings, change, other, until)
         if return_time is not None and return_time <= horizon:
-            return Outcome("overtaken", return_time) if passed else Outcome("not_passed")
+            return PullOutOutcome("overtaken", return_time) if passed else PullOutOutcome("not_passed")
         if last_seen < horizon:
-            return Outcome("unresolved")
-        return Outcome("passed_did_not_return" if passed else "not_passed")
+            return PullOutOutcome("unresolved")
+        return PullOutOutcome("passed_did_not_return" if passed else "not_passed")
 
 
 def _return_time(changes: Sequence[Event], change: Event) -> float | None:

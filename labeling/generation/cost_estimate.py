@@ -27,7 +27,7 @@ INSTANT_BYTES = 12.9
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EpisodeCost:
     """The size and cost of a dataset.
 
     cpu_s: processor time to generate it, s. bytes: its size on disk.
@@ -39,7 +39,7 @@ class Estimate:
     bytes: int
 
 
-def estimate(study: DatasetStudy) -> Estimate:
+def estimate(study: DatasetStudy) -> EpisodeCost:
     """Estimate the cost of generating a study's dataset."""
     traffic, record, selection = study.traffic, study.record, study.selection
     allowed = len(KNOWN) * selection.per_class + selection.following
@@ -50,13 +50,13 @@ def estimate(study: DatasetStudy) -> Estimate:
     samples = round(episodes * per_episode)
     tv, uv = record.duration_s * record.tv_rate_hz, record.duration_s * record.uv_rate_hz
     cpu_s = episodes * motion_source(study).expected_cpu_s() + samples * tv * SENSED_S
-    return Estimate(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
+    return EpisodeCost(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
 
 
-def sensed_anew(study: DatasetStudy, generated: Estimate, sensor: str) -> Estimate:
+def sensed_anew(study: DatasetStudy, generated: EpisodeCost, sensor: str) -> EpisodeCost:
     """Estimate the cost of sensing all records of a study's dataset anew.
 
     generated: the estimate of generating that dataset. sensor: a registered one.
     """
     instants = generated.samples * study.record.duration_s * study.record.tv_rate_hz
-    return Estimate(0, generated.samples, round(instants * SENSORS[sensor].cost_s, 1), generated.bytes)
+    return EpisodeCost(0, generated.samples, round(instants * SENSORS[sensor].cost_s, 1), generated.bytes)

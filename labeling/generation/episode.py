@@ -6,7 +6,7 @@ import gc
 import importlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +15,24 @@ import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.seeding import stream
-from isac_cosim.isacsim.radio.blockage import Blockers, blockers_of
 from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.sensing import chain as sensing
+from isac_cosim.isacsim.sensing.following import run_in, run_in_snapshots
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage
 from isac_cosim.isacsim.sensing.reports import report
+from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import LabelledRecording, Recording
 from isac_cosim.labeling.dataset.dataset import Episode, Sample, Shard, write_shard
 from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy, SelectionSettings
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import Candidate, candidates
 from isac_cosim.labeling.samples.generated_labels import agreement_counts, generated_candidates
 
 TOO_MANY = "beyond_cap"
-UNSEEN = "too_few_sites"
 
 
 @cache
@@ -61,10 +62,11 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
     else:
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
-    samples, fixes = make_samples(study, scenario, recording, chosen)
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    samples, fixes = make_samples(study, scenario, recording, chosen, sensor)
     pull_outs = select_pull_outs(available.dropped_pull_outs, study.selection, (scenario.name, recording.seed))
-    dropped_samples, _ = make_samples(study, scenario, recording, pull_outs, "p")
-    dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
+    dropped_samples, _ = make_samples(study, scenario, recording, pull_outs, sensor, "p")
+    dropped = {TOO_MANY: surplus, sensor.unusable: len(chosen) - len(samples)}
     record = study.record
     episode = Episode(
         scenario=scenario.name,
@@ -119,17 +121,20 @@ def select_pull_outs(
 
 
 def make_samples(
-    study: DatasetStudy, scenario: Scenario, recording: Recording, chosen: Sequence[Candidate], mark: str = ""
+    study: DatasetStudy,
+    scenario: Scenario,
+    recording: Recording,
+    chosen: Sequence[Candidate],
+    sensor: Watch,
+    mark: str = "",
 ) -> tuple[list[Sample], list[Array]]:
-    """Sense the chosen candidates; return samples of those that enough sites see, and their fixes before the filter.
+    """Sense the chosen candidates; return samples of those that the sensor can follow, and their fixes.
 
-    mark: what the numbers in their ids begin with.
-    The fixes of a sample are its fused position and velocity, (4, S), m and m/s. The truth is rounded to float32 before
-    it is sensed, because it is stored so, and every random draw is named by values that the row holds. Therefore
-    sensing a stored record anew gives the same bytes.
+    sensor: watches the recording. mark: what the numbers in their ids begin with.
+    The fixes of a sample are its position and velocity before the filter, (4, S), m and m/s. The truth is rounded to
+    float32 before it is sensed, because it is stored so, and every random draw is named by values that the row holds.
+    Therefore sensing a stored record anew gives the same bytes.
     """
-    if not chosen:
-        return [], []
     rate_hz = study.record.tv_rate_hz
     truth = [_states(study, recording, candidate.tv, candidate, rate_hz).astype(np.float32) for candidate in chosen]
     past = [_past(study, recording, candidate).astype(np.float32) for candidate in chosen]
@@ -137,11 +142,19 @@ def make_samples(
         record_key(scenario.name, recording.seed, candidate.tv, candidate.intention, candidate.t_start)
         for candidate in chosen
     ]
-    blockers = None
-    if study.sensing.channel.blockage:
-        blockers = [_blockers(study, recording, candidate) for candidate in chosen]
-    true, earlier = (np.stack(states).astype(np.float64) for states in (truth, past))
-    sensed = sensing.sense(true, rate_hz, scenario.sites, study.sensing, keys, blockers, earlier)
+    sensed = sensor.record(
+        [
+            Passage(
+                tv=candidate.tv,
+                start_s=candidate.t_start,
+                truth=states.astype(np.float64),
+                key=key,
+                past=earlier.astype(np.float64),
+                find_carrier=partial(_carrier, study, recording, candidate, key),
+            )
+            for candidate, states, earlier, key in zip(chosen, truth, past, keys, strict=True)
+        ]
+    )
     samples: list[Sample] = []
     for candidate, key, tv_truth, tv_run_in, record in zip(chosen, keys, truth, past, sensed, strict=True):
         if not record.usable:
@@ -164,7 +177,7 @@ def make_samples(
                 t_commit=candidate.t_commit,
                 t_end=candidate.t_end,
                 **_passing(candidate),
-                sensor="isac",
+                sensor=sensor.name,
                 snr_db=record.snr_db,
                 n_sites=record.n_sites,
                 tv=record.state.astype(np.float32),
@@ -212,17 +225,18 @@ def _past(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Ar
     Before its track begins, they are the track's first state carried back.
     """
     rate_hz, track = study.record.tv_rate_hz, recording.tracks[candidate.tv]
-    count = sensing.run_in_snapshots(rate_hz, study.sensing.tracking)
+    count = run_in_snapshots(rate_hz, study.sensing.tracking)
     times = candidate.t_start + np.arange(-count, 1) / rate_hz
     known = motion.states(recording, track, times[times >= recording.times(track)[0]], study.motion)
-    return np.asarray(sensing.run_in(known[None, :, -1:], rate_hz, count, known[None, :, :-1])[0])
+    return run_in(known[:, -1:], rate_hz, count, known[:, :-1])
 
 
-def _blockers(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Blockers:
-    """Return the vehicles other than the TV, from the run-in before its record to its end."""
-    start, run_in_s = candidate.t_start, study.sensing.tracking.run_in_s
-    end = start + study.record.duration_s
-    return blockers_of(recording, start, end, {candidate.tv}, study.motion, run_in_s=run_in_s)
+def _carrier(study: DatasetStudy, recording: Recording, candidate: Candidate, key: tuple[str | int, ...]) -> Carrier:
+    """Return the motion of a candidate's UV, as it is and as the UV reports it."""
+    state, noise = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz), study.report
+    reported = report(state, noise, key).astype(np.float64)
+    sd = noise.position_sd_m, noise.speed_sd_mps
+    return Carrier(state, study.record.uv_rate_hz, reported, *sd, vehicles=(candidate.uv,))
 
 
 def _by_intention(intentions: Iterable[Intention]) -> dict[str, int]:

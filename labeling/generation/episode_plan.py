@@ -13,7 +13,7 @@ from isac_cosim.labeling.intentions import KNOWN
 
 
 @dataclass(frozen=True)
-class Job:
+class EpisodeJob:
     """One episode to generate.
 
     where: path or bundled name from which the source loads the scenario. scenario: its name.
@@ -25,7 +25,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Jobs(Sequence[Job]):
+class Jobs(Sequence[EpisodeJob]):
     """All jobs of a dataset: every scenario with the first seed, then every scenario with the next one.
 
     Jobs are created on access, because a range of seeds may be very long. scenarios: path and name of each.
@@ -38,22 +38,22 @@ class Jobs(Sequence[Job]):
         return len(self.scenarios) * len(self.seeds)
 
     @overload
-    def __getitem__(self, number: int) -> Job: ...
+    def __getitem__(self, number: int) -> EpisodeJob: ...
 
     @overload
-    def __getitem__(self, number: slice) -> list[Job]: ...
+    def __getitem__(self, number: slice) -> list[EpisodeJob]: ...
 
-    def __getitem__(self, number: int | slice) -> Job | list[Job]:
+    def __getitem__(self, number: int | slice) -> EpisodeJob | list[EpisodeJob]:
         if isinstance(number, slice):
             return [self[index] for index in range(len(self))[number]]
         offset, index = divmod(range(len(self))[number], len(self.scenarios))
-        return Job(*self.scenarios[index], self.seeds.first + offset)
+        return EpisodeJob(*self.scenarios[index], self.seeds.first + offset)
 
-    def find(self, scenario: str, seed: int) -> Job | None:
+    def find(self, scenario: str, seed: int) -> EpisodeJob | None:
         """Return the job of a scenario, given by its name, and a seed; None if the dataset has no such job."""
         where = {name: where for where, name in self.scenarios}.get(scenario)
         in_range = self.seeds.first <= seed <= self.seeds.last
-        return Job(where, scenario, seed) if where is not None and in_range else None
+        return EpisodeJob(where, scenario, seed) if where is not None and in_range else None
 
 
 Counts = Mapping[str, int]
@@ -61,23 +61,23 @@ Counts = Mapping[str, int]
 
 
 @dataclass
-class Plan:
+class EpisodePlan:
     """Chooses the episodes of a dataset: the shortest run of jobs, from the first on, that satisfies the selection.
 
     The run depends on what the episodes hold and never on the order in which they finish.
     length: number of jobs in the run so far. lost: the episodes of the run that failed.
     """
 
-    jobs: Sequence[Job]
+    jobs: Sequence[EpisodeJob]
     selection: SelectionSettings
     length: int = 0
     lost: list[Lost] = field(default_factory=list)
-    _ahead: dict[Job, Counts | Lost] = field(default_factory=dict)
+    _ahead: dict[EpisodeJob, Counts | Lost] = field(default_factory=dict)
     """Finished episodes that the run has not reached. Nothing is kept of those that it has, as they may be millions."""
     _counts: Counter[str] = field(default_factory=Counter)
     _idle: int = 0
 
-    def add(self, job: Job, episode: Counts | Lost) -> None:
+    def add(self, job: EpisodeJob, episode: Counts | Lost) -> None:
         """Add a finished episode: its samples by intention, or why it was lost."""
         self._ahead[job] = episode
         while not self.done and (reached := self._ahead.pop(self.jobs[self.length], None)) is not None:
@@ -108,7 +108,7 @@ class Plan:
         """Return the known intentions of which the run so far holds fewer samples than required."""
         return tuple(known.text for known in KNOWN if self._counts[known.text] < self.selection.min_per_class)
 
-    def missing(self) -> Iterator[Job]:
+    def missing(self) -> Iterator[EpisodeJob]:
         """Yield the jobs that are not finished yet, in order, until the run is complete."""
         for number, job in enumerate(self.jobs):
             if self.done:
@@ -116,7 +116,7 @@ class Plan:
             if number >= self.length and job not in self._ahead:
                 yield job
 
-    def kept(self) -> Iterator[Job]:
+    def kept(self) -> Iterator[EpisodeJob]:
         """Yield the jobs of the run that were not lost, in their order."""
         lost = {(episode.scenario, episode.seed) for episode in self.lost}
         for number in range(self.length):

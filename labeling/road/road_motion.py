@@ -28,7 +28,7 @@ REACH = 5.0
 
 
 @dataclass(frozen=True)
-class Crossing:
+class MarkingCrossing:
     """The vehicle's centre crosses one marking.
 
     time: of the first row beyond the marking, s. marking: its number; 0 is the left marking of the lane in which the
@@ -61,7 +61,7 @@ class RoadMotion:
     q: Array
     vq: Array
     aq: Array
-    crossings: tuple[Crossing, ...]
+    crossings: tuple[MarkingCrossing, ...]
     jumps: tuple[float, ...]
     until: float
 
@@ -127,11 +127,13 @@ def slope(values: Array, step_s: float) -> Array:
     )
 
 
-def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tuple[Array, list[Crossing], list[float]]:
+def _lateral(
+    track: Track, graph: LaneGraph, times: Array, step_s: float
+) -> tuple[Array, list[MarkingCrossing], list[float]]:
     """Return the lateral position over markings and edges, m; the markings crossed; and the times of jumps, s."""
     rows = np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1
     shifts = np.zeros(len(rows))
-    crossings: list[Crossing] = []
+    crossings: list[MarkingCrossing] = []
     level, centre = 0, 0.0
     limit = JUMP_MPS * step_s
     for n, row in enumerate(rows):
@@ -146,7 +148,7 @@ def _lateral(track: Track, graph: LaneGraph, times: Array, step_s: float) -> tup
             left = step.levels > 0
             for k in range(abs(step.levels)):
                 at = centre + step.shift_m * (k + 0.5) / abs(step.levels)
-                crossings.append(Crossing(float(times[row]), level if left else level - 1, left, at))
+                crossings.append(MarkingCrossing(float(times[row]), level if left else level - 1, left, at))
                 level += 1 if left else -1
         centre += shifts[n]
     offset = np.zeros(len(track))

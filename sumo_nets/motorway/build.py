@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.demand import flow
-from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, Road, write_scenario
+from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, PlainRoad, write_scenario
 
-ROAD = Road(bend_m=1100.0, radius_m=900.0, angle=float(np.radians(50.0)))
+ROAD = PlainRoad(bend_m=1100.0, radius_m=900.0, angle=float(np.radians(50.0)))
 CARRIAGEWAY = Carriageway(
     ROAD,
     speed=36.11,

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.demand import flow
-from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, Road, write_scenario
+from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, PlainRoad, write_scenario
 
-ROAD = Road(bend_m=700.0, radius_m=700.0, angle=float(np.radians(35.0)))
+ROAD = PlainRoad(bend_m=700.0, radius_m=700.0, angle=float(np.radians(35.0)))
 CARRIAGEWAY = Carriageway(
     ROAD,
     speed=27.78,

@@ -11,12 +11,12 @@ import numpy as np
 from isac_cosim.isacsim.scenarios.demand import flow
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.scenarios.site_placement import sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import write_lines
-from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Road, write_scenario
+from isac_cosim.isacsim.scenarios.xml_files import write_lines
+from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, PlainRoad, write_scenario
 
 START_M, END_M = -800.0, 2000.0
 """The ends of the road, m; the sites stand around 0."""
-ROAD = Road(bend_m=END_M, radius_m=1000.0, angle=0.0)
+ROAD = PlainRoad(bend_m=END_M, radius_m=1000.0, angle=0.0)
 CARRIAGEWAY = Carriageway(ROAD, speed=36.11, lanes=4, pieces=(("road", START_M, END_M, 4),))
 ALONG_M, ASIDE_M, HEIGHT_M = 170.0, 60.0, 15.0
 

@@ -12,7 +12,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
 from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study, read_study
-from isac_cosim.studies.sweep_axes import Sensing
+from isac_cosim.studies.sweep_axes import WayOfSensing
 
 
 def study_of(**axes: object) -> Study:
@@ -23,7 +23,12 @@ def test_cells_are_the_product_of_the_axes() -> None:
     """The SNR applies to the sites only; axes that are absent have the study's own value."""
     axes = {"snr": ["0:10", "link"], "sensors": ["truth", "isac", "radar"], "models": ["castformer", "trees"]}
     study = study_of(scenarios=["a/x.sumocfg", "y"], **axes)
-    expected = [Sensing("truth"), Sensing("isac", "0:10"), Sensing("isac", "link"), Sensing("radar")]
+    expected = [
+        WayOfSensing("truth"),
+        WayOfSensing("isac", "0:10"),
+        WayOfSensing("isac", "link"),
+        WayOfSensing("radar"),
+    ]
     assert [(cell.network, cell.sensing, cell.model) for cell in study.cells] == [
         (network, sensing, model) for network in ("x", "y") for sensing in expected for model in ("trees", "castformer")
     ]

@@ -14,7 +14,8 @@ def without_index(folder: Path) -> dict[str, Any]:
     meta = read_meta(folder)
     assert meta is not None
     content: dict[str, Any] = json.loads((folder / META_FILE).read_text())
-    del content["index_sha256"]
+    for later in ("index_sha256", "roads", "sha256"):
+        del content[later]
     content["shards"] = [shard.model_dump(mode="json") for shard in meta.shards]
     (folder / META_FILE).write_text(json.dumps(content))
     (folder / INDEX_FILE).unlink()

@@ -16,7 +16,10 @@ import numpy as np
 import pandas as pd
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.sensing.chain import LEAST_SITES, before, fix, run_in_snapshots
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.sensing.chain import LEAST_SITES, fix
+from isac_cosim.isacsim.sensing.following import Approach, run_in_snapshots
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.kalman import track
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.episode import record_key
@@ -27,7 +30,7 @@ DENSITIES = (1.0, 3.0, 10.0, 20.0, 30.0, 100.0)
 
 
 @dataclass(frozen=True)
-class Sensed:
+class SensedRecords:
     """Fixes of B records with their run-in of `count` snapshots, (B, S, ...), and the truth, (B, 6, S - count)."""
 
     state: Array
@@ -38,7 +41,7 @@ class Sensed:
     count: int
 
 
-def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
+def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> SensedRecords:
     """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
     settings, table = own_sensing(dataset), dataset.frame()
     truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
@@ -47,11 +50,12 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]
+        sites = Panels.of(dataset.sites(row["scenario"]), settings.target_height_m)
         key = record_key(row["scenario"], row["seed"], row["tv_id"], Intention(row["label"]), row["t_start"])
-        motion = np.concatenate([before(truth[k : k + 1], rate_hz, count), truth[k : k + 1]], axis=2)[0]
-        observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key))
+        approach = Approach.of(Passage(row["tv_id"], row["t_start"], truth[k], key), rate_hz, settings.tracking)
+        observed.append(fix(approach, rate_hz, sites, settings, key))
     good = [n for n, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
-    return Sensed(
+    return SensedRecords(
         state=np.stack([observed[n].fixes.state for n in good]),
         covariance=np.stack([observed[n].fixes.covariance for n in good]),
         valid=np.stack([observed[n].fixes.valid for n in good]),
@@ -61,7 +65,7 @@ def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> Sensed:
     )
 
 
-def scores(dataset: Dataset, given: Sensed) -> pd.DataFrame:
+def scores(dataset: Dataset, given: SensedRecords) -> pd.DataFrame:
     """RMS error of the acceleration, m/s2: a row for each density and axis, a column for each intention and `all`."""
     settings, rate_hz = own_sensing(dataset).tracking, dataset.meta.tv_rate_hz
     heading = np.arctan2(given.truth[:, 3], given.truth[:, 2])

@@ -24,7 +24,7 @@ from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
 from isac_cosim.evaluation.closed_loop.environment.observation import bounds
-from isac_cosim.evaluation.closed_loop.environment.own_process import TrafficApart
+from isac_cosim.evaluation.closed_loop.environment.served import TrafficInProcess, TrafficInThread
 from isac_cosim.evaluation.closed_loop.environment.settings import EnvironmentSettings
 from isac_cosim.evaluation.closed_loop.environment.traffic import Traffic, TrafficHere
 from isac_cosim.evaluation.closed_loop.policy import INSTRUCTIONS
@@ -57,11 +57,12 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         self._settings = checked(EnvironmentSettings, arguments, "environment")
         # As fast as it happens.
         self.metadata = {**self.metadata, "render_fps": 1.0 / self._settings.every_s}
-        self._here = TrafficHere(self._settings)
-        self._apart: TrafficApart | None = None
+        traffic = TrafficHere(self._settings)
+        self._here = TrafficInThread(traffic)
+        self._apart: TrafficInProcess | None = None
         self._traffic: Traffic | None = None
         self._ended = True
-        least, most = bounds(self._settings.slots, self._here.study.dataset.pairs)
+        least, most = bounds(self._settings.slots, traffic.study.dataset.pairs)
         self.observation_space = spaces.Box(least, most, dtype=np.float32)
         self.action_space = spaces.MultiDiscrete(np.full(self._settings.slots, len(INSTRUCTIONS) + 1))
         self._closing: weakref.finalize[[], AdvisoryEnv] | None = None
@@ -126,7 +127,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
         """Return the traffic in this process, or in one of its own where another simulation runs in this one."""
         self._here.close()
         if self._apart is None and simulation_runs():
-            self._apart = TrafficApart(self._settings)
+            self._apart = TrafficInProcess(self._settings)
         return self._apart or self._here
 
     def _close_unasked(self, traffic: Traffic) -> None:

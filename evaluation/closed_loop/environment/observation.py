@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_cosim.base.arrays import Array, Float32Array
-from isac_cosim.evaluation.closed_loop.network import Knowledge
+from isac_cosim.evaluation.closed_loop.mobile_network import Knowledge
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.samples.uv_choice import PairSettings, connected
 

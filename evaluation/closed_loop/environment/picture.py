@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.evaluation.closed_loop.network import Knowledge
+from isac_cosim.evaluation.closed_loop.mobile_network import Knowledge
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track

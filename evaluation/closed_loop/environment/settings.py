@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
 from isac_cosim.base.settings import Settings
 from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 from isac_cosim.isacsim.scenarios.scenario import resolved
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 
 
 def _scenario(value: Any) -> Any:
@@ -36,5 +37,5 @@ class EnvironmentSettings(Settings):
     slots: int = Field(8, ge=1, le=1000, description="most vehicles that are observed and can be advised at once")
     advisory_cost: float = Field(0.01, ge=0.0, description="what sending an advisory costs, in the unit of the reward")
     natural: bool = Field(False, description="drivers are left alone")
-    sensor: Literal["isac", "radar", "truth"] = Field("isac", description="what senses the TVs")
+    sensor: str = Field(DEFAULT, description="what senses the TVs: isac, radar, truth or an installed one")
     settings: ClosedLoopSettings = ClosedLoopSettings()

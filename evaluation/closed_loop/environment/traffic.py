@@ -24,6 +24,7 @@ from isac_cosim.evaluation.in_traffic.measurement.evaluation import study_of
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import load
+from isac_cosim.isacsim.sensing.sensors import SENSORS
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -71,7 +72,7 @@ class Traffic(Protocol):
 
 
 class TrafficHere:
-    """`Traffic` in this process. Raises InputError where the settings do not fit together."""
+    """`Traffic` in the thread that asks. Raises InputError where the settings do not fit together."""
 
     def __init__(self, settings: EnvironmentSettings) -> None:
         infer = None if settings.run is None else Infer.load(Path(settings.run))
@@ -79,6 +80,7 @@ class TrafficHere:
         self._shape = DEFAULT_SHAPE if infer is None else infer.run.card.shape
         self._answering = None if infer is None else run_answering(infer)
         self._scenario = load(settings.scenario)
+        SENSORS[settings.sensor]  # refuses one that is not known
         every_s, decision_s = settings.every_s, self.study.live.streams.decision_s
         self._decisions_per_step = round(every_s / decision_s)
         if self._decisions_per_step < 1 or abs(self._decisions_per_step * decision_s - every_s) > 1e-6:

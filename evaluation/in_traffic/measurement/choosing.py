@@ -10,7 +10,7 @@ import numpy as np
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, confirmed, reject_levels
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, KeptTrees, out_of_fold
-from isac_cosim.evaluation.in_traffic.scores.curves import Sweep, candidate_thresholds
+from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import (
     AlarmSettings,
@@ -57,7 +57,7 @@ class Combination:
     """
 
     template: AlarmSettings
-    shared: Sweep
+    shared: ThresholdSweep
     allocation: Allocation
     groups: tuple[tuple[int, ...], ...]
     candidates: tuple[Array, ...]
@@ -71,7 +71,7 @@ class Combination:
     ) -> Combination:
         """Try thresholds on the development seeds. levels: confirmed, one for each episode."""
         common = candidate_thresholds(levels, choice.thresholds)
-        shared = Sweep.of(truths, levels, np.tile(common[:, None], len(KNOWN)), choice.refractory_s)
+        shared = ThresholdSweep.of(truths, levels, np.tile(common[:, None], len(KNOWN)), choice.refractory_s)
         events = sum((np.bincount(truth.table.intention, minlength=len(KNOWN)) for truth in truths), _no_events())
         groups = groups_of(events, choice.least_events)
         candidates = [candidate_thresholds(levels, choice.thresholds, group) for group in groups]
@@ -79,7 +79,7 @@ class Combination:
         table = np.full((max(map(len, candidates)), len(KNOWN)), np.inf)
         for group, values in zip(groups, candidates, strict=True):
             table[: len(values), list(group)] = values[:, None]
-        counts = Sweep.of(truths, levels, table, choice.refractory_s).by_intention.sum(axis=1).astype(np.int64)
+        counts = ThresholdSweep.of(truths, levels, table, choice.refractory_s).by_intention.sum(axis=1).astype(np.int64)
         hours = float(sum(truth.episode.vehicle_hours for truth in truths))
         parts = [
             counts[: len(values), list(group)].sum(axis=1) for group, values in zip(groups, candidates, strict=True)

@@ -34,15 +34,17 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
 )
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, Spent, timing_of
+from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.generation.folder import fingerprint
 from isac_cosim.labeling.generation.generate import describe
+from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
@@ -157,10 +159,12 @@ def evaluate_traffic(
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, described[0], feedback)
+        evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)
@@ -274,7 +278,7 @@ def _run_missing(
     begun = any(finished(seed) for seed in study.seeds)
     spent = read_speed(out) if begun else {}
 
-    def keep(seed: int, result: Spent) -> None:
+    def keep(seed: int, result: ProcessorTime) -> None:
         spent[str(seed)] = asdict(result)
         write_json(out / SPEED_FILE, dict(sorted(spent.items())))
 

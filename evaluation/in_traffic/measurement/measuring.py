@@ -15,16 +15,16 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms, Levels, alarm
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, Background, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement.choosing import Chosen, Options, background_options, reject_options
 from isac_cosim.evaluation.in_traffic.scores import scoring
-from isac_cosim.evaluation.in_traffic.scores.curves import Sweep, candidate_thresholds
+from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
 from isac_cosim.evaluation.in_traffic.scores.results import AlarmResult, EventScores, FrozenPoint
-from isac_cosim.evaluation.in_traffic.scores.scoring import Outcome, Truth
+from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome, Truth
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveSettings, Method, Sharing
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredAlarms:
     """What a predictor with one kind of alarm measured.
 
     outcomes, alarms: of each measured episode. sweep: its curve. chosen: its settings. Both are None if its alarms have
@@ -32,14 +32,14 @@ class Measured:
     """
 
     result: AlarmResult
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[AlarmOutcome, ...]
     alarms: tuple[Alarms, ...]
-    sweep: Sweep | None = None
+    sweep: ThresholdSweep | None = None
     chosen: Chosen | None = None
 
 
 @dataclass
-class Streams:
+class AnswerLevels:
     """The answers of a predictor in several episodes, and their levels.
 
     predictor: its name in the episodes. background: the trees that know "none", for alarms of that method.
@@ -61,18 +61,18 @@ class Streams:
         """Return the alarms of each episode."""
         return [alarms(level, settings) for level in self.levels(settings)]
 
-    def outcomes(self, raised: Sequence[Alarms]) -> list[Outcome]:
+    def outcomes(self, raised: Sequence[Alarms]) -> list[AlarmOutcome]:
         """Return what comes of the alarms of each episode."""
         return [truth.outcome(of_episode) for truth, of_episode in zip(self.truths, raised, strict=True)]
 
-    def sweep(self, chosen: Chosen, live: LiveSettings) -> Sweep:
+    def sweep(self, chosen: Chosen, live: LiveSettings) -> ThresholdSweep:
         """Return the curve: with a threshold for each intention along the path that the development seeds chose."""
         settings, thresholds = chosen.alarms, chosen.path
         steady = [confirmed(level, settings.k, settings.n) for level in self.levels(settings)]
         if thresholds is None:
             shared = candidate_thresholds(steady, live.choice.thresholds)
             thresholds = np.tile(shared[:, None], len(KNOWN))
-        return Sweep.of(self.truths, steady, thresholds, settings.refractory_s)
+        return ThresholdSweep.of(self.truths, steady, thresholds, settings.refractory_s)
 
     def duty_cycle(self, settings: AlarmSettings) -> float | None:
         """Return the share of predictions at which some intention reaches its threshold; None without any."""
@@ -97,7 +97,7 @@ def measure_methods(
     name: str,
     methods: Sequence[Method] = get_args(Method),
     kept: KeptTrees = NOT_KEPT,
-) -> dict[Method, Measured]:
+) -> dict[Method, MeasuredAlarms]:
     """Measure kinds of alarm of a predictor with features, the better one on the development seeds first.
 
     predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out. kept: where the
@@ -107,7 +107,7 @@ def measure_methods(
     background = None
     if "background" in methods:
         background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
-    streams = Streams(measured, predictor, background)
+    streams = AnswerLevels(measured, predictor, background)
     options: dict[Method, Options] = {}
     if "reject" in methods:
         options["reject"] = reject_options(development, predictor, live.choice)
@@ -120,13 +120,13 @@ def measure_methods(
 
 def measure_reject(
     development: Sequence[Truth], measured: Sequence[Truth], predictor: str, live: LiveSettings, name: str
-) -> Measured | None:
+) -> MeasuredAlarms | None:
     """Measure the alarms of a predictor by the unknown score; None if no vehicle was predicted."""
     options = reject_options(development, predictor, live.choice)
-    return measure(Streams(measured, predictor), options, live, name)
+    return measure(AnswerLevels(measured, predictor), options, live, name)
 
 
-def measure(streams: Streams, options: Options, live: LiveSettings, name: str) -> Measured | None:
+def measure(streams: AnswerLevels, options: Options, live: LiveSettings, name: str) -> MeasuredAlarms | None:
     """Choose alarms among options, and measure them; None if there is nothing to choose. name: of the predictor."""
     choice = live.choice
     chosen = options.choose(choice.false_alarms_per_vehicle_hour, choice.threshold)
@@ -144,10 +144,10 @@ def measure(streams: Streams, options: Options, live: LiveSettings, name: str) -
         "duty_cycle": streams.duty_cycle(chosen.alarms),
     }
     result = result_of(streams.truths, raised, live, name).model_copy(update=curve)
-    return Measured(result, tuple(outcomes), tuple(raised), sweep, chosen)
+    return MeasuredAlarms(result, tuple(outcomes), tuple(raised), sweep, chosen)
 
 
-def frozen_at(streams: Streams, options: Options, live: LiveSettings) -> dict[Sharing, list[FrozenPoint]]:
+def frozen_at(streams: AnswerLevels, options: Options, live: LiveSettings) -> dict[Sharing, list[FrozenPoint]]:
     """Measure the alarms chosen for each rate, with a threshold that all intentions share and with one for each."""
     points: dict[Sharing, list[FrozenPoint]] = {}
     for sharing in get_args(Sharing):
@@ -174,7 +174,7 @@ def frozen_at(streams: Streams, options: Options, live: LiveSettings) -> dict[Sh
     return points
 
 
-def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) -> Measured:
+def measure_random(truths: Sequence[Truth], like: MeasuredAlarms, live: LiveSettings) -> MeasuredAlarms:
     """Measure alarms at random instants: in each episode as many for each intention as another predictor raised."""
     raised = []
     for truth, episode_alarms in zip(truths, like.alarms, strict=True):
@@ -188,15 +188,17 @@ def measure_random(truths: Sequence[Truth], like: Measured, live: LiveSettings) 
         intention = np.repeat(np.arange(len(KNOWN)), [len(part) for part in drawn])
         raised.append(Alarms(intention, rows, episode.vehicle[rows], episode.time_s[rows]))
     outcomes = [truth.outcome(episode_alarms) for truth, episode_alarms in zip(truths, raised, strict=True)]
-    return Measured(result_of(truths, raised, live, "random alarms"), tuple(outcomes), tuple(raised))
+    return MeasuredAlarms(result_of(truths, raised, live, "random alarms"), tuple(outcomes), tuple(raised))
 
 
-def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> Measured:
+def no_alarms(truths: Sequence[Truth], live: LiveSettings, name: str) -> MeasuredAlarms:
     """Return what a predictor measures that never raises an alarm, for want of any threshold."""
     no_rows = np.empty(0, np.int64)
     nothing = Alarms(no_rows, no_rows, no_rows, np.empty(0))
     outcomes = [truth.outcome(nothing) for truth in truths]
-    return Measured(result_of(truths, [nothing] * len(truths), live, name), tuple(outcomes), (nothing,) * len(truths))
+    return MeasuredAlarms(
+        result_of(truths, [nothing] * len(truths), live, name), tuple(outcomes), (nothing,) * len(truths)
+    )
 
 
 def result_of(truths: Sequence[Truth], raised: Sequence[Alarms], live: LiveSettings, name: str) -> AlarmResult:
@@ -226,7 +228,7 @@ def result_of(truths: Sequence[Truth], raised: Sequence[Alarms], live: LiveSetti
     )
 
 
-def _rank(measured: Measured) -> tuple[bool, float]:
+def _rank(measured: MeasuredAlarms) -> tuple[bool, float]:
     """Return the key by which the better kind of alarm comes first."""
     assert measured.chosen is not None
     return measured.chosen.rank

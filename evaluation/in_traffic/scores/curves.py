@@ -14,9 +14,9 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, peaks, raised
-from isac_cosim.evaluation.in_traffic.scores.results import CurvePoint, Interval, RecallLost
+from isac_cosim.evaluation.in_traffic.scores.results import CurvePoint, RecallLost
 from isac_cosim.evaluation.in_traffic.scores.scoring import (
-    Outcome,
+    AlarmOutcome,
     Truth,
     event_scores,
     interval_over_seeds,
@@ -24,11 +24,12 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import (
     recall_interval,
 )
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings, shown_threshold
+from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import KNOWN
 
 
 @dataclass(frozen=True)
-class Sweep:
+class ThresholdSweep:
     """The outcomes of the alarms of several episodes at several settings of the thresholds.
 
     thresholds: from strict to lenient, one of each intention, infinite where an intention never raises an alarm,
@@ -36,10 +37,12 @@ class Sweep:
     """
 
     thresholds: Array
-    outcomes: tuple[tuple[Outcome, ...], ...]
+    outcomes: tuple[tuple[AlarmOutcome, ...], ...]
 
     @classmethod
-    def of(cls, truths: Sequence[Truth], levels: Sequence[Levels], thresholds: Array, refractory_s: float) -> Sweep:
+    def of(
+        cls, truths: Sequence[Truth], levels: Sequence[Levels], thresholds: Array, refractory_s: float
+    ) -> ThresholdSweep:
         """Try thresholds on episodes.
 
         levels: confirmed, one for each episode. thresholds: (t, 6). refractory_s: see `AlarmSettings`.
@@ -116,7 +119,7 @@ class Sweep:
         return recall_interval(total[best, 1], total[best, 0], recalls, settings)
 
 
-def recall_lost(truth: Sweep, sensed: Sweep, settings: ScoringSettings) -> list[RecallLost]:
+def recall_lost(truth: ThresholdSweep, sensed: ThresholdSweep, settings: ScoringSettings) -> list[RecallLost]:
     """Return what sensing costs in recall at each rate, from the curves of the same seeds on true and sensed motion.
 
     The interval leaves the same seeds out of both, so that traffic that is hard for both does not widen it.

@@ -12,18 +12,11 @@ from scipy.stats import binomtest, chi2
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
-from isac_cosim.evaluation.in_traffic.scores.results import (
-    COMMIT_IS,
-    EventScores,
-    GroupScores,
-    Interval,
-    LeadTimes,
-    TimeToCommit,
-)
+from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
 from isac_cosim.evaluation.in_traffic.streams.events import GROUPS
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
-from isac_cosim.evaluation.statistics import jackknife_half_width
+from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.labeling.detectors.events import Origin
 from isac_cosim.labeling.intentions import KNOWN
 
@@ -36,7 +29,7 @@ TIMES_TO_COMMIT_S = (0.0, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class AlarmOutcome:
     """The outcome of the alarms in one episode.
 
     intention, group: of each event that counts, as numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: time from
@@ -62,7 +55,7 @@ class Outcome:
         """Which events had an alarm, (e,)."""
         return np.isfinite(self.to_commit)
 
-    def of(self, intention: int | None = None, group: Origin | None = None) -> Outcome:
+    def of(self, intention: int | None = None, group: Origin | None = None) -> AlarmOutcome:
         """Return the part of an intention, of a group, or of an intention in a group."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
@@ -75,7 +68,7 @@ class Outcome:
             events &= self.group == number
             false &= self.false_group == number
             hours = np.where(np.arange(len(GROUPS)) == number, hours, 0.0)
-        return Outcome(
+        return AlarmOutcome(
             self.intention[events], self.group[events], self.to_commit[events], self.to_onset[events],
             self.false_intention[false], self.false_group[false], hours,
         )  # fmt: skip
@@ -103,7 +96,7 @@ class Truth:
             np.array([GROUPS.index(event.group) for event in counted], dtype=np.int64),
         )
 
-    def outcome(self, alarms: Alarms) -> Outcome:
+    def outcome(self, alarms: Alarms) -> AlarmOutcome:
         """Return the outcome of alarms in the episode."""
         matching = self.table.match(alarms)
         hit = matching.event_alarm >= 0
@@ -111,7 +104,7 @@ class Truth:
         at[hit] = alarms.time_s[matching.event_alarm[hit]]
         group = self.episode.group
         shares = np.bincount(group, minlength=len(GROUPS)) * self.episode.facts.decision_s / 3600
-        return Outcome(
+        return AlarmOutcome(
             intention=self.table.intention,
             group=self.group,
             to_commit=self.commit - at,
@@ -143,7 +136,9 @@ def false_alarms_near(truth: Truth, alarms: Alarms, before_onset_s: float) -> Co
     return near
 
 
-def event_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, commit_is: str | None = None) -> EventScores:
+def event_scores(
+    outcomes: Sequence[AlarmOutcome], settings: ScoringSettings, commit_is: str | None = None
+) -> EventScores:
     """Return the scores of alarms, pooled over the outcomes of several seeds."""
     events = sum(len(outcome.intention) for outcome in outcomes)
     predicted = sum(int(outcome.predicted.sum()) for outcome in outcomes)
@@ -172,7 +167,9 @@ def event_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, commit_
     )
 
 
-def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: Origin | None = None) -> GroupScores:
+def group_scores(
+    outcomes: Sequence[AlarmOutcome], settings: ScoringSettings, group: Origin | None = None
+) -> GroupScores:
     """Return the scores of all intentions together and of each, for one group of events or for all of them."""
     by_intention = {
         intention.text: event_scores(
@@ -186,7 +183,7 @@ def group_scores(outcomes: Sequence[Outcome], settings: ScoringSettings, group: 
     )
 
 
-def recall_by_intention(outcomes: Sequence[Outcome]) -> dict[str, float | None]:
+def recall_by_intention(outcomes: Sequence[AlarmOutcome]) -> dict[str, float | None]:
     """Return the recall of each intention, pooled over the outcomes of several seeds; None without an event."""
     intention = np.concatenate([np.empty(0, np.int64), *(outcome.intention for outcome in outcomes)])
     predicted = np.concatenate([np.empty(0, bool), *(outcome.predicted for outcome in outcomes)])
@@ -202,7 +199,7 @@ def lead_times(values: Array) -> LeadTimes:
     return LeadTimes(n=len(kept), lower_quartile=low, median=middle, upper_quartile=high)
 
 
-def by_time_to_commit(outcomes: Sequence[Outcome]) -> list[TimeToCommit]:
+def by_time_to_commit(outcomes: Sequence[AlarmOutcome]) -> list[TimeToCommit]:
     """Return the recall at each of TIMES_TO_COMMIT_S: the share of events whose alarm came at least that early."""
     leads = np.concatenate([np.empty(0), *(outcome.to_commit for outcome in outcomes)])
     return [
@@ -238,7 +235,7 @@ def interval_over_seeds(value: float, left_out: Array, settings: ScoringSettings
     return Interval(low=value - half_width, high=value + half_width, seeds=len(left_out))
 
 
-def _recall_interval(outcomes: Sequence[Outcome], settings: ScoringSettings) -> Interval | None:
+def _recall_interval(outcomes: Sequence[AlarmOutcome], settings: ScoringSettings) -> Interval | None:
     """Return the interval of the recall over the outcomes of several seeds."""
     predicted = np.array([outcome.predicted.sum() for outcome in outcomes], dtype=np.float64)
     events = np.array([len(outcome.intention) for outcome in outcomes], dtype=np.float64)

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
@@ -26,7 +27,7 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import Sensing, Track
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.store import (
     RULE,
     RUN,
@@ -37,12 +38,14 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
     no_answers,
     write_episode,
 )
-from isac_cosim.evaluation.in_traffic.streams.stretches import Driving, Stretch, Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource
 from isac_cosim.labeling.detectors.events import Labels, label
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.inference import Infer
@@ -79,7 +82,7 @@ def _load(path: Path) -> Infer:
 
 
 @dataclass(frozen=True)
-class Spent:
+class ProcessorTime:
     """Processor time of an episode, s, by purpose.
 
     predicting_s: of the evaluated run. comparing_s: of the other predictors. simulated_s: recorded time. predicted_s:
@@ -110,20 +113,18 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
-    def __call__(self, seed: int) -> Spent | InputError | OutputError:
-        """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
-        try:
-            began = time.process_time()
-            scenario = self.source.load(self.where)
-            recording = self.source.record(scenario, seed)
-            traffic_s = time.process_time() - began
-            streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
-            if streams.alone is not None:
-                write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
-            write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
-            return replace(streams.spent, traffic_s=traffic_s)
-        except (InputError, OutputError) as error:
-            return error
+    @limited()
+    def __call__(self, seed: int) -> ProcessorTime:
+        """Run one episode and write its file."""
+        began = time.process_time()
+        scenario = self.source.load(self.where)
+        recording = self.source.record(scenario, seed)
+        traffic_s = time.process_time() - began
+        streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+        if streams.alone is not None:
+            write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
+        write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
+        return replace(streams.spent, traffic_s=traffic_s)
 
 
 def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
@@ -167,7 +168,9 @@ class _Collected:
     answering_s: float = 0.0
     predicting_s: float = 0.0
 
-    def add(self, track: Track, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap) -> None:
+    def add(
+        self, track: SensedStretch, cutter: WindowCutter, answering: Mapping[str, Answering], lanes: LaneMap
+    ) -> None:
         """Predict a track."""
         stretch = track.stretch
         self.tv += [stretch.tv] * len(stretch.decision_s)
@@ -210,7 +213,7 @@ class _Collected:
 
 
 @dataclass(frozen=True)
-class Streams:
+class EpisodeAnswers:
     """The answers of predictors in one recording.
 
     episode: for TVs with a UV. alone: for TVs without a UV; None if there is no predictor for them. spent: processor
@@ -219,12 +222,12 @@ class Streams:
 
     episode: LiveEpisode
     alone: LiveEpisode | None
-    spent: Spent
+    spent: ProcessorTime
 
 
 def predicted(
     study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
-) -> Streams:
+) -> EpisodeAnswers:
     """Label a recording, and sense and predict its vehicles."""
     infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
@@ -232,10 +235,12 @@ def predicted(
     labels = label(recording, study.dataset.labels, surroundings)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
     labelled = time.process_time()
-    watching = _Watching(study.dataset, scenario, recording, surroundings, labels, timing, fingerprint)
+    name, settings = study.live.streams.sensor, study.sensor_settings
+    sensor = watch_episode(study.dataset, scenario, recording.seed, recording, name, settings)
+    watching = _Watching(study.dataset, scenario.name, recording, sensor, surroundings, labels, timing, fingerprint)
     episode, collected = watching.predict(driving.stretches, driving, infer.run.card.shape, answering)
     watched_s = time.process_time() - labelled
-    spent = Spent(
+    spent = ProcessorTime(
         seed=recording.seed,
         traffic_s=0.0,
         labels_s=labelled - began,
@@ -250,7 +255,7 @@ def predicted(
         by_itself = _load(predictors.alone)
         answering = {RUN: run_answering(by_itself)}
         alone, _ = watching.predict(driving.alone, driving, by_itself.run.card.shape, answering, alone=True)
-    return Streams(episode, alone, spent)
+    return EpisodeAnswers(episode, alone, spent)
 
 
 @dataclass(frozen=True)
@@ -258,8 +263,9 @@ class _Watching:
     """A labelled recording whose vehicles are sensed and predicted."""
 
     study: DatasetStudy
-    scenario: Scenario
+    scenario: str
     recording: Recording
+    sensor: Watch
     surroundings: Surroundings
     labels: Labels
     timing: Timing
@@ -268,14 +274,14 @@ class _Watching:
     def predict(
         self,
         stretches: Sequence[Stretch],
-        driving: Driving,
+        driving: WatchedStretches,
         shape: WindowShape,
         answering: Mapping[str, Answering],
         alone: bool = False,
     ) -> tuple[LiveEpisode, _Collected]:
         """Sense and predict stretches. alone: whether they have no UV."""
         timing = self.timing
-        sensing = Sensing(self.study, self.scenario, self.recording, timing.before_decision_s)
+        sensing = StretchSensing(self.study, self.recording, self.sensor, timing.before_decision_s)
         reports = NoReports() if alone else Reports(sensing)
         cutter = WindowCutter(reports, self.study, shape, timing.report_delay_s, timing.decision_s)
         lanes, collected = lanes_of(self.recording), _Collected()
@@ -285,7 +291,7 @@ class _Watching:
         events = events_of(self.surroundings, self.labels, self.study, collected.decisions(), timing.decision_s, alone)
         facts = EpisodeFacts(
             fingerprint=self.fingerprint,
-            scenario=self.scenario.name,
+            scenario=self.scenario,
             seed=self.recording.seed,
             decision_s=timing.decision_s,
             simulated_s=self.study.traffic.duration_s,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.evaluation.in_traffic.streams.sensed import Sensing, Track
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.situation import situation
 from isac_cosim.isacsim.sensing.reports import report
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -119,7 +119,7 @@ class Reports:
     A vehicle has a single stream of reports, whichever TV it is the UV of.
     """
 
-    def __init__(self, sensing: Sensing) -> None:
+    def __init__(self, sensing: StretchSensing) -> None:
         self._sensing = sensing
         self._of = lru_cache(maxsize=REPORTS_KEPT)(self._stream)
 
@@ -173,7 +173,7 @@ class WindowCutter:
     report_delay_s: float
     decision_s: float
 
-    def batches(self, track: Track) -> Iterator[tuple[Array, Array]]:
+    def batches(self, track: SensedStretch) -> Iterator[tuple[Array, Array]]:
         """Yield the windows of a track in order, TV (n, 6, T) and UV (n, 6, U), at most BATCH at a time."""
         stretch, shape = track.stretch, self.shape
         ends = np.rint((stretch.decision_s - stretch.start_s) * shape.tv_rate_hz).astype(np.int64)

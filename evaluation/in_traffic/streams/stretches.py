@@ -83,7 +83,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Driving:
+class WatchedStretches:
     """The stretches of a recording, and how much driving they leave out.
 
     stretches: those in which the TV has a UV. alone: those in which it has none, and could be predicted by itself.
@@ -96,7 +96,7 @@ class Driving:
     uncovered: Mapping[str, int]
 
 
-def watched(recording: Recording, surroundings: Surroundings, pairs: PairSettings, timing: Timing) -> Driving:
+def watched(recording: Recording, surroundings: Surroundings, pairs: PairSettings, timing: Timing) -> WatchedStretches:
     """Return the stretches of a recording, vehicle by vehicle."""
     stretches: list[Stretch] = []
     alone: list[Stretch] = []
@@ -120,7 +120,7 @@ def watched(recording: Recording, surroundings: Surroundings, pairs: PairSetting
                 paired.append((time, uv))
         stretches += _joined(track.vehicle, paired, timing)
         alone += _joined(track.vehicle, unpaired, timing)
-    return Driving(tuple(stretches), tuple(alone), instants, dict(uncovered))
+    return WatchedStretches(tuple(stretches), tuple(alone), instants, dict(uncovered))
 
 
 def _uv_at(

@@ -7,15 +7,15 @@ The corners of the road are not rounded, which takes the whole way of a vehicle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.passages import Piece
 from isac_cosim.isacsim.sensing.running.conditioning import Kernel, conditioned
 from isac_cosim.isacsim.traffic.drivers.sway import GRID_S, ROOM_SHARE, SwaySettings, wandering
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
@@ -34,21 +34,6 @@ class Vehicle:
     kind: str
     length_m: float
     width_m: float
-
-
-@dataclass(frozen=True)
-class Piece:
-    """The motion of the vehicles over one interval of the world's clock.
-
-    end_s: its end, s. names: of the vehicles whose motion is known throughout, V. tv, uv: their x, y, vx, vy, ax, ay at
-    the two rates over the interval, its beginning excluded, (V, 6, m), m, m/s, m/s2. lanes: who is where at the end.
-    """
-
-    end_s: float
-    names: tuple[str, ...]
-    tv: Array
-    uv: Array
-    lanes: Recording
 
 
 class World:
@@ -80,7 +65,7 @@ class World:
         self._frames: list[tuple[list[str], Array]] = []
         self._raw: dict[str, Array] = {}
         self._sway: dict[str, _Sway] = {}
-        self.vehicles: dict[str, Vehicle] = {}
+        self._vehicles: dict[str, Vehicle] = {}
         self._step: int | None = None
 
     def read(self, moment: Moment) -> Piece | None:
@@ -90,8 +75,8 @@ class World:
         names = [name for name in get.getIDList() if not get.isStoppedParking(name)]
         block = np.empty((len(names), 6))
         for row, name in enumerate(names):
-            if name not in self.vehicles:
-                self.vehicles[name] = Vehicle(
+            if name not in self._vehicles:
+                self._vehicles[name] = Vehicle(
                     name, str(get.getVehicleClass(name)), float(get.getLength(name)), float(get.getWidth(name))
                 )
             x, y = get.getPosition(name)
@@ -150,7 +135,7 @@ class World:
         if name not in self._sway:
             rng = stream("sway", self._scenario.name, self._seed, name)
             longest_s = self._traffic.run_in_s + self._traffic.duration_s
-            self._sway[name] = _Sway.of(self.vehicles[name].width_m, width_m, settings, rng, longest_s)
+            self._sway[name] = _Sway.of(self._vehicles[name].width_m, width_m, settings, rng, longest_s)
         offset = self._sway[name].offsets(rows, width_m, self._traffic.step_s, settings)
         offset = -offset if self._scenario.lefthand else offset
         sideways = 1j * lane_headings(lanes, lane, rows[:, LANE_POS]) * offset
@@ -166,7 +151,7 @@ class World:
             if len(raw) < back:
                 continue
             x, y, speed, lane, place, aside = (raw[-back : len(raw) - back + 1, column] for column in range(6))
-            vehicle = self.vehicles[name]
+            vehicle = self._vehicles[name]
             tracks[name] = Track(
                 name, vehicle.kind, vehicle.length_m, vehicle.width_m, step, x, y, speed, lane.astype(np.int64), place,
                 aside,
@@ -201,9 +186,3 @@ class _Sway:
         self.passed_s = float(swayed[-1])
         to_marking = np.clip(1.0 - 2.0 * np.abs(rows[:, LANE_LAT]) / lane_width_m, 0.0, 1.0)
         return np.asarray(self.sd_m * smooth_step(to_marking) * self.path(swayed))
-
-
-def numbers(names: Sequence[str], wanted: Sequence[str]) -> IntArray:
-    """Return the places of wanted names among names, (n,)."""
-    place = {name: k for k, name in enumerate(names)}
-    return np.array([place[name] for name in wanted], dtype=np.int64)

@@ -41,7 +41,7 @@ from isac_cosim.isacsim.traffic.drivers.reactions import (
     Surge,
     SwerveCommand,
 )
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import VehicleView
+from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView
 
 FASTER, SLOWER = 1, -1
 """Directions, as SUMO counts lanes: towards the faster lanes, which lie to the left where traffic keeps right and to
@@ -55,7 +55,7 @@ SHORTEST_RISE_S = 0.05
 
 
 def draw_brake(
-    view: VehicleView, settings: BrakeCommandSettings, people: DriverSettings, rng: np.random.Generator
+    view: DriverView, settings: BrakeCommandSettings, people: DriverSettings, rng: np.random.Generator
 ) -> BrakeCommand | None:
     """Return a brake for a vehicle that is fast enough."""
     if view.speed <= settings.least_speed_mps:
@@ -69,7 +69,7 @@ def draw_brake(
 
 
 def draw_surge(
-    view: VehicleView, settings: AccelCommandSettings, people: DriverSettings, rng: np.random.Generator, reason: str
+    view: DriverView, settings: AccelCommandSettings, people: DriverSettings, rng: np.random.Generator, reason: str
 ) -> Surge | None:
     """Return an acceleration for a car that has room for it. reason: the cause to note, may be empty."""
     speed = view.speed
@@ -95,14 +95,14 @@ def draw_surge(
     return Surge(view.vehicle, goal, peak, power, headway, draw_driver(people, rng), rng.spawn(1)[0], reason)
 
 
-def draw_brisk_start(view: VehicleView, settings: BriskStartSettings, rng: np.random.Generator) -> BriskStart | None:
+def draw_brisk_start(view: DriverView, settings: BriskStartSettings, rng: np.random.Generator) -> BriskStart | None:
     """Return a hard start for a car that stands at a traffic light."""
     if not view.is_car or not view.stands_at_light(settings.within_m):
         return None
     return BriskStart(view.vehicle, rng.uniform(*settings.peak_mps2), rng.uniform(*settings.lasts_s), settings)
 
 
-def draw_debris(view: VehicleView, settings: EvasionSettings, rng: np.random.Generator, time: float) -> Debris | None:
+def draw_debris(view: DriverView, settings: EvasionSettings, rng: np.random.Generator, time: float) -> Debris | None:
     """Return debris that comes into a vehicle's view, behind the vehicle ahead. time: now, s."""
     if view.speed <= settings.least_speed_mps:
         return None
@@ -117,7 +117,7 @@ def draw_debris(view: VehicleView, settings: EvasionSettings, rng: np.random.Gen
 
 
 def draw_debris_evasion(
-    view: VehicleView,
+    view: DriverView,
     debris: Debris,
     settings: EvasionSettings,
     people: DriverSettings,
@@ -140,7 +140,7 @@ def draw_debris_evasion(
 
 
 def draw_answer(
-    view: VehicleView,
+    view: DriverView,
     ahead: VehicleAhead,
     settings: EvasionSettings,
     people: DriverSettings,
@@ -159,7 +159,7 @@ def draw_answer(
 
 
 def _aside(
-    view: VehicleView, options: dict[int, float], settings: EvasionSettings, rng: np.random.Generator, stay_s: float
+    view: DriverView, options: dict[int, float], settings: EvasionSettings, rng: np.random.Generator, stay_s: float
 ) -> tuple[float, bool]:
     """Return how far a driver moves aside, m, 0 where there is no room, and whether it stays in the next lane.
 
@@ -177,11 +177,11 @@ def _aside(
 
 
 def draw_lane_change(
-    view: VehicleView, settings: LaneChangeCommandSettings, direction: int, stay_s: float
+    view: DriverView, settings: LaneChangeCommandSettings, direction: int, stay_s: float
 ) -> LaneChangeCommand | None:
     """Return a lane change where there is a lane and nobody has to slow down for it; nothing is drawn.
 
-    direction: `FASTER` or `SLOWER`. stay_s: as for `VehicleView.has_lane`.
+    direction: `FASTER` or `SLOWER`. stay_s: as for `DriverView.has_lane`.
     """
     if not view.has_lane(direction, stay_s):
         return None
@@ -191,7 +191,7 @@ def draw_lane_change(
 
 
 def draw_overtake(
-    view: VehicleView,
+    view: DriverView,
     settings: OvertakeCommandSettings,
     rng: np.random.Generator,
     stay_s: float,
@@ -199,7 +199,7 @@ def draw_overtake(
 ) -> OvertakeCommand | None:
     """Return an overtake for a car close behind another vehicle, with a faster lane beside.
 
-    commanded: vehicles under command, which are not overtaken. stay_s: as for `VehicleView.has_lane`.
+    commanded: vehicles under command, which are not overtaken. stay_s: as for `DriverView.has_lane`.
     """
     if view.leader is None or not view.is_car or not view.has_lane(FASTER, stay_s):
         return None
@@ -212,7 +212,7 @@ def draw_overtake(
 
 
 def draw_swerve(
-    view: VehicleView,
+    view: DriverView,
     settings: SwerveCommandSettings,
     evasion: EvasionSettings,
     people: DriverSettings,
@@ -234,7 +234,7 @@ def draw_swerve(
 
 
 def draw_slow_vehicle(
-    view: VehicleView, settings: SlowVehicleCommandSettings, rng: np.random.Generator
+    view: DriverView, settings: SlowVehicleCommandSettings, rng: np.random.Generator
 ) -> SlowVehicleCommand | None:
     """Return a slow drive for a vehicle that is fast enough."""
     if view.speed <= settings.least_speed_mps:
@@ -244,16 +244,16 @@ def draw_slow_vehicle(
 
 
 def draw_stop_in_lane(
-    view: VehicleView, settings: StopInLaneCommandSettings, rng: np.random.Generator
+    view: DriverView, settings: StopInLaneCommandSettings, rng: np.random.Generator
 ) -> StopInLaneCommand:
     """Return a stop."""
     return StopInLaneCommand(view.vehicle, rng.uniform(*settings.stand_s), settings)
 
 
-def draw_cut_in(view: VehicleView, settings: CutInCommandSettings, stay_s: float) -> CutInCommand | None:
+def draw_cut_in(view: DriverView, settings: CutInCommandSettings, stay_s: float) -> CutInCommand | None:
     """Return a cut-in, to the faster side where the gap there fits, otherwise to the slower; nothing is drawn.
 
-    stay_s: as for `VehicleView.has_lane`.
+    stay_s: as for `DriverView.has_lane`.
     """
     if view.speed <= settings.least_speed_mps:
         return None

@@ -42,7 +42,7 @@ from isac_cosim.isacsim.traffic.drivers.maneuvers import (
 )
 from isac_cosim.isacsim.traffic.drivers.reactions import BrakeCommand, Evasion, Reaction
 from isac_cosim.isacsim.traffic.drivers.vehicle_control import Steps, restore
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import VehicleView, ending_lanes, is_parked
+from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView, ending_lanes, is_parked
 from isac_cosim.isacsim.traffic.recordings.recording import Command
 
 
@@ -214,7 +214,7 @@ class Director:
     def _startle(self, sumo: Any, maneuver: ManeuverCommand, time: float) -> None:
         """Let the driver behind a vehicle that brakes hard or cuts in look away, with some probability."""
         settings = self.settings.evasion
-        view = VehicleView(sumo, maneuver.vehicle, self.settings.look_ahead_m)
+        view = DriverView(sumo, maneuver.vehicle, self.settings.look_ahead_m)
         if isinstance(maneuver, CutInCommand):
             behind, cut_in = view.follower_beside(maneuver.direction), True
         elif isinstance(maneuver, BrakeCommand) or (isinstance(maneuver, Evasion) and maneuver.plan.brakes):
@@ -224,7 +224,7 @@ class Director:
         if behind is None or self.rng.random() >= settings.inattentive_share:
             return
         vehicle, gap_m = behind
-        own = VehicleView(sumo, vehicle, self.settings.look_ahead_m)
+        own = DriverView(sumo, vehicle, self.settings.look_ahead_m)
         if gap_m < settings.follower_s * own.speed and self._may_be_commanded(sumo, vehicle, time):
             ahead = VehicleAhead(maneuver.vehicle, cut_in)
             answer = draws.draw_answer(own, ahead, settings, self.settings.driver, self.rng, self.settings.stay_s)
@@ -248,13 +248,13 @@ class Director:
                     self._evade(sumo, vehicle, debris, time)
 
     def _evade(self, sumo: Any, vehicle: str, debris: Debris, time: float) -> None:
-        view, settings = VehicleView(sumo, vehicle, self.settings.look_ahead_m), self.settings
+        view, settings = DriverView(sumo, vehicle, self.settings.look_ahead_m), self.settings
         evasion = draws.draw_debris_evasion(view, debris, settings.evasion, settings.driver, self.rng, settings.stay_s)
         if evasion is not None:
             self._start(sumo, evasion, time)
             self._startle(sumo, evasion, time)
 
-    def _before_junction(self, sumo: Any, view: VehicleView) -> bool:
+    def _before_junction(self, sumo: Any, view: DriverView) -> bool:
         """Whether a junction or the end of the lane is near: a driver under command would mind neither."""
         if view.lane in self._endings(sumo) and view.lane_left_m < self.settings.junction_clear_s * view.speed:
             return True
@@ -278,7 +278,7 @@ class Director:
                 self._startle(sumo, maneuver, time)
 
     def _drop_debris(self, sumo: Any, vehicle: str, time: float) -> None:
-        view = VehicleView(sumo, vehicle, self.settings.look_ahead_m)
+        view = DriverView(sumo, vehicle, self.settings.look_ahead_m)
         if self._before_junction(sumo, view):
             return
         debris = draws.draw_debris(view, self.settings.evasion, self.rng, time)
@@ -290,7 +290,7 @@ class Director:
     def _draw(self, sumo: Any, vehicle: str, kind: str) -> ManeuverCommand | None:
         """A maneuver with drawn parameters, or None where the surroundings do not allow it."""
         settings, rng = self.settings, self.rng
-        view = VehicleView(sumo, vehicle, settings.look_ahead_m)
+        view = DriverView(sumo, vehicle, settings.look_ahead_m)
         if kind == "hard_brake":
             return draws.draw_brake(view, settings.hard_brake, settings.driver, rng)
         if kind == "brisk_start":
@@ -325,7 +325,7 @@ class Director:
             self._ending_lanes = ending_lanes(sumo)
         return self._ending_lanes
 
-    def _reason_to_surge(self, sumo: Any, view: VehicleView) -> str:
+    def _reason_to_surge(self, sumo: Any, view: DriverView) -> str:
         """What a driver would accelerate hard for: the end of its lane, or room behind the vehicle ahead."""
         if view.lane in self._endings(sumo):
             return "merge"

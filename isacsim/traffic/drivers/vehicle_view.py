@@ -18,7 +18,7 @@ STANDS_MPS = 0.5
 """Below this speed a vehicle stands, m/s."""
 
 
-class VehicleView:
+class DriverView:
     """One vehicle and what is around it, as SUMO reports it now.
 
     sumo: the running libsumo module. look_ahead_m: distance within which a leader counts, m.

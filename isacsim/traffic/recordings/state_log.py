@@ -21,10 +21,13 @@ from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isac_cosim.base import landlock
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import temporary_error, writing_temporary
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 
@@ -199,7 +202,11 @@ class EveryStepLog(StateLog):
         """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
         assert self._states is not None, "the log was never attached"
         lane_number = {lane.id: k for k, lane in enumerate(self._scenario.lanes)}
-        if VEHICLE not in pq.read_schema(self._states).names:  # no vehicle was ever on the road
+        try:
+            names = pq.read_schema(self._states).names
+        except pa.ArrowInvalid:  # SUMO does not say that it could not write
+            raise temporary_error("SUMO could not finish its file of states") from None
+        if VEHICLE not in names:  # no vehicle was ever on the road
             return
         file = pq.ParquetFile(self._states, read_dictionary=[VEHICLE, LANE])
         wanted = [TIME, VEHICLE, LANE, *COLUMNS.values()]
@@ -235,7 +242,8 @@ class BlockFile:
     """A temporary file of blocks of states, which come back as views into it."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed by `close`
+        with writing_temporary():
+            self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed by `close`
         self._written = 0
 
     def close(self) -> None:
@@ -245,13 +253,15 @@ class BlockFile:
     def write(self, block: Array) -> tuple[int, int]:
         """Append a block, shape (6, n). Returns its place: the index of its first value, and n."""
         place = self._written, block.shape[1]
-        self._file.write(np.ascontiguousarray(block).data)
+        with writing_temporary():
+            self._file.write(np.ascontiguousarray(block).data)
         self._written += block.size
         return place
 
     def views(self, places: Iterable[tuple[int, int]]) -> Iterator[Array]:
         """Yield the blocks of some places, shape (6, n). Call once everything is written."""
-        self._file.flush()
+        with writing_temporary():
+            self._file.flush()
         values = np.empty(0)
         if self._written:
             # As a plain array, because slices of a memory map take longer.

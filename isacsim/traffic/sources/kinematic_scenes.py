@@ -60,7 +60,7 @@ class Scene:
 
 
 @dataclass
-class Plan:
+class SceneMotion:
     """What happens in a scene; its methods of drawing fill it in.
 
     tv_mps2, uv_mps2: acceleration along the road, m/s2, (n,). left: of the TV across the road, m, (n,). busy_until: end
@@ -113,10 +113,10 @@ class SceneDraw:
     def _draw(self, ends: Range) -> float:
         return float(self._rng.uniform(*ends))
 
-    def _empty_plan(self) -> Plan:
+    def _empty_plan(self) -> SceneMotion:
         situation = self.settings.situation
         still = np.zeros_like(self.times)
-        return Plan(still, still, still, self._draw(situation.closing_mps), self._draw(situation.gap_m))
+        return SceneMotion(still, still, still, self._draw(situation.closing_mps), self._draw(situation.gap_m))
 
     def _speed_sway(self) -> Array:
         s = self.settings.situation
@@ -132,7 +132,7 @@ class SceneDraw:
         lasts_s = self._draw(response.duration_s)
         return lasts_s if self._rng.random() < response.share else None
 
-    def _uv_acts(self, plan: Plan, braking: bool) -> None:
+    def _uv_acts(self, plan: SceneMotion, braking: bool) -> None:
         """Draw whether the TV reacts to the UV, and the motion of the UV if so."""
         response = self.settings.response
         if self._rng.random() >= response.cause_share:
@@ -143,7 +143,7 @@ class SceneDraw:
         plan.uv_mps2 = plan.uv_mps2 + pulse(self.times, -self._draw(response.reaction_s), peak, ramp_s, hold_s)
         plan.cause = "uv_brakes" if braking else "uv_accelerates"
 
-    def _respond_first(self, plan: Plan, lasts_s: float, braking: bool, overlap_s: float) -> None:
+    def _respond_first(self, plan: SceneMotion, lasts_s: float, braking: bool, overlap_s: float) -> None:
         """Add the first response: it is fully released `overlap_s` and its ramp after the maneuver proper begins."""
         response = self.settings.response
         peak = -self._draw(response.braking_mps2) if braking else self._draw(response.accelerating_mps2)
@@ -152,7 +152,7 @@ class SceneDraw:
         plan.tv_mps2 = plan.tv_mps2 + pulse(self.times, 0.0, peak, ramp_s, hold_s)
         plan.busy_until = 2 * ramp_s + hold_s
 
-    def change_speed(self, plan: Plan, braking: bool, peak_mps2: Range, jerk_mps3: Range, hold_s: Range) -> None:
+    def change_speed(self, plan: SceneMotion, braking: bool, peak_mps2: Range, jerk_mps3: Range, hold_s: Range) -> None:
         """Plan a hard brake or a hard acceleration, perhaps mild at first."""
         lasts_s = self._first_response()
         start = lasts_s or 0.0
@@ -166,7 +166,7 @@ class SceneDraw:
         plan.commit, plan.end = start + ramp_s, start + 2 * ramp_s + plateau_s
         plan.busy_until = max(plan.busy_until, plan.end)
 
-    def begin_sideways(self, plan: Plan, braking: bool) -> float:
+    def begin_sideways(self, plan: SceneMotion, braking: bool) -> float:
         """Plan what comes before a lateral maneuver; return when that begins, s."""
         lasts_s = self._first_response()
         if braking:
@@ -176,7 +176,7 @@ class SceneDraw:
         self._respond_first(plan, lasts_s, braking, self._draw(self.settings.response.overlap_s))
         return lasts_s
 
-    def change_lane(self, plan: Plan, side: float, braking: bool, acceleration_mps2: Range) -> None:
+    def change_lane(self, plan: SceneMotion, side: float, braking: bool, acceleration_mps2: Range) -> None:
         """Plan a move to the next lane. side: 1 for the left, -1 for the right. braking: the first response."""
         s = self.settings.lane_change
         start, duration_s = self.begin_sideways(plan, braking), self._draw(s.duration_s)
@@ -190,7 +190,7 @@ class SceneDraw:
         """Draw one of two equally likely cases."""
         return bool(self._rng.random() < 0.5)
 
-    def swerve(self, plan: Plan) -> None:
+    def swerve(self, plan: SceneMotion) -> None:
         """Plan a move aside and back."""
         s = self.settings.evasive_swerve
         start = self.begin_sideways(plan, braking=True)
@@ -202,7 +202,7 @@ class SceneDraw:
         plan.left = plan.left + move_aside(self.times, back, -aside_m, back_s)
         plan.commit, plan.end = start + out_s, back + back_s
 
-    def follow(self, plan: Plan, uv_mps: float) -> None:
+    def follow(self, plan: SceneMotion, uv_mps: float) -> None:
         """Plan steady driving: the UV may change its speed gently, and the TV repeats that after its reaction time."""
         s, response = self.settings.following, self.settings.response
         plan.closing_mps = self._draw(s.closing_mps)
@@ -215,12 +215,12 @@ class SceneDraw:
             plan.tv_mps2 = plan.tv_mps2 + pulse(self.times, at + delay_s, peak, ramp_s, hold_s)
         plan.commit = plan.end = 0.0
 
-    def overtake(self, plan: Plan) -> None:
+    def overtake(self, plan: SceneMotion) -> None:
         """Plan the pulling-out of an overtake; the return follows when the passing is known."""
         plan.closing_mps = self._draw(self.settings.overtake.closing_mps)
         self.change_lane(plan, 1.0, braking=False, acceleration_mps2=self.settings.overtake.acceleration_mps2)
 
-    def _settling(self, plan: Plan, closing_mps: float) -> Array:
+    def _settling(self, plan: SceneMotion, closing_mps: float) -> Array:
         """Return the TV's acceleration after the record, m/s2, (n,): it passes the UV, or adapts to its speed.
 
         closing_mps: speed of the TV minus that of the UV when everything planned is over.
@@ -237,7 +237,7 @@ class SceneDraw:
         ramp_s = max(1.0, change_mps / peak)
         return pulse(self.times, max(self.settings.settle_s, plan.busy_until), change_mps / ramp_s, ramp_s, 0.0)
 
-    def _return(self, plan: Plan, ahead_m: Array) -> bool:
+    def _return(self, plan: SceneMotion, ahead_m: Array) -> bool:
         """Plan the return of an overtake; False where there is no time for it.
 
         ahead_m: distance of the TV's rear ahead of the UV's front, m, (n,).
@@ -276,37 +276,37 @@ class SceneDraw:
         return largest_mps2 <= limits.acceleration_mps2 and jerk_mps3 <= limits.jerk_mps3
 
 
-def _hard_brake(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _hard_brake(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     s = draw.settings.hard_brake
     draw.change_speed(plan, True, s.peak_mps2, s.jerk_mps3, s.hold_s)
 
 
-def _hard_accel(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _hard_accel(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     s = draw.settings.hard_accel
     draw.change_speed(plan, False, s.peak_mps2, s.jerk_mps3, s.hold_s)
 
 
-def _left_lane_change(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _left_lane_change(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     draw.change_lane(plan, 1.0, draw.either(), draw.settings.lane_change.acceleration_mps2)
 
 
-def _right_lane_change(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _right_lane_change(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     draw.change_lane(plan, -1.0, draw.either(), draw.settings.lane_change.acceleration_mps2)
 
 
-def _overtake(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _overtake(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     draw.overtake(plan)
 
 
-def _evasive_swerve(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _evasive_swerve(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     draw.swerve(plan)
 
 
-def _following(draw: SceneDraw, plan: Plan, uv_mps: float) -> None:
+def _following(draw: SceneDraw, plan: SceneMotion, uv_mps: float) -> None:
     draw.follow(plan, uv_mps)
 
 
-PLANS: dict[str, Callable[[SceneDraw, Plan, float], None]] = {
+PLANS: dict[str, Callable[[SceneDraw, SceneMotion, float], None]] = {
     "hard_brake": _hard_brake,
     "left_lane_change": _left_lane_change,
     "right_lane_change": _right_lane_change,

@@ -91,7 +91,7 @@ class ResponseSettings(Settings):
     uv_hold_s: Seconds = sourced((0.4, 1.6), "time at that acceleration, s", "chosen: the UV keeps moving")
 
 
-class HardBrakeSettings(Settings):
+class KinematicBrakeSettings(Settings):
     """A hard brake."""
 
     peak_mps2: Accelerations = sourced((4.3, 8.0), "largest deceleration, m/s2", "UN R157: emergency from 5 m/s2")
@@ -99,7 +99,7 @@ class HardBrakeSettings(Settings):
     jerk_mps3: Jerks = sourced((8.0, 18.0), "jerk, m/s3", "chosen: the peak is reached within 0.4 to 1.6 s")
 
 
-class HardAccelSettings(Settings):
+class KinematicAccelSettings(Settings):
     """A hard acceleration."""
 
     peak_mps2: Accelerations = sourced((2.7, 4.5), "largest acceleration, m/s2", "driving-style studies: to 3.6 m/s2")
@@ -107,7 +107,7 @@ class HardAccelSettings(Settings):
     jerk_mps3: Jerks = sourced((4.0, 10.0), "jerk, m/s3", "chosen: the peak is reached within 0.4 to 1.8 s")
 
 
-class LaneChangeSettings(Settings):
+class KinematicChangeSettings(Settings):
     """A lane change to either side, also the pulling-out and the return of an overtake."""
 
     duration_s: Annotated[Range, within(1.0, 15.0)] = sourced(
@@ -119,7 +119,7 @@ class LaneChangeSettings(Settings):
     pulse_s: Seconds = sourced((1.0, 2.5), "time of that, s", "chosen: during the lane change")
 
 
-class OvertakeSettings(Settings):
+class KinematicOvertakeSettings(Settings):
     """An overtake: pulling out, passing the UV and returning ahead of it."""
 
     closing_mps: Differences = sourced(
@@ -149,7 +149,7 @@ class SwerveSettings(Settings):
     )
 
 
-class FollowingSettings(Settings):
+class KinematicFollowingSettings(Settings):
     """Following, the benign state: the UV may change its speed gently, and the TV follows."""
 
     closing_mps: Differences = sourced(
@@ -196,10 +196,10 @@ class KinematicSettings(Settings):
     )  # fmt: skip
     situation: SituationSettings = SituationSettings()
     response: ResponseSettings = ResponseSettings()
-    hard_brake: HardBrakeSettings = HardBrakeSettings()
-    hard_accel: HardAccelSettings = HardAccelSettings()
-    lane_change: LaneChangeSettings = LaneChangeSettings()
-    overtake: OvertakeSettings = OvertakeSettings()
+    hard_brake: KinematicBrakeSettings = KinematicBrakeSettings()
+    hard_accel: KinematicAccelSettings = KinematicAccelSettings()
+    lane_change: KinematicChangeSettings = KinematicChangeSettings()
+    overtake: KinematicOvertakeSettings = KinematicOvertakeSettings()
     evasive_swerve: SwerveSettings = SwerveSettings()
-    following: FollowingSettings = FollowingSettings()
+    following: KinematicFollowingSettings = KinematicFollowingSettings()
     limits: LimitSettings = LimitSettings()

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections import Counter
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
+from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
+from isac_cosim.base.workers.activity import reading
+from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.scenarios.sumo_files import one_line, without_outputs
+from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
+from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
@@ -84,11 +88,14 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
     """Simulate a scenario and record every vehicle's state at every step after the run-in.
 
     Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
-    recordings. Only one simulation can run in a process at a time.
+    recordings. Only one simulation can run in a process at a time. SUMO can write nothing but temporary files.
     Raises InputError where SUMO refuses the scenario or a simulation runs already, TrafficError where SUMO fails during
     the simulation.
     """
-    moments = record_stepwise(scenario, seed, traffic, maneuvers)
+    return landlock.confined(lambda: _record(record_stepwise(scenario, seed, traffic, maneuvers)))
+
+
+def _record(moments: Generator[Moment, None, Recording]) -> Recording:
     while True:
         try:
             next(moments)
@@ -177,13 +184,19 @@ def session(
     import libsumo
 
     refuse_a_second(scenario.name)
-    with tempfile.TemporaryDirectory(prefix="cosim-") as folder:
-        additional = [without_outputs(file, Path(folder)) for file in scenario.additional]
+    with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
+        folder = temporary.path
+        handover = Handover(folder)
+
+        def handed(*files: Path) -> str:
+            with writing_temporary():
+                return ",".join(str(handover.path_of(file)) for file in files)
+
         options = {
             **scenario.kept,
-            "net-file": str(scenario.network),
-            "route-files": ",".join(map(str, scenario.demand)),
-            "additional-files": ",".join(map(str, additional)),
+            "net-file": handed(scenario.network),
+            "route-files": handed(*scenario.demand),
+            "additional-files": handed(*scenario.additional),
             "begin": f"{scenario.begin_s:g}",
             "step-length": f"{traffic.step_s:g}",
             "default.action-step-length": f"{traffic.action_step_s:g}",
@@ -198,14 +211,15 @@ def session(
             "no-step-log": "true",
             # Warnings go to the log only, not to the console.
             "no-warnings": "true",
-            "error-log": str(Path(folder) / LOG_FILE),
+            "error-log": str(folder / LOG_FILE),
             "duration-log.disable": "true",
             "xml-validation": "never",
-            **(log.options(Path(folder)) if log else {}),
+            **(log.options(folder) if log else {}),
         }
-        arguments = [word for name, value in options.items() if value for word in (f"--{name}", value)]
+        files = (scenario.network, *scenario.demand, *scenario.additional)
         try:
-            libsumo.start(["sumo", *arguments])
+            with reading(f"scenario {scenario.name}, seed {seed}", files):
+                libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             libsumo.close()  # what it had loaded by then stays open otherwise
             raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
@@ -227,5 +241,18 @@ def session(
         finally:
             held.close()
             if messages is not None:
-                with (Path(folder) / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
+                with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
+
+
+def _arguments(options: Mapping[str, str]) -> list[str]:
+    """Options as SUMO gets them: in one word with their values, so that no value can be read as another option."""
+    return [f"--{name}={value}" for name, value in options.items() if value]
+
+
+def _guarded(scenario: Scenario) -> contextlib.AbstractContextManager[None]:
+    """Watches the scenario's folders where SUMO runs in a thread that could write there."""
+    if landlock.folder() is not None:
+        return contextlib.nullcontext()
+    files = (scenario.network, *scenario.demand, *scenario.additional)
+    return unchanged(scenario.name, [part for file in files for part in with_includes(file)])

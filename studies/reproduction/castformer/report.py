@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.evaluation.on_windows.metrics import maneuver_f1
-from isac_cosim.evaluation.report.page import FIGURES, Part, Row
+from isac_cosim.evaluation.report.parts import Part, Row
 from isac_cosim.evaluation.statistics import Trainings, pooled, score
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
 from isac_cosim.studies.reproduction.experiments import drawings
-from isac_cosim.studies.reproduction.experiments.pages import claims_part
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ABLATION,
     HORIZON,
@@ -40,7 +40,7 @@ STAGES = {
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredVariant:
     """A network that was measured on every fold. name, title: as in `Variant`. scores: of the folds."""
 
     name: str
@@ -56,11 +56,11 @@ class Measured:
         return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds)}]
 
 
-def measured_of(out: Path, stage: str) -> list[Measured]:
+def measured_of(out: Path, stage: str) -> list[MeasuredVariant]:
     """Return the networks that a stage measured, none where it was not run."""
     result: dict[str, Any] = result_of(out, stage) or {}
     return [
-        Measured(row["name"], row["title"], [Scores.model_validate(fold) for fold in row["folds"]])
+        MeasuredVariant(row["name"], row["title"], [Scores.model_validate(fold) for fold in row["folds"]])
         for row in result.get("variants", [])
     ]
 
@@ -114,7 +114,7 @@ def _data(out: Path) -> Part | None:
     return Part("data", "Samples", text, rows)
 
 
-def _table(out: Path, stage: str, measured: Sequence[Measured]) -> Part:
+def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
     paper, rows = paper_rows(stage), list[Row]()
     curves: dict[str, list[float]] = {}
     reference: dict[str, list[float]] = {}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from isac_cosim.benchmarks.findings.abandoned_changes import LONG_S, Excursion, excursions, traffic_left_alone
+from isac_cosim.benchmarks.findings.abandoned_changes import LONG_S, AbandonedChange, excursions, traffic_left_alone
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 
 STEP = 0.01
@@ -28,7 +28,7 @@ def test_a_vehicle_that_crosses_the_marking_is_one_excursion_without_a_stop() ->
     path = np.arange(0.0, 3.6, STEP)
     path[path > 1.8] -= 3.6
     (excursion,) = excursions(track(np.concatenate([np.zeros(50), path, np.zeros(50)])), STEP)
-    assert excursion == Excursion(True, pytest.approx(2.6, abs=0.05), 0.0)
+    assert excursion == AbandonedChange(True, pytest.approx(2.6, abs=0.05), 0.0)
 
 
 def test_whole_lanes_end_the_stops_of_narrow_sublanes() -> None:

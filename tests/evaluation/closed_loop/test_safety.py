@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isac_cosim.evaluation.closed_loop.safety import Driving, Totals, driving_of, encroachments, figures
+from isac_cosim.evaluation.closed_loop.safety import Totals, VehicleMotions, driving_of, encroachments, figures
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 
 
-def rows_of(driving: Driving, vehicle: str) -> np.ndarray:
+def rows_of(driving: VehicleMotions, vehicle: str) -> np.ndarray:
     return np.flatnonzero(driving.vehicle == driving.names.index(vehicle))
 
 

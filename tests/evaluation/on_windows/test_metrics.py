@@ -5,7 +5,7 @@ import pytest
 from sklearn.metrics import confusion_matrix, f1_score, precision_score, recall_score
 
 from isac_cosim.evaluation.on_windows import metrics
-from isac_cosim.evaluation.on_windows.score_results import Interval, Spread
+from isac_cosim.evaluation.on_windows.score_results import Difference, Spread
 
 CLASSES = ("a", "b", "c", "d")
 
@@ -62,7 +62,7 @@ def test_records_without_snr_are_in_no_bin() -> None:
 def test_the_paired_difference_of_a_predictor_with_itself_is_nothing() -> None:
     label, predicted = drawn()
     result = metrics.paired_difference(label, predicted, predicted, np.arange(300) % 7, CLASSES)
-    assert result.macro_f1 == Interval(difference=0.0, low=0.0, high=0.0)
+    assert result.macro_f1 == Difference(difference=0.0, low=0.0, high=0.0)
 
 
 def test_the_interval_is_the_jackknife_over_groups() -> None:

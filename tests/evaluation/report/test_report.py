@@ -10,12 +10,11 @@ from rich.console import Console
 
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation, evaluate_records
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.on_windows.score_results import Interval, PairedDifference
+from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDifference
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.record_view import draw_record
-from isac_cosim.evaluation.report.report import record_view, write_page
-from isac_cosim.evaluation.report.score_table import table
+from isac_cosim.evaluation.report.report import record_view, show, write_page
 from isac_cosim.evaluation.report.verdict import verdict
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
@@ -43,7 +42,7 @@ def result(evaluation: Evaluation) -> EvaluationResult:
 def with_difference(result: EvaluationResult, groups: int, difference: float, low: float, high: float):
     """The result with another difference in macro-F1 before the commit to the compared run, by so many test seeds."""
     (other,) = result.compared
-    gap = Interval(difference=difference, low=low, high=high)
+    gap = Difference(difference=difference, low=low, high=high)
     paired = PairedDifference(groups=groups, macro_f1=gap, per_class_f1=dict.fromkeys(result.classes, gap))
     compared = other.model_copy(update={"paired_difference_before_commit": paired})
     return result.model_copy(update={"compared": [compared]})
@@ -51,7 +50,7 @@ def with_difference(result: EvaluationResult, groups: int, difference: float, lo
 
 def printed(result: EvaluationResult) -> str:
     console = Console(file=io.StringIO(), width=200)
-    console.print(table(result))
+    show(result, Path(), console)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 

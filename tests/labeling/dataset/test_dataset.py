@@ -15,6 +15,7 @@ import pytest
 
 import cosim
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import file_digest
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.labeling.dataset.dataset import (
@@ -30,7 +31,7 @@ from isac_cosim.labeling.dataset.dataset import (
     write_shard,
 )
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, file_digest, read_samples, read_shard, schema
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
 from isac_cosim.labeling.intentions import Intention
 from tests.support.former_dataset import without_index
 
@@ -302,6 +303,7 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
 def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
     """They have no causes, and say `stimulated` for `commanded`."""
     dataset = make(tmp_path / "data", (6, 3))
+    sensed = dataset.arrays("tv")["tv"]
     shards = []
     for shard in dataset.meta.shards:
         path = dataset.shard_path(shard)
@@ -327,11 +329,12 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
     assert len(former.frame(["cause"])) == len(former) == 9
     samples = read_samples(former.shard_path(former.meta.shards[0]))
     assert {(sample.origin, sample.cause) for sample in samples} == {("natural", ""), ("commanded", "")}
-    np.testing.assert_array_equal(former.arrays("tv")["tv"], dataset.arrays("tv")["tv"])
+    np.testing.assert_array_equal(former.arrays("tv")["tv"], sensed)
 
 
 def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (6, 3))
+    written = dataset.frame()
     shards = []
     for shard in dataset.meta.shards:
         path = dataset.shard_path(shard)
@@ -344,7 +347,7 @@ def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Pat
     assert list(frame.columns) == list(SCALARS)
     assert (frame["pull_out"] == "").all()
     assert frame[["t_pass", "t_pair_end"]].isna().all(axis=None)
-    assert frame.drop(columns=list(PASSING)).equals(dataset.frame().drop(columns=list(PASSING)))
+    assert frame.drop(columns=list(PASSING)).equals(written.drop(columns=list(PASSING)))
     assert len(former.frame(["t_pass"])) == len(former) == 9
     [first, *_] = read_samples(former.shard_path(former.meta.shards[0]))
     assert first.pull_out == ""

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.labeling.dataset.dataset import Lost
-from isac_cosim.labeling.generation.episode_plan import Counts, Job, Jobs, Plan
+from isac_cosim.labeling.generation.episode_plan import Counts, EpisodeJob, EpisodePlan, Jobs
 from isac_cosim.labeling.generation.settings import SeedRange, SelectionSettings
 from isac_cosim.labeling.intentions import KNOWN
 
 NAMES = [intention.text for intention in KNOWN]
 
 
-def episode(job: Job, counts: list[int]) -> Counts | Lost:
+def episode(job: EpisodeJob, counts: list[int]) -> Counts | Lost:
     """An episode with these counts of the six known intentions, or a lost one where the first is negative."""
     if counts[0] < 0:
         return Lost(scenario=job.scenario, seed=job.seed, reason="broke")
@@ -47,8 +47,8 @@ COUNTS = st.one_of(st.lists(st.integers(0, 4), min_size=6, max_size=6), st.just(
 def test_the_run_is_the_shortest_whatever_the_order(
     episodes: list[list[int]], windows: int, least: int, patience: int, order: random.Random
 ) -> None:
-    jobs = [Job("road", "road", seed) for seed in range(len(episodes))]
-    plan = Plan(jobs, SelectionSettings(windows=windows, min_per_class=least, patience=patience))
+    jobs = [EpisodeJob("road", "road", seed) for seed in range(len(episodes))]
+    plan = EpisodePlan(jobs, SelectionSettings(windows=windows, min_per_class=least, patience=patience))
     numbers = list(range(len(jobs)))
     order.shuffle(numbers)
     for number in numbers:
@@ -63,7 +63,7 @@ def test_the_run_is_the_shortest_whatever_the_order(
 
 def test_jobs_are_every_scenario_seed_by_seed() -> None:
     jobs = Jobs((("nets/a", "a"), ("nets/b", "b")), SeedRange(first=3, last=5))
-    listed = [Job(f"nets/{name}", name, seed) for seed in (3, 4, 5) for name in "ab"]
+    listed = [EpisodeJob(f"nets/{name}", name, seed) for seed in (3, 4, 5) for name in "ab"]
     assert list(jobs) == listed
     assert jobs[1:4] == listed[1:4]
     assert jobs[-1] == listed[-1]
@@ -73,7 +73,7 @@ def test_jobs_are_every_scenario_seed_by_seed() -> None:
 
 def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
     jobs = Jobs((("road", "road"),), SeedRange(first=0, last=2**31 - 1))
-    plan = Plan(jobs, SelectionSettings(windows=12))
+    plan = EpisodePlan(jobs, SelectionSettings(windows=12))
     for job in plan.missing():
         plan.add(job, episode(job, [1] * 6))
     assert plan.progress() == (12, 12)
@@ -81,8 +81,8 @@ def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
 
 
 def test_without_windows_every_episode_is_used() -> None:
-    jobs = [Job("road", "road", seed) for seed in range(30)]
-    plan = Plan(jobs, SelectionSettings(patience=2))
+    jobs = [EpisodeJob("road", "road", seed) for seed in range(30)]
+    plan = EpisodePlan(jobs, SelectionSettings(patience=2))
     assert list(plan.missing()) == jobs
     for job in jobs:
         assert not plan.done
@@ -93,8 +93,8 @@ def test_without_windows_every_episode_is_used() -> None:
 
 
 def test_missing_episodes_are_taken_in_order_and_only_while_needed() -> None:
-    jobs = [Job("road", "road", seed) for seed in range(10)]
-    plan = Plan(jobs, SelectionSettings(windows=5))
+    jobs = [EpisodeJob("road", "road", seed) for seed in range(10)]
+    plan = EpisodePlan(jobs, SelectionSettings(windows=5))
     plan.add(jobs[1], episode(jobs[1], [1] * 6))
     taken = []
     for job in plan.missing():
@@ -105,8 +105,8 @@ def test_missing_episodes_are_taken_in_order_and_only_while_needed() -> None:
 
 
 def test_progress_waits_for_the_rarest_class() -> None:
-    jobs = [Job("road", "road", seed) for seed in range(4)]
-    plan = Plan(jobs, SelectionSettings(windows=10, min_per_class=4))
+    jobs = [EpisodeJob("road", "road", seed) for seed in range(4)]
+    plan = EpisodePlan(jobs, SelectionSettings(windows=10, min_per_class=4))
     plan.add(jobs[0], episode(jobs[0], [9, 9, 9, 9, 9, 1]))
     assert plan.progress() == (2, 10)
     assert plan.short() == (NAMES[5],)

@@ -274,20 +274,11 @@ def test_a_dataset_does_not_go_on_after_its_configuration_has_changed(tmp_path: 
 
 
 BACKWARDS = """
-import sys, time
+import time
 
 began, real = time.monotonic(), time.time
-BATCHING = {"distributed.batched", "tornado.ioloop"}
-
-
-def shifted():
-    "The wall clock, set back by an hour every other second."
-    if sys._getframe(1).f_globals.get("__name__") in BATCHING:
-        return real()
-    return real() - 3600.0 * int((time.monotonic() - began) / 2)
-
-
-time.time = shifted
+# The wall clock, set back by an hour every other second.
+time.time = lambda: real() - 3600.0 * int((time.monotonic() - began) / 2)
 """
 COMMAND = """
 import sys, time
@@ -306,11 +297,7 @@ if __name__ == "__main__":
 
 
 def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
-    """In the command, the scheduler and the workers alike.
-
-    But for the pause of 2 ms that dask leaves between two batches of messages: it ends by the wall clock, so a step
-    back that falls into it delays the messages by as much.
-    """
+    """In the command and the workers alike."""
     (tmp_path / "sitecustomize.py").write_text(BACKWARDS)
     (tmp_path / "command.py").write_text(COMMAND)
     root = Path(cosim.__file__).parent

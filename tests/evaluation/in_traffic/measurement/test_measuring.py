@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.measurement.choosing import reject_options
-from isac_cosim.evaluation.in_traffic.measurement.measuring import Measured, Streams, measure, measure_random
+from isac_cosim.evaluation.in_traffic.measurement.measuring import AnswerLevels, MeasuredAlarms, measure, measure_random
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
@@ -40,10 +40,10 @@ def settings(sharing: Literal["shared", "separate"]) -> LiveSettings:
     return LiveSettings.model_validate({"choice": {**choice, "least_probabilities": [0.3]}, "scoring": scoring})
 
 
-def measured(sharing: Literal["shared", "separate"]) -> Measured:
+def measured(sharing: Literal["shared", "separate"]) -> MeasuredAlarms:
     live = settings(sharing)
     options = reject_options([truth(1, 0)], RUN, live.choice)
-    result = measure(Streams([truth(2, 0), truth(3, 1)], RUN), options, live, "toy")
+    result = measure(AnswerLevels([truth(2, 0), truth(3, 1)], RUN), options, live, "toy")
     assert result is not None
     return result
 

@@ -7,7 +7,7 @@ import pytest
 
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels
 from isac_cosim.evaluation.in_traffic.scores.curves import (
-    Sweep,
+    ThresholdSweep,
     candidate_thresholds,
     left_out_counts,
     recall_at,
@@ -17,9 +17,9 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import Truth, recall_interv
 from tests.support.minute_of_traffic import FIRST, SECOND, SETTINGS, levels
 
 
-def shared(truths: list[Truth], of: list[Levels]) -> Sweep:
+def shared(truths: list[Truth], of: list[Levels]) -> ThresholdSweep:
     """The sweep of thresholds that all intentions share."""
-    return Sweep.of(truths, of, np.tile(candidate_thresholds(of, 50)[:, None], 6), 2.0)
+    return ThresholdSweep.of(truths, of, np.tile(candidate_thresholds(of, 50)[:, None], 6), 2.0)
 
 
 def test_the_curve_trades_recall_for_false_alarms() -> None:

@@ -25,14 +25,14 @@ from tests.support.minute_of_traffic import COUNT, FIRST, SECOND, SETTINGS, alar
 
 
 @pytest.fixture
-def outcomes() -> list[scoring.Outcome]:
+def outcomes() -> list[scoring.AlarmOutcome]:
     """Predicted 0.5 s and 2 s before the commit; detected 1 s after it; one missed; three false alarms."""
     first = Truth.of(FIRST, 2.0).outcome(alarms((0, 0, 10.5), (1, 1, 42.0), (1, 1, 50.0)))
     second = Truth.of(SECOND, 2.0).outcome(alarms((0, 0, 19.0), (1, 0, 5.0), (0, 2, 30.0), (0, 0, 50.0)))
     return [first, second]
 
 
-def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.Outcome]) -> None:
+def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.AlarmOutcome]) -> None:
     scores = event_scores(outcomes, SETTINGS)
     assert (scores.events, scores.predicted, scores.detected, scores.missed) == (4, 2, 1, 1)
     assert scores.false_alarms == 3
@@ -83,7 +83,7 @@ def test_an_interval_stays_within_0_and_1_and_needs_two_seeds_with_events() -> N
         assert event_scores(outcomes, SETTINGS).recall_interval is None
 
 
-def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.Outcome]) -> None:
+def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.AlarmOutcome]) -> None:
     every = scoring.group_scores(outcomes, SETTINGS)
     brake, left = every.by_intention["hard_brake"], every.by_intention["left_lane_change"]
     assert (brake.events, brake.predicted, brake.false_alarms) == (3, 2, 1)
@@ -100,7 +100,7 @@ def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.Outcome
     assert commanded.vehicle_hours == pytest.approx(1 / 60)
 
 
-def test_recall_against_time_to_commit_falls(outcomes: list[scoring.Outcome]) -> None:
+def test_recall_against_time_to_commit_falls(outcomes: list[scoring.AlarmOutcome]) -> None:
     points = {point.time_to_commit_s: point.recall for point in scoring.by_time_to_commit(outcomes)}
     assert points == {0.0: 0.5, 0.2: 0.5, 0.5: 0.5, 0.8: 0.25, 1.0: 0.25, 1.5: 0.25, 2.0: 0.25, 3.0: 0.0}
 
@@ -108,7 +108,7 @@ def test_recall_against_time_to_commit_falls(outcomes: list[scoring.Outcome]) ->
 def test_the_upper_bound_of_no_false_alarm_is_three_over_the_hours() -> None:
     """FACTS of Poisson statistics: none in 2 hours still allows 1.5 an hour."""
     quiet = Truth.of(FIRST, 2.0).outcome(alarms())
-    two_hours = scoring.Outcome(**{**quiet.__dict__, "hours": np.array([2.0, 0.0])})
+    two_hours = scoring.AlarmOutcome(**{**quiet.__dict__, "hours": np.array([2.0, 0.0])})
     bound = event_scores([two_hours], SETTINGS).false_alarms_per_vehicle_hour_upper
     assert bound == pytest.approx(1.5, abs=0.01)
 

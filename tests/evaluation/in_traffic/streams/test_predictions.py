@@ -21,12 +21,17 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import Sensing, Track
+from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.stretches import watched
+from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.chain import fix
+from isac_cosim.isacsim.sensing.following import Approach
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.streaming import StreamingFilter
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
@@ -35,19 +40,20 @@ from isac_cosim.models.runs.run import Run
 
 
 @pytest.fixture(scope="module")
-def sensing(study: LiveStudy, scenario: Scenario, recording: Recording, trees_run: Run) -> Sensing:
+def sensing(study: LiveStudy, scenario: Scenario, recording: Recording, trees_run: Run) -> StretchSensing:
     timing = timing_of(study, trees_run.card.shape)
-    return Sensing(study.dataset, scenario, recording, timing.before_decision_s)
+    sensor = watch_episode(study.dataset, scenario, recording.seed, recording)
+    return StretchSensing(study.dataset, recording, sensor, timing.before_decision_s)
 
 
 @pytest.fixture(scope="module")
-def tracks(sensing: Sensing, study: LiveStudy, recording: Recording, trees_run: Run) -> list[Track]:
+def tracks(sensing: StretchSensing, study: LiveStudy, recording: Recording, trees_run: Run) -> list[SensedStretch]:
     timing = timing_of(study, trees_run.card.shape)
     driving = watched(recording, Surroundings(recording), study.dataset.pairs, timing)
     return list(sensing.tracks(driving.stretches))
 
 
-def answers(track: Track, sensing: Sensing, run: Run, delay_s: float = 0.0) -> Answers:
+def answers(track: SensedStretch, sensing: StretchSensing, run: Run, delay_s: float = 0.0) -> Answers:
     cutter = WindowCutter(Reports(sensing), sensing.study, run.card.shape, delay_s, 0.1)
     answer, lanes = run_answering(Infer.load(run.path)), lanes_of(sensing.recording)
     rate_hz = run.card.shape.tv_rate_hz
@@ -56,7 +62,7 @@ def answers(track: Track, sensing: Sensing, run: Run, delay_s: float = 0.0) -> A
 
 @pytest.mark.parametrize("kind", ["trees_run", "network_run"])
 def test_a_stream_is_answered_as_a_stored_record(
-    kind: str, tracks: list[Track], sensing: Sensing, request: pytest.FixtureRequest
+    kind: str, tracks: list[SensedStretch], sensing: StretchSensing, request: pytest.FixtureRequest
 ) -> None:
     """Five seconds of a stretch as a dataset holds them, and windows cut from them at the same instants."""
     run: Run = request.getfixturevalue(kind)
@@ -80,7 +86,9 @@ def test_a_stream_is_answered_as_a_stored_record(
     np.testing.assert_allclose(live.features[first : first + 20], outputs.features, rtol=1e-5, atol=1e-5)
 
 
-def test_lanes_add_the_situation_to_the_features(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
+def test_lanes_add_the_situation_to_the_features(
+    tracks: list[SensedStretch], sensing: StretchSensing, trees_run: Run
+) -> None:
     """The features of the rule are the situation; without lanes, nothing but the features of the run differs."""
     shape = trees_run.card.shape
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
@@ -100,13 +108,18 @@ def test_lanes_add_the_situation_to_the_features(tracks: list[Track], sensing: S
 
 
 def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
-    tracks: list[Track], sensing: Sensing, trees_run: Run
+    tracks: list[SensedStretch], sensing: StretchSensing, scenario: Scenario, trees_run: Run
 ) -> None:
     """Fix by fix and report by report in the order of time; nothing but the buffers is kept."""
     track = min(tracks, key=lambda one: one.state.shape[1])
     shape, stretch, infer = trees_run.card.shape, track.stretch, Infer.load(trees_run.path)
-    fixes = track.fixes.fixes
-    streaming, reports = StreamingFilter(1 / 400, sensing.study.sensing.tracking), Reports(sensing)
+    settings = sensing.study.sensing
+    key = ("live", "road", 1, stretch.tv, f"{stretch.start_s:.6f}")
+    approach = Approach.of(
+        Passage(stretch.tv, stretch.start_s, track.truth, key, acquired=True), 400, settings.tracking
+    )
+    fixes = fix(approach, 400, Panels.of(scenario.sites, settings.target_height_m), settings, key).fixes
+    streaming, reports = StreamingFilter(1 / 400, settings.tracking), Reports(sensing)
     tv_buffer: deque[np.ndarray] = deque(maxlen=shape.tv_length)
     batched = answers(track, sensing, trees_run)
     decisions = {round((t - stretch.start_s) * 400): k for k, t in enumerate(stretch.decision_s.tolist())}
@@ -126,7 +139,7 @@ def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
     assert answered >= 5
 
 
-def test_a_delay_makes_reports_older(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
+def test_a_delay_makes_reports_older(tracks: list[SensedStretch], sensing: StretchSensing, trees_run: Run) -> None:
     cutters = [
         WindowCutter(Reports(sensing), sensing.study, trees_run.card.shape, delay_s, 0.1) for delay_s in (0.0, 0.1)
     ]
@@ -135,7 +148,9 @@ def test_a_delay_makes_reports_older(tracks: list[Track], sensing: Sensing, tree
     np.testing.assert_array_equal(uv_late[1:], uv[:-1])  # predictions come every 0.1 s
 
 
-def test_the_rule_answers_as_on_a_dataset_with_roads(tracks: list[Track], sensing: Sensing, trees_run: Run) -> None:
+def test_the_rule_answers_as_on_a_dataset_with_roads(
+    tracks: list[SensedStretch], sensing: StretchSensing, trees_run: Run
+) -> None:
     shape, windows = trees_run.card.shape, WindowSettings(window_s=1.2)
     tv, uv = next(WindowCutter(Reports(sensing), sensing.study, shape, 0.0, 0.1).batches(tracks[0]))
     lanes = lanes_of(sensing.recording)
@@ -149,7 +164,7 @@ def test_the_rule_answers_as_on_a_dataset_with_roads(tracks: list[Track], sensin
     np.testing.assert_allclose(answered.score, logits.max(axis=1), atol=1e-5)
 
 
-def test_every_vehicle_has_one_stream_of_reports(sensing: Sensing) -> None:
+def test_every_vehicle_has_one_stream_of_reports(sensing: StretchSensing) -> None:
     reports, again = Reports(sensing), Reports(sensing)
     vehicle = next(iter(sensing.recording.tracks))
     long, short = reports.window(vehicle, 8.0, 300), again.window(vehicle, 7.5, 100)
@@ -158,7 +173,7 @@ def test_every_vehicle_has_one_stream_of_reports(sensing: Sensing) -> None:
         reports.window(vehicle, 1.0, 300)
 
 
-def test_reports_carry_the_noise_of_the_study(sensing: Sensing) -> None:
+def test_reports_carry_the_noise_of_the_study(sensing: StretchSensing) -> None:
     vehicle = next(iter(sensing.recording.tracks))
     rates = sensing.study.record
     true = sensing.motion_of(vehicle, 10.0, 1000, rates.uv_rate_hz)

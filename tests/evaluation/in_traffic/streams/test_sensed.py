@@ -9,10 +9,13 @@ import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
-from isac_cosim.evaluation.in_traffic.streams.sensed import TOO_FEW_SITES, Sensing, spans
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
+from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 
 TIMING = Timing(
@@ -38,9 +41,14 @@ def cut(recording: Recording, end_s: float) -> Recording:
     return replace(recording, tracks=tracks)
 
 
+def sensing_of(study: DatasetStudy, scenario: Scenario, recording: Recording, name: str = DEFAULT) -> StretchSensing:
+    sensor = watch_episode(study, scenario, recording.seed, recording, name)
+    return StretchSensing(study, recording, sensor, TIMING.before_decision_s)
+
+
 def states_of(recording: Recording, scenario: Scenario, study: LiveStudy, tv: str) -> dict[int, np.ndarray]:
     """What the network knows of a TV, (6,), and of its UV, (6,), by the number of the decision."""
-    sensing = Sensing(study.dataset, scenario, recording, TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
     driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
     reports, known = Reports(sensing), {}
     for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == tv]):
@@ -72,8 +80,8 @@ def test_what_changes_within_the_reach_of_the_kernel_is_small(
 ) -> None:
     """The motion that all of it comes from, up to the cut itself: centimetres at 0.6 s, more at the very end."""
     cut_s = float(recording.times(recording.tracks["follow0"])[1400])
-    sensing = Sensing(study.dataset, scenario, recording, TIMING.before_decision_s)
-    blind = Sensing(study.dataset, scenario, cut(recording, cut_s), TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
+    blind = sensing_of(study.dataset, scenario, cut(recording, cut_s))
     times = cut_s - 2.0 + np.arange(200) / 100
     change = np.abs(
         blind.motion_of("follow0", cut_s - 2.0, 200, 100.0) - sensing.motion_of("follow0", cut_s - 2.0, 200, 100.0)
@@ -92,13 +100,13 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
     view = study.dataset.sensing.view.model_copy(update={"range_m": 200.0})
     sensing_settings = study.dataset.sensing.model_copy(update={"view": view})
     narrow = study.dataset.model_copy(update={"sensing": sensing_settings})
-    sensing = Sensing(narrow, replace(scenario, sites=tuple(sites)), recording, TIMING.before_decision_s)
+    sensing = sensing_of(narrow, replace(scenario, sites=tuple(sites)), recording)
     driving = watched(recording, Surroundings(recording), narrow.pairs, TIMING)
     stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
     tracks = list(sensing.tracks([stretch]))
     predicted = sum(len(track.stretch.decision_s) for track in tracks)
     assert len(tracks) == 2
-    assert predicted + sensing.uncovered[TOO_FEW_SITES] == len(stretch.decision_s)
+    assert predicted + sensing.uncovered["too_few_sites"] == len(stretch.decision_s)
     first, second = (track.stretch for track in tracks)
     assert second.start_s - first.end_s > 1.0
     assert second.decision_s[0] == pytest.approx(second.start_s + TIMING.before_decision_s, abs=0.11)
@@ -106,6 +114,48 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
         error = np.hypot(*(track.state[:2, 300:] - track.truth[:2, 300:]))
         assert np.median(error) < 0.5
         assert track.state.shape == track.truth.shape
+
+
+def spanned(stretch: Stretch) -> tuple[str, float, float, int]:
+    return stretch.tv, stretch.start_s, stretch.end_s, len(stretch.decision_s)
+
+
+def test_the_truth_is_the_motion_itself(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "truth")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        np.testing.assert_array_equal(track.state, track.truth.astype(np.float32))
+
+
+def test_the_radar_of_the_uv_ahead_senses_a_stretch(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        error = (track.state - track.truth)[:2, 800:]
+        assert 0.01 < np.sqrt(np.mean(error**2)) < 0.5
+    assert driving.alone
+    assert list(sensing.tracks(driving.alone)) == []
+    assert sensing.uncovered["not_detected"] == sum(len(stretch.decision_s) for stretch in driving.alone)
+
+
+def test_when_the_uv_changes_the_track_goes_on_with_the_new_ones_radar(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The other leader drives 200 m further ahead. Halfway, it takes over."""
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
+    half = len(stretch.uv) // 2
+    shared = replace(stretch, uv=(*stretch.uv[:half], *["lead1"] * (len(stretch.uv) - half)))
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    (before,), (after,) = (list(sensing.tracks([of])) for of in (stretch, shared))
+    until = round((stretch.decision_s[half - 1] - stretch.start_s) * 400)
+    np.testing.assert_array_equal(before.state[:, :until], after.state[:, :until])
+    assert not np.array_equal(before.state[:, until:], after.state[:, until:])
+    assert np.sqrt(np.mean((after.state - after.truth)[:2, until : until + 800] ** 2)) < 1.0
 
 
 def test_spans_are_the_runs_of_a_mask() -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isac_cosim.evaluation.in_traffic.streams.stretches import NO_UV, TRACK_ENDS, UV_ENDS, Driving, Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.stretches import (
+    NO_UV,
+    TRACK_ENDS,
+    UV_ENDS,
+    Timing,
+    WatchedStretches,
+    watched,
+)
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 from isac_cosim.labeling.road.surroundings import Surroundings
@@ -16,7 +23,7 @@ TIMING = Timing(
 )
 
 
-def driving(recording: Recording, pairs: PairSettings | None = None, timing: Timing = TIMING) -> Driving:
+def driving(recording: Recording, pairs: PairSettings | None = None, timing: Timing = TIMING) -> WatchedStretches:
     return watched(recording, Surroundings(recording), pairs or PairSettings(), timing)
 
 

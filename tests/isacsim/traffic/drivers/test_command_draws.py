@@ -27,7 +27,7 @@ from isac_cosim.isacsim.traffic.drivers.maneuvers import (
     SlowVehicleCommand,
     StopInLaneCommand,
 )
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import VehicleView
+from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView
 
 PEOPLE, EVASION = DriverSettings(), EvasionSettings()
 SEEDS = range(20)
@@ -60,8 +60,8 @@ class Surroundings:
         return float(self.beside[direction])
 
 
-def view(**changes: Any) -> VehicleView:
-    return cast(VehicleView, Surroundings(**changes))
+def view(**changes: Any) -> DriverView:
+    return cast(DriverView, Surroundings(**changes))
 
 
 def rngs(seed: int) -> tuple[np.random.Generator, np.random.Generator]:

@@ -18,7 +18,7 @@ from isac_cosim.isacsim.traffic.drivers.driver_model import DriverSettings
 from isac_cosim.isacsim.traffic.drivers.maneuvers import ManeuverCommand
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.drivers.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import VehicleView, ending_lanes
+from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Command, Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record, session
@@ -248,7 +248,7 @@ def test_nobody_is_sent_past_its_exit() -> None:
             for name in sumo.vehicle.getIDList():
                 exits = sumo.vehicle.getRoute(name)[-1] == "offramp"
                 if exits and sumo.vehicle.getLaneIndex(name) == 0 and sumo.vehicle.getSpeed(name) > 20.0:
-                    allowed = VehicleView(sumo, name, 150.0).has_lane(1, stay_s)
+                    allowed = DriverView(sumo, name, 150.0).has_lane(1, stay_s)
                     time_left_s[allowed].append(_ahead(sumo, name) / sumo.vehicle.getSpeed(name))
     assert min(time_left_s[True], default=0.0) > stay_s - 1.0
     assert time_left_s[False]

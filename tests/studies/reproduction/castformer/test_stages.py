@@ -13,7 +13,7 @@ from isac_cosim.models.data.clips import Clip
 from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.clips import shortened
-from isac_cosim.studies.reproduction.castformer.report import Measured, paper_rows
+from isac_cosim.studies.reproduction.castformer.report import MeasuredVariant, paper_rows
 from isac_cosim.studies.reproduction.castformer.stages import CastformerReproduction, folds_of, sides_of
 from isac_cosim.studies.reproduction.experiments.paper_figures import ABLATION, HORIZON, contradictions
 from isac_cosim.studies.reproduction.experiments.sizes import CASTFORMER
@@ -86,7 +86,7 @@ def test_a_network_of_several_tables_is_trained_once(tmp_path: Path) -> None:
 def test_the_unit_of_an_interval_is_the_fold() -> None:
     folds = [{"road-1": [[2, 1], [0, 3]], "road-2": [[1, 0], [0, 1]]}, {"road-3": [[0, 4], [1, 0]]}]
     scores = [Scores(name="", training_seed=0, counts={"3": fold}, windows={}) for fold in folds]
-    measured = Measured("complete", "CaSTFormer", scores).at(3)
+    measured = MeasuredVariant("complete", "CaSTFormer", scores).at(3)
     assert measured == [{"fold 0": [[3, 1], [0, 4]], "fold 1": [[0, 4], [1, 0]]}]
 
 
