@@ -122,7 +122,7 @@ class Network:
 
     def _report(self, state: Array, key: tuple[str | int, ...]) -> Array:
         """Return what a vehicle reports over a piece, (6, m)."""
-        return report(state, self.study.report, ("live", *key)).astype(np.float64)
+        return report(state, self.study.report, ("live", *key))
 
     def _ready(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the TVs that have been sensed long enough, and the UV of each."""
@@ -145,7 +145,7 @@ class Network:
             return np.empty((0, 6, shape.tv_length)), np.empty((0, 6, shape.uv_length))
         tv_windows = np.stack([self._tv[name][:, -shape.tv_length :] for name in tv])
         uv_windows = np.stack([self._uv[name][:, : shape.uv_length] for name in uv])
-        return tv_windows.astype(np.float32).astype(np.float64), uv_windows.astype(np.float64)
+        return tv_windows, uv_windows
 
 
 def _joined(before: Array | None, state: Array, most: int) -> Array:

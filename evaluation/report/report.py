@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from isac_cosim.base.arrays import Array
+from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
@@ -21,6 +21,7 @@ from isac_cosim.evaluation.report.record_view import RecordView, choose_record, 
 from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.evaluation.report.verdict import seeds_text
 from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
+from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
 from isac_cosim.models.runs.run import Run
@@ -45,7 +46,7 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     row = int(np.flatnonzero(sample_ids == choice.sample_id)[0])
     records, truth = Records.of(dataset), dataset.record("tv_truth", row)
     scenario = str(records.table["scenario"].iloc[row])
-    view = record_view(evaluated.run, records, truth.astype(np.float64), row)
+    view = record_view(evaluated.run, records, truth, row)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
     return write_page(evaluation.result, out, choice.rule)
 
@@ -81,24 +82,25 @@ def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
     return page.write_page(f"{result.name} in running traffic", parts, origin, folder)
 
 
-def record_view(run: Run, records: Records, truth: Array, row: int) -> RecordView:
+def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> RecordView:
     """Return what is drawn of one record, with the run's predictions for every window in it.
 
-    truth: true states of the TV, (6, S). row: of the record.
+    truth: true states of the TV, as they are stored, (6, S). row: of the record.
     """
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
     first, last = fitting(records, run.card.settings.windows)
     steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
+    point = records.points[row]
     windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
     snr_db = float(table["snr_db"])
     snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
     return RecordView(
         title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
-        tv=np.asarray(records.tv[row], np.float64),
-        truth=truth,
-        uv=np.asarray(records.uv[row], np.float64),
+        tv=in_plane(records.tv[row], *point),
+        truth=in_plane(truth, *point),
+        uv=in_plane(records.uv[row], *point),
         t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
         t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
         commit_s=float(table["t_commit"] - table["t_onset"]),

@@ -68,7 +68,7 @@ class Meta(Sealed):
 
     sealed_since: ClassVar[int] = 4
 
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES

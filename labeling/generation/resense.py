@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator, Field
 
 from isac_cosim.base.errors import InputError, RunError
@@ -40,6 +39,7 @@ from isac_cosim.labeling.dataset.dataset import (
     write_shard,
 )
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs, write_dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane, relative
 from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION
 from isac_cosim.labeling.generation import log
 from isac_cosim.labeling.generation.episode import median_error_m, record_key
@@ -240,7 +240,8 @@ def _sense(
             if record.usable:
                 samples.append(_with(sample, record, sensor.name))
                 if filtered:
-                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
+                    fixes = relative(record.fixes, (sample.x0, sample.y0))
+                    fix_errors.append(median_error_m(fixes, sample.tv_truth))
     return samples, fix_errors
 
 
@@ -249,9 +250,9 @@ def _passage(sample: Sample, meta: Meta, report: ReportSettings) -> Passage:
     return Passage(
         tv=sample.tv_id,
         start_s=sample.t_start,
-        truth=sample.tv_truth.astype(np.float64),
+        truth=in_plane(sample.tv_truth, sample.x0, sample.y0),
         key=_key(sample),
-        past=sample.tv_run_in.astype(np.float64) if meta.run_in_length else None,
+        past=in_plane(sample.tv_run_in, sample.x0, sample.y0) if meta.run_in_length else None,
         find_carrier=partial(_carrier, sample, meta, report),
     )
 
@@ -262,7 +263,7 @@ def _carrier(sample: Sample, meta: Meta, report: ReportSettings) -> Carrier:
     A dataset stores what the UVs reported. Their true motion, which carries a radar, is that minus the noise, which is
     drawn again from the record's key.
     """
-    reported = sample.uv.astype(np.float64)
+    reported = in_plane(sample.uv, sample.x0, sample.y0)
     return Carrier(
         state=reported - report_noise(meta.uv_length, report, _record_key(sample)),
         rate_hz=meta.uv_rate_hz,
@@ -275,9 +276,8 @@ def _carrier(sample: Sample, meta: Meta, report: ReportSettings) -> Carrier:
 
 def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
     """Return a sample with its TV as it was sensed anew."""
-    return replace(
-        sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=record.state.astype(np.float32)
-    )
+    tv = relative(record.state, (sample.x0, sample.y0))
+    return replace(sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=tv)
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:

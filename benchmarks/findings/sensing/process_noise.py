@@ -22,6 +22,7 @@ from isac_cosim.isacsim.sensing.following import Approach, run_in_snapshots
 from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.kalman import track
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.generation.episode import record_key
 from isac_cosim.labeling.generation.resense import own_sensing
 from isac_cosim.labeling.intentions import Intention
@@ -44,7 +45,7 @@ class SensedRecords:
 def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> SensedRecords:
     """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
     settings, table = own_sensing(dataset), dataset.frame()
-    truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
+    truth = in_plane(dataset.arrays("tv_truth")["tv_truth"], table["x0"].to_numpy(), table["y0"].to_numpy())
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
     count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
     rate_hz, observed = dataset.meta.tv_rate_hz, []

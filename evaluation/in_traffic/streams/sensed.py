@@ -10,7 +10,7 @@ from itertools import groupby
 
 import numpy as np
 
-from isac_cosim.base.arrays import Array, BoolArray, Float32Array
+from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch
 from isac_cosim.isacsim.sensing.following import MOST_SNAPSHOTS
 from isac_cosim.isacsim.sensing.passages import Carrier, Passage
@@ -27,19 +27,19 @@ NOT_DETECTED = "not_detected"
 class SensedStretch:
     """A stretch as the network knows it.
 
-    state: x, y, vx, vy, ax, ay in m, m/s and m/s2, at tv_rate_hz from `stretch.start_s` on, (6, S). truth: the true
-    motion at the same instants, (6, S). n_sites: fewest sites that sensed it at any of them.
+    state: x, y, vx, vy, ax, ay in m, m/s and m/s2, in the scenario's plane, at tv_rate_hz from `stretch.start_s` on,
+    (6, S). truth: the true motion at the same instants, (6, S). n_sites: fewest sites that sensed it at any of them.
     """
 
     stretch: Stretch
-    state: Float32Array
+    state: Array
     truth: Array
     n_sites: int
 
     @property
     def true(self) -> SensedStretch:
         """The same stretch, with the true motion in place of the sensed one."""
-        return replace(self, state=np.ascontiguousarray(self.truth, dtype=np.float32))
+        return replace(self, state=np.ascontiguousarray(self.truth))
 
 
 @dataclass
@@ -119,8 +119,7 @@ class StretchSensing:
         records = self.sensor.record([passage for _, passage in waiting])
         for (part, passage), record in zip(waiting, records, strict=True):
             if record.usable:
-                state = np.ascontiguousarray(record.state, dtype=np.float32)
-                yield SensedStretch(part, state, passage.truth, record.n_sites)
+                yield SensedStretch(part, np.ascontiguousarray(record.state), passage.truth, record.n_sites)
             else:
                 self.uncovered[NOT_DETECTED] += len(part.decision_s)
 

@@ -7,6 +7,7 @@ The corners of the road are not rounded, which takes the whole way of a vehicle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,7 @@ class World:
         self._frames: list[tuple[list[str], Array]] = []
         self._raw: dict[str, Array] = {}
         self._sway: dict[str, _Sway] = {}
+        self._routes: dict[str, tuple[Sequence[str], int]] = {}
         self._vehicles: dict[str, Vehicle] = {}
         self._step: int | None = None
 
@@ -91,6 +93,7 @@ class World:
         self._step = round(moment.time_s / self._traffic.step_s)
         if self._step % self._steps or len(self._frames) < 2:
             return None
+        self._routes = {name: (get.getRoute(name), get.getRouteIndex(name)) for name in names}
         return self._piece()
 
     def _piece(self) -> Piece:
@@ -154,12 +157,21 @@ class World:
             vehicle = self._vehicles[name]
             tracks[name] = Track(
                 name, vehicle.kind, vehicle.length_m, vehicle.width_m, step, x, y, speed, lane.astype(np.int64), place,
-                aside,
+                aside, self._onward(name, int(lane[0])),
             )  # fmt: skip
         return Recording(
             self._scenario.name, self._seed, self._traffic.step_s, self._scenario.lanes, tracks,
             lefthand=self._scenario.lefthand,
         )  # fmt: skip
+
+    def _onward(self, name: str, lane: int) -> tuple[str, ...]:
+        """Return the edges that a vehicle had still to drive when it was in a lane, a moment before SUMO's time."""
+        route, index = self._routes[name]
+        edge, inside = self._scenario.lanes[lane], False
+        while edge.edge.startswith(":") and edge.successors:
+            edge, inside = self._scenario.lanes[self._lane_number[edge.successors[0]]], True
+        place = next((k for k in range(min(index + 1, len(route) - 1), -1, -1) if route[k] == edge.edge), max(index, 0))
+        return tuple(route[place if inside else place + 1 :])
 
 
 @dataclass

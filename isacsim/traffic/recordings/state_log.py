@@ -143,6 +143,7 @@ class StateLog(ABC):
                     length_m=length,
                     width_m=width,
                     first_step=first_step,
+                    onward=None,
                     lane=np.asarray(block[-1].view(np.int64)),
                     **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
                 )

@@ -6,7 +6,7 @@ import contextlib
 import os
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -134,11 +134,12 @@ def record_stepwise(
                 log.step(sumo, director.commanded | moment.steered)
                 let_stops_last(sumo, log.parking, traffic.step_s)
             log.finish(sumo)
+            onward = {name: edges_ahead(sumo, name) for name in sumo.vehicle.getIDList()}
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
         finally:
             director.finish(last * traffic.step_s)
-    tracks = log.tracks()
+    tracks = {name: replace(track, onward=onward.get(name, ())) for name, track in log.tracks().items()}
     add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, scenario.name, seed)
     return Recording(
         scenario=scenario.name,
@@ -152,6 +153,15 @@ def record_stepwise(
         lefthand=scenario.lefthand,
         parked=log.parked(tracks),
     )
+
+
+def edges_ahead(sumo: Any, vehicle: str) -> tuple[str, ...]:
+    """Return the edges that a vehicle has still to drive, from the one on which it is, or came from, on.
+
+    Inside a junction, SUMO says that the vehicle is on the edge from which it came.
+    """
+    route = sumo.vehicle.getRoute(vehicle)
+    return tuple(route[max(sumo.vehicle.getRouteIndex(vehicle), 0) :])
 
 
 def state_log(scenario: Scenario, traffic: TrafficSettings, first: int) -> StateLog:

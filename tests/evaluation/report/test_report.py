@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,6 +195,18 @@ def test_the_window_end_curve_is_drawn_where_it_was_measured(records: Records, t
     draw_figures(evaluate_records(trees_run, records, MADE_OF, tmp_path, settings), tmp_path)
     for name in ("window_end.png", "unknown_window_end.png"):
         assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_a_record_is_drawn_where_its_point_puts_it(records: Records, network_run: Run) -> None:
+    """Roads and sites are in the plane, and so is what is drawn of a record."""
+    moved = replace(records, table=records.table.assign(x0=20_000.0, y0=-300.0))
+    here, there = (record_view(network_run, placed, placed.tv[1], 1) for placed in (records, moved))
+    for name in ("tv", "truth", "uv"):
+        shift = getattr(there, name) - getattr(here, name)
+        np.testing.assert_allclose(shift[0], 20_000.0, atol=1e-9)
+        np.testing.assert_allclose(shift[1], -300.0, atol=1e-9)
+        np.testing.assert_array_equal(shift[2:], 0.0)
+    np.testing.assert_allclose(there.probabilities, here.probabilities, atol=1e-4)
 
 
 def test_a_record_s_view_predicts_every_window_that_fits(records: Records, network_run: Run) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from isac_cosim.base.errors import InputError
@@ -19,13 +18,14 @@ from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.command_line.arguments import SenseArguments, resense_settings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.labeling.dataset.dataset import Dataset, Shard, ShardIndex
+from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.dataset.shard import Episode, read_samples
 from isac_cosim.labeling.dataset.summary import summary
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.log import LOG_FILE
 from isac_cosim.labeling.generation.resense import ResenseSettings, _carrier, own_report, own_sensing, plan, resense
 from tests.support import sensing_road
-from tests.support.former_dataset import without_index
+from tests.support.former_dataset import as_schema, without_index
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -262,7 +262,7 @@ def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
     for shard in content["shards"]:
         shard["episode"]["schema_version"] = 1
         path = folder / "shards" / shard["file"]
-        pq.write_table(pq.read_table(path).drop_columns(["tv_run_in"]), path)
+        as_schema(path, 1)
         shard |= {"sha256": file_digest(path), "bytes": path.stat().st_size}
     (folder / "dataset.json").write_text(json.dumps(content))
     return Dataset.open(folder)
@@ -292,7 +292,7 @@ def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: 
     stored = former(dataset, tmp_path / "former")
     once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
     once.verify()
-    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (3, 3)
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (4, 4)
     assert once.meta.run_in_length == 0
     # Sensed a second time, its settings are not converted a second time.
     again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
@@ -314,7 +314,8 @@ def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> Non
         source=ScriptedSource(tmp_path),
     )
     noisy = read_samples(dataset.shard_path(dataset.meta.shards[0]))
-    truth = np.stack([sample.uv for sample in read_samples(quiet.shard_path(quiet.meta.shards[0]))])
+    silent = read_samples(quiet.shard_path(quiet.meta.shards[0]))
+    truth = np.stack([in_plane(sample.uv, sample.x0, sample.y0) for sample in silent])
     carriers = [_carrier(sample, dataset.meta, own_report(dataset)) for sample in noisy]
     error = np.stack([carrier.reported for carrier in carriers if carrier.reported is not None]) - truth
     assert error[:, :2].std() == pytest.approx(0.02, rel=0.05)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
+from isac_cosim.evaluation.in_traffic.streams.predictions import Reports, WindowCutter
 from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
 from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
@@ -17,6 +17,8 @@ from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.models.data.windows import WindowSettings, in_frame
+from isac_cosim.models.predictors.protocol import WindowShape
 
 TIMING = Timing(
     decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
@@ -126,7 +128,7 @@ def test_the_truth_is_the_motion_itself(recording: Recording, scenario: Scenario
     tracks = list(sensing.tracks(driving.stretches))
     assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
     for track in tracks:
-        np.testing.assert_array_equal(track.state, track.truth.astype(np.float32))
+        np.testing.assert_array_equal(track.state, track.truth)
 
 
 def test_the_radar_of_the_uv_ahead_senses_a_stretch(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
@@ -156,6 +158,32 @@ def test_when_the_uv_changes_the_track_goes_on_with_the_new_ones_radar(
     np.testing.assert_array_equal(before.state[:, :until], after.state[:, :until])
     assert not np.array_equal(before.state[:, until:], after.state[:, until:])
     assert np.sqrt(np.mean((after.state - after.truth)[:2, until : until + 800] ** 2)) < 1.0
+
+
+def test_windows_are_as_precise_20_km_from_the_origin(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The same traffic, moved. float32 has steps of 2 mm there."""
+    far_m = 20_000.0
+    tracks = {name: replace(track, x=track.x + far_m, y=track.y + far_m) for name, track in recording.tracks.items()}
+    lanes = tuple(replace(lane, shape=lane.shape + far_m) for lane in scenario.lanes)
+    sites = tuple(replace(site, x=site.x + far_m, y=site.y + far_m) for site in scenario.sites)
+    far = replace(scenario, lanes=lanes, sites=sites), replace(recording, tracks=tracks, lanes=lanes)
+    windows = []
+    for where, traffic in ((scenario, recording), far):
+        sensing = sensing_of(study.dataset, where, traffic)
+        driving = watched(traffic, Surroundings(traffic), study.dataset.pairs, TIMING)
+        cutter = WindowCutter(Reports(sensing), study.dataset, WindowShape(6, 480, 120, 400.0, 100.0), 0.0, 0.1)
+        for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == "follow0"]):
+            settings = WindowSettings(window_s=1.2)
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track)]
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track.true)]
+    half = len(windows) // 2
+    assert half >= 2
+    for near, moved in zip(windows[:half], windows[half:], strict=True):
+        assert len(near) > 10
+        np.testing.assert_allclose(moved.tv, near.tv, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(moved.uv, near.uv, rtol=0, atol=1e-4)
 
 
 def test_spans_are_the_runs_of_a_mask() -> None:

@@ -84,6 +84,22 @@ def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_pat
     assert back.lanes[5].successors == motorway.lanes[5].successors
 
 
+def test_tracks_say_which_edges_lay_still_ahead(tmp_path: Path) -> None:
+    """From the edge of the last state on; none for a vehicle that has arrived."""
+    arrives = vehicle("arrives", 0.0, 0, 1400.0).replace('depart="0.0"', 'depart="0.0" departEdge="1"')
+    others = vehicle("stays", 0.0, 1, 20.0) + vehicle("passes", 0.0, 2, 1480.0)
+    road = load(straight_road(tmp_path / "road", arrives + others))
+    tracks = record(road, 1, TrafficSettings(run_in_s=0.0, duration_s=10.0, **STEADY), NONE).tracks
+    assert {name: track.onward for name, track in tracks.items()} == {
+        "arrives": (), "stays": ("e0", "e1"), "passes": ("e1",),
+    }  # fmt: skip
+    assert [road.lanes[int(tracks[name].lane[-1])].edge for name in ("arrives", "stays", "passes")] == [
+        "e1",
+        "e0",
+        "e1",
+    ]
+
+
 def test_states_are_every_10_ms_and_agree_with_each_other(motorway: Recording) -> None:
     """The distance between positions is the integral of the speed, on every edge, curve and ramp."""
     assert motorway.step_s == 0.01
