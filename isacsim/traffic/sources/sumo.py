@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import Field
 
 from isac_cosim.base import landlock
-from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
@@ -29,6 +29,7 @@ from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording
 from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog, StateLog
+from isac_cosim.isacsim.traffic.sources.one_simulation import HeldSimulation, TrafficError, refuse_a_second
 
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
@@ -65,23 +66,21 @@ class TrafficSettings(Settings):
     speed_wander: SpeedWanderSettings = SpeedWanderSettings()
 
 
-class TrafficError(RunError):
-    """SUMO failed during a simulation. The message gives SUMO's reason in one line."""
-
-
 @dataclass(frozen=True)
 class Moment:
     """A running simulation just before one of its steps.
 
     sumo: the libsumo module. time_s: simulation time. recorded: whether the state at this time is recorded, as after
-    the run-in. steered: for the caller to name the vehicles that it commands in this step, so that their states are
-    taken from SUMO as often as those of vehicles that the director commands.
+    the run-in. held: the simulation, to check after other code has run that it is still the same. steered: for the
+    caller to name the vehicles that it commands in this step, so that their states are taken from SUMO as often as
+    those of vehicles that the director commands.
     """
 
     sumo: Any
     director: Director
     time_s: float
     recorded: bool
+    held: HeldSimulation
     steered: set[str] = field(default_factory=set)
 
 
@@ -90,7 +89,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
 
     Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
     recordings. Only one simulation can run in a process at a time. SUMO can write nothing but temporary files.
-    Raises InputError where SUMO refuses the scenario, TrafficError where it fails during the simulation.
+    Raises InputError where SUMO refuses the scenario or a simulation runs already, TrafficError where SUMO fails during
+    the simulation.
     """
     return landlock.confined(lambda: _record(record_stepwise(scenario, seed, traffic, maneuvers)))
 
@@ -109,7 +109,8 @@ def record_stepwise(
 ) -> Generator[Moment, None, Recording]:
     """Do what `record` does, and pause before every step, so that the caller can read and command vehicles.
 
-    Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation.
+    Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation. Raises
+    TrafficError as well where the caller has ended or stepped the simulation.
     """
     messages: Counter[str] = Counter()
     begin = round(scenario.begin_s / traffic.step_s)
@@ -117,14 +118,16 @@ def record_stepwise(
     last = first + round(traffic.duration_s / traffic.step_s)
     log = state_log(scenario, traffic, first)
     with session(scenario, seed, traffic, messages, log) as sumo:
+        held = HeldSimulation.present(sumo)
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         lasts_s = (last - begin) * traffic.step_s
         wander = SpeedWander(traffic.speed_wander, traffic.step_s, lasts_s, scenario.name, seed)
         try:
             for step in range(begin, last):
-                moment = Moment(sumo, director, step * traffic.step_s, step >= first)
+                moment = Moment(sumo, director, step * traffic.step_s, step >= first, held)
                 yield moment
+                held.check(moment.time_s, traffic.step_s)
                 wander.step(sumo, director.steered | moment.steered if wander.due else ())
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
@@ -180,8 +183,9 @@ def session(
     """A running libsumo simulation of a scenario, closed at the end. Yields the libsumo module.
 
     messages: at the end, the number of SUMO's warnings is added under `WARNING`.
-    log: receives the states, and can return tracks once the session has ended.
-    Raises InputError where SUMO refuses the scenario, or its step is not `traffic.step_s`.
+    log: receives the states, and can return tracks once the session has ended; closed where it ends before its time.
+    Raises InputError where a simulation runs already, where SUMO refuses the scenario, or where its step is not
+    `traffic.step_s`.
     """
     # Imported here, because loading libsumo takes a second and needs SUMO_HOME.
     import sumo as sumo_package
@@ -189,6 +193,7 @@ def session(
     os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
     import libsumo
 
+    refuse_a_second(scenario.name)
     with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
         handover = Handover(folder)
@@ -226,7 +231,9 @@ def session(
             with reading(f"scenario {scenario.name}, seed {seed}", files):
                 libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            libsumo.close()  # what it had loaded by then stays open otherwise
             raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
+        held = HeldSimulation.present(libsumo)
         try:
             if log:
                 log.attach()
@@ -237,8 +244,12 @@ def session(
                     f"SUMO steps at {step_s:g} s, not at step_s = {traffic.step_s:g}: give whole milliseconds"
                 )
             yield libsumo
+        except BaseException:  # also where the caller stops before the end
+            if log:
+                log.close()
+            raise
         finally:
-            libsumo.close()
+            held.close()
             if messages is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
