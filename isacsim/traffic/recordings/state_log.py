@@ -83,6 +83,11 @@ class StateLog(ABC):
         The rows are those of `COLUMNS`, and the lane's index as an integer of the same bits. Call after SUMO has ended.
         """
 
+    @property
+    def departed(self) -> Mapping[str, str]:
+        """The SUMO vehicle class of each vehicle that has departed."""
+        return {name: kind for name, (kind, _, _) in self._facts.items()}
+
     def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
         """Take what is missing of the last step. Call after it, while SUMO is still running."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,9 +17,11 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 from isac_cosim.base.workers.activity import reading
+from isac_cosim.isacsim.scenarios.demand_order import first_departure_s, in_order
 from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
@@ -29,15 +30,16 @@ from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording
 from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog, StateLog
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning, heard, reason_of, warnings_in
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts, discarded
 from isac_cosim.isacsim.traffic.sources.one_simulation import HeldSimulation, TrafficError, refuse_a_second
+from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
 
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
 """The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
-WARNING = "Warning:"
-"""The beginning of each warning in SUMO's log."""
 
 
 class TrafficSettings(Settings):
@@ -112,12 +114,13 @@ def record_stepwise(
     Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation. Raises
     TrafficError as well where the caller has ended or stepped the simulation.
     """
-    messages: Counter[str] = Counter()
+    warnings: list[SumoWarning] = []
+    given_up = 0
     begin = round(scenario.begin_s / traffic.step_s)
     first = begin + round(traffic.run_in_s / traffic.step_s)
     last = first + round(traffic.duration_s / traffic.step_s)
     log = state_log(scenario, traffic, first)
-    with session(scenario, seed, traffic, messages, log) as sumo:
+    with session(scenario, seed, traffic, warnings, log) as sumo:
         held = HeldSimulation.present(sumo)
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
@@ -134,6 +137,7 @@ def record_stepwise(
                 log.step(sumo, director.commanded | moment.steered)
                 let_stops_last(sumo, log.parking, traffic.step_s)
             log.finish(sumo)
+            given_up = discarded(sumo, log.departed)
             onward = {name: edges_ahead(sumo, name) for name in sumo.vehicle.getIDList()}
         except (sumo.TraCIException, sumo.FatalTraCIError) as error:
             raise TrafficError(f"{scenario.name}, seed {seed}: {one_line(error)}") from None
@@ -141,6 +145,17 @@ def record_stepwise(
             director.finish(last * traffic.step_s)
     tracks = {name: replace(track, onward=onward.get(name, ())) for name, track in log.tracks().items()}
     add_sway(tracks.values(), scenario.lanes, traffic.step_s, traffic.sway, scenario.lefthand, scenario.name, seed)
+    files = (*scenario.demand, *scenario.additional)
+    facts = TrafficFacts(
+        from_s=first * traffic.step_s,
+        to_s=last * traffic.step_s,
+        vehicles=len(log.departed),
+        by_class=dict(sorted(Counter(log.departed.values()).items())),
+        discarded=given_up,
+        recorded=len(tracks),
+        first_departure_s=None if tracks else first_departure_s(files, scenario.begin_s),
+        warnings=tuple(warnings),
+    )
     return Recording(
         scenario=scenario.name,
         seed=seed,
@@ -149,7 +164,7 @@ def record_stepwise(
         tracks=tracks,
         commands=tuple(director.commands),
         incidents=Incidents(tuple(sorted(log.collided)), tuple(sorted(log.teleported))),
-        warnings=messages[WARNING],
+        facts=facts,
         lefthand=scenario.lefthand,
         parked=log.parked(tracks),
     )
@@ -177,22 +192,17 @@ def session(
     scenario: Scenario,
     seed: int,
     traffic: TrafficSettings,
-    messages: Counter[str] | None = None,
+    warnings: list[SumoWarning] | None = None,
     log: StateLog | None = None,
 ) -> Iterator[Any]:
     """A running libsumo simulation of a scenario, closed at the end. Yields the libsumo module.
 
-    messages: at the end, the number of SUMO's warnings is added under `WARNING`.
+    warnings: takes SUMO's warnings, by kind, at the end.
     log: receives the states, and can return tracks once the session has ended; closed where it ends before its time.
-    Raises InputError where a simulation runs already, where SUMO refuses the scenario, or where its step is not
-    `traffic.step_s`.
+    Raises InputError where a simulation runs already, where SUMO refuses the scenario, where its step is not
+    `traffic.step_s`, or where it does not begin at a whole number of steps.
     """
-    # Imported here, because loading libsumo takes a second and needs SUMO_HOME.
-    import sumo as sumo_package
-
-    os.environ["SUMO_HOME"] = sumo_package.SUMO_HOME
-    import libsumo
-
+    libsumo = load_libsumo()
     refuse_a_second(scenario.name)
     with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
@@ -202,22 +212,26 @@ def session(
             with writing_temporary():
                 return ",".join(str(handover.path_of(file)) for file in files)
 
+        def demand(file: Path) -> str:
+            with writing_temporary():
+                return str(in_order(file, handover.path_of(file), folder, scenario.begin_s))
+
         options = {
             **scenario.kept,
             "net-file": handed(scenario.network),
-            "route-files": handed(*scenario.demand),
+            "route-files": ",".join(map(demand, scenario.demand)),
             "additional-files": handed(*scenario.additional),
-            "begin": f"{scenario.begin_s:g}",
-            "step-length": f"{traffic.step_s:g}",
-            "default.action-step-length": f"{traffic.action_step_s:g}",
-            "lateral-resolution": f"{traffic.lateral_resolution_m:g}",
+            "begin": in_full(scenario.begin_s),
+            "step-length": in_full(traffic.step_s),
+            "default.action-step-length": in_full(traffic.action_step_s),
+            "lateral-resolution": in_full(traffic.lateral_resolution_m),
             "step-method.ballistic": "true",
             "seed": str(seed % 2**31),
             "collision.action": "warn",
             "collision.check-junctions": "true",
             # A vehicle that can never move again would hold up all traffic behind it for good.
-            "time-to-teleport": f"{STUCK_S:g}",
-            "time-to-teleport.highways": f"{MISSED_EXIT_S:g}",
+            "time-to-teleport": in_full(STUCK_S),
+            "time-to-teleport.highways": in_full(MISSED_EXIT_S),
             "no-step-log": "true",
             # Warnings go to the log only, not to the console.
             "no-warnings": "true",
@@ -227,22 +241,19 @@ def session(
             **(log.options(folder) if log else {}),
         }
         files = (scenario.network, *scenario.demand, *scenario.additional)
+        folders = (folder, *(file.parent for file in files), *(file.resolve().parent for file in files))
         try:
-            with reading(f"scenario {scenario.name}, seed {seed}", files):
+            with reading(f"scenario {scenario.name}, seed {seed}", files), heard(folder) as said:
                 libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             libsumo.close()  # what it had loaded by then stays open otherwise
-            raise InputError(f"SUMO refuses scenario {scenario.name} ({one_line(error)}): fix its files") from None
+            reason = reason_of(error, said, folders)
+            raise InputError(f"SUMO refuses scenario {scenario.name} ({reason}): fix its files") from None
         held = HeldSimulation.present(libsumo)
         try:
             if log:
                 log.attach()
-            # SUMO's time is in whole milliseconds. It rounds other steps without a message.
-            step_s = libsumo.simulation.getDeltaT()
-            if abs(step_s - traffic.step_s) > 1e-9:
-                raise InputError(
-                    f"SUMO steps at {step_s:g} s, not at step_s = {traffic.step_s:g}: give whole milliseconds"
-                )
+            _check_times(libsumo, scenario, traffic.step_s)
             yield libsumo
         except BaseException:  # also where the caller stops before the end
             if log:
@@ -250,9 +261,24 @@ def session(
             raise
         finally:
             held.close()
-            if messages is not None:
+            if warnings is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
-                    messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
+                    warnings += warnings_in(lines, folders)
+
+
+def _check_times(sumo: Any, scenario: Scenario, step_s: float) -> None:
+    """Raise InputError where SUMO's clock is not that of the recording: it counts whole milliseconds, and rounds."""
+    stepped_s = sumo.simulation.getDeltaT()
+    if abs(stepped_s - step_s) > 1e-9:
+        raise InputError(
+            f"SUMO steps at {in_full(stepped_s)} s, not at step_s = {in_full(step_s)}: give whole milliseconds"
+        )
+    begun_s, expected_s = sumo.simulation.getTime(), round(scenario.begin_s / step_s) * step_s
+    if abs(begun_s - expected_s) > 1e-6:
+        raise InputError(
+            f"{scenario.name}: begins at {in_full(begun_s)} s, which is no whole number of steps of {in_full(step_s)} "
+            "s: give `begin` as a multiple of the step"
+        )
 
 
 def _arguments(options: Mapping[str, str]) -> list[str]:
