@@ -16,8 +16,8 @@ from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Records
-from isac_cosim.models.networks.checkpoints import HISTORY_FILE, read_tensors
-from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
+from isac_cosim.models.networks.lightning_checkpoints import Checkpoints, read_checkpoint
 from isac_cosim.models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
 from isac_cosim.models.networks.losses import inverse_frequency
 from isac_cosim.models.networks.network import WindowNetwork
@@ -97,7 +97,7 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         except SystemExit:
             # Lightning turns Ctrl-C into an exit of its own.
             raise KeyboardInterrupt from None
-    return read_tensors(Path(keeper.best_model_path))
+    return read_checkpoint(Path(keeper.best_model_path))
 
 
 @contextmanager
