@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import pickle
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping
@@ -27,7 +28,8 @@ SCALES = ("tv_sd", "uv_sd", "sd")
 """Names of the tensors by which networks divide their input."""
 READ_ERRORS = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError,
-    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile, zlib.error,
+    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, tokenize.TokenError, zipfile.BadZipFile,
+    zlib.error,
 )  # fmt: skip
 """What the readers of tensors, trees and arrays raise if a file is cut off or holds something else."""
 
