@@ -11,7 +11,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.files import replace_file
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report import page as html_page

@@ -15,9 +15,9 @@ from pydantic import ValidationError
 
 from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
 from isac_cosim.base.feedback import SILENT, Feedback, Move
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source

@@ -12,8 +12,8 @@ from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, replace_file
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
