@@ -63,7 +63,8 @@ def run(
         output.print_json(as_json, show_cost(content, jobs or opt.cores(), console))
         return
     feedback = output.feedback_of(console, verbose)
-    result = run_and_show(content, out or Path("results") / content.name, opt.engine_of(jobs, cluster), feedback)
+    folder = out or Path("results") / content.name
+    result = run_and_show(content, folder, opt.engine_of(jobs, cluster, folder), feedback)
     output.print_json(as_json, {**result, "seconds": round(time.monotonic() - began, 1)})
     output.fail_if_incomplete(result)
 
@@ -114,7 +115,7 @@ def generate(
     console = output.console_of(quiet)
     study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
     feedback = output.feedback_of(console, verbose)
-    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
+    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))
 
 
@@ -163,7 +164,7 @@ def sense(
     feedback = output.feedback_of(console, verbose)
     arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
     settings = resense_settings(source, arguments)
-    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster), feedback)
+    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
 
 
@@ -269,18 +270,18 @@ def evaluate(
     from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds,
-        development,
-        duration,
-        jobs,
-        natural,
-        advisories,
-        conditioning,
-        false_alarms,
-        truth,
-        alone,
-        cluster,
-        lanes,
+        seeds=seeds,
+        development=development,
+        duration=duration,
+        jobs=jobs,
+        natural=natural,
+        advisories=advisories,
+        conditioning=conditioning,
+        false_alarms=false_alarms,
+        truth=truth,
+        alone=alone,
+        cluster=cluster,
+        lanes=lanes,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
@@ -344,7 +345,7 @@ def bench(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted, 143 terminated."""
     return exit_code(lambda: app(arguments, standalone_mode=False))
 
 

@@ -62,10 +62,10 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    from isac_cosim.labeling.generation.log import overridden
+    from isac_cosim.labeling.generation.log import withheld
 
-    if scenario.overridden:
-        print_line(console, overridden(source, scenario.overridden))
+    for line in withheld(source, scenario):
+        print_line(console, line)
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
     if scenario.corners:
@@ -90,10 +90,7 @@ def note_former(runs: Sequence[Run], console: Console) -> None:
 
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from isac_cosim.evaluation.report.score_table import table
-    from isac_cosim.evaluation.report.verdict import verdict
+    from isac_cosim.evaluation.report.report import show
 
-    console.print(table(result))
-    for line in verdict(result):
-        print_line(console, line)
+    show(result, page.parent, console)
     print_line(console, f"figures and report: {page}")

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from distributed.protocol.pickle import dumps
 
-from isac_cosim.base.workers.engine import Item, Outcome, Result, _Attempt, _try
+from isac_cosim.base.workers.attempts import Attempt, Item, Outcome, Result, try_task
 from isac_cosim.benchmarks.cluster import SCENARIO, synthetic_shard
 from isac_cosim.benchmarks.findings.large_dataset import write_made_up
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
@@ -48,7 +48,7 @@ class Measuring:
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
-        raise MeasuredError(size(_try, task, next(iter(items))))
+        raise MeasuredError(size(try_task, task, next(iter(items))))
         yield
 
 
@@ -84,9 +84,9 @@ def run() -> dict[str, dict[str, int]]:
     return {
         "generate": _sizes(generated, EpisodeResult(shard, 0)),
         "sense": _sizes(sensed, shard),
-        "run, a training of a sweep": _sizes(size(_try, attempt, swept), None),
-        "evaluate --traffic": _sizes(size(_try, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),
-        "reproduce, a training": _sizes(size(_try, train_and_measure, reproduced), scores),
+        "run, a training of a sweep": _sizes(size(try_task, attempt, swept), None),
+        "evaluate --traffic": _sizes(size(try_task, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),
+        "reproduce, a training": _sizes(size(try_task, train_and_measure, reproduced), scores),
     }
 
 
@@ -105,7 +105,7 @@ def size(*parts: object) -> int:
 
 
 def _sizes(task_bytes: int, result: object) -> dict[str, int]:
-    return {"task_bytes": task_bytes, "result_bytes": size(_Attempt(result, None, 1.0))}
+    return {"task_bytes": task_bytes, "result_bytes": size(Attempt(result, None, 1.0))}
 
 
 def made_up(folder: Path) -> Dataset:

@@ -32,6 +32,7 @@ from isac_cosim.evaluation.on_windows.results import (
 )
 from isac_cosim.evaluation.on_windows.score_results import Calibration, ManeuverScores, WindowEndScores
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
@@ -151,7 +152,7 @@ def _evaluate(
             versions=versions(OF_RUNS),
         ),
     )
-    return Evaluation(result, tuple(measured), passing)
+    return with_answers(Evaluation(result, tuple(measured), passing))
 
 
 def _dropped_ends(

@@ -49,6 +49,9 @@ def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     yield from _time_faults(table, names)
     if "n_sites" in names and not _all(pc.greater_equal(table["n_sites"], 0)):
         yield "n_sites: is negative"
+    for name in ("x0", "y0"):
+        if name in names and not np.isfinite(table[name].to_numpy()).all():
+            yield f"{name}: is not finite"
     for name in ARRAYS:
         if name in names and not np.isfinite(states_of(table[name])).all():
             yield f"{name}: holds values that are not finite"

@@ -15,12 +15,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isac_cosim.base.arrays import Float32Array
+from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import file_digest, replace_file
 from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
@@ -88,9 +87,11 @@ __all__ = [
 SHARDS = "shards"
 DROPPED_PULL_OUTS = "dropped_pull_outs"
 ROADS = "roads"
-_LINE = pa.list_(pa.float32())
-ROAD_SCHEMA = pa.schema([("id", pa.string()), ("width_m", pa.float32()), ("x", _LINE), ("y", _LINE)])
-"""The columns of a file of roads: one row a lane."""
+ROAD_SCHEMA, FORMER_ROAD_SCHEMA = (
+    pa.schema([("id", pa.string()), ("width_m", pa.float32()), ("x", pa.list_(of)), ("y", pa.list_(of))])
+    for of in (pa.float64(), pa.float32())
+)
+"""The columns of a file of roads: one row a lane. Before schema version 4, lines were in single precision."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class RoadLane:
 
     id: str
     width_m: float
-    shape: npt.NDArray[np.float32]
+    shape: Array
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,11 @@ class Dataset:
         return frame
 
     def arrays(self, *names: str) -> dict[str, Float32Array]:
-        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R)."""
+        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R).
+
+        As they are stored: positions are relative to the points of their records, `frame(["x0", "y0"])`. In the
+        scenario's plane they are what `labeling.dataset.record_point.in_plane` makes of them.
+        """
         tv_length, uv_length, run_in_length = self.meta.lengths
         lengths = {"tv": tv_length, "tv_truth": tv_length, "uv": uv_length, RUN_IN: run_in_length}
         self._check_numbers()
@@ -178,7 +183,7 @@ class Dataset:
             yield {name: states_of(table[name]) for name in names}
 
     def record(self, name: str, row: int) -> Float32Array:
-        """Return one row of an array column, (6, length), by reading the shard that holds it."""
+        """Return one row of an array column as it is stored, (6, length), by reading the shard that holds it."""
         ends = np.cumsum(self.meta.shards.numbers("samples"))
         k = int(np.searchsorted(ends, row, side="right"))
         if not 0 <= row < len(self):
@@ -197,8 +202,10 @@ class Dataset:
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
 
-        Raises InputError if their file is damaged or missing.
+        Raises InputError if their file is damaged or missing, or if the dataset lists no such scenario.
         """
+        if scenario not in (meta.name for meta in self.meta.scenarios):
+            raise InputError(f"{self.path}: has samples of {scenario[:60]!r}, which it does not list as a scenario")
         path = self.path / ROADS / f"{scenario}.parquet"
         try:
             if file_digest(path) != self.meta.roads.get(path.name, file_digest(path)):
@@ -311,12 +318,13 @@ def files_in(folder: Path) -> dict[str, int]:
 def read_roads(path: Path) -> list[RoadLane]:
     """Return the lanes in a file of roads. Raises OSError or ValueError, which names the column, if it is damaged."""
     table = read_columns(open_parquet(path))
-    check_types(table, ROAD_SCHEMA)
+    former = "x" in table.column_names and table.schema.field("x").type == FORMER_ROAD_SCHEMA.field("x").type
+    check_types(table, FORMER_ROAD_SCHEMA if former else ROAD_SCHEMA)
     lanes = []
     for row in table.to_pylist():
         if len(row["x"]) != len(row["y"]) or len(row["x"]) < 2:
             raise ValueError(f"x: the line of lane {row['id']!r} has not as many places along x as along y, or below 2")
-        lane = RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T)
+        lane = RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float64).T)
         if not np.isfinite(lane.shape).all() or not 0 < lane.width_m < np.inf:
             raise ValueError(f"x, y or width_m: of lane {lane.id!r} is not a finite length")
         lanes.append(lane)

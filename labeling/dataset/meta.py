@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, Settings, checked, read_json, write_sealed
+from isac_cosim.isacsim.scenarios.naming import NAME
 from isac_cosim.labeling.dataset.shard import CLASS_NAMES, SCHEMA_VERSION, SHARD_FILE, STATE
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
@@ -38,7 +39,7 @@ class ScenarioMeta(Settings):
     SUMO's coordinates, m.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
+    name: str = Field(pattern=NAME)
     source: str
     sha256: str
     origin: tuple[float, float]
@@ -48,7 +49,7 @@ class ScenarioMeta(Settings):
 class Lost(Settings):
     """An episode that failed and was left out."""
 
-    scenario: str
+    scenario: str = Field(pattern=NAME)
     seed: int
     reason: str
 
@@ -67,7 +68,7 @@ class Meta(Sealed):
 
     sealed_since: ClassVar[int] = 4
 
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES

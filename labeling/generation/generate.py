@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
+from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
@@ -39,7 +38,7 @@ from isac_cosim.labeling.generation.episode import ready, shard_of
 from isac_cosim.labeling.generation.episode_plan import EpisodeJob, EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
 from isac_cosim.labeling.generation.journal import Journal
-from isac_cosim.labeling.generation.log import Entry, Note, overridden
+from isac_cosim.labeling.generation.log import Entry, Note, withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 
@@ -63,8 +62,8 @@ def generate(
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            if scenario.overridden:
-                feedback.message(overridden(name, scenario.overridden))
+            for line in withheld(name, scenario):
+                feedback.message(line)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -98,7 +97,7 @@ def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
 
 
 def _run_missing(
-    task: Callable[[EpisodeJob], EpisodeResult | InputError | OutputError],
+    task: Callable[[EpisodeJob], EpisodeResult],
     plan: EpisodePlan,
     journal: Journal,
     engine: Engine,
@@ -110,8 +109,6 @@ def _run_missing(
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
             job, result = outcome.item, outcome.result
-            if isinstance(result, InputError | OutputError):
-                raise result
             if result is not None:
                 journal.add(result.shard)
                 plan.add(job, result.shard.by_intention)
@@ -119,7 +116,7 @@ def _run_missing(
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
-                spent = {"seconds": outcome.seconds, "retries": outcome.retries}
+                spent = {"seconds": outcome.seconds, "retries": outcome.retries, "printed": outcome.printed}
                 note(Entry(**lost.model_dump(), outcome="lost", **spent))
             move(*plan.progress())
             if plan.done:
@@ -127,21 +124,12 @@ def _run_missing(
 
 
 @limited()
-def _work(
-    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob
-) -> EpisodeResult | InputError | OutputError:
-    """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
-    try:
-        ready()
-        scenario = _load(source, job.where)
-        recording = source.record(scenario, job.seed)
-        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
-    except (InputError, OutputError) as error:
-        return error
-    except OSError as error:
-        if error.errno in NO_ROOM:
-            return output_error(error.filename or folder, error)
-        raise
+def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob) -> EpisodeResult:
+    """Run one episode in a worker and write its shard."""
+    ready()
+    scenario = _load(source, job.where)
+    recording = source.record(scenario, job.seed)
+    return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
 
 
 @lru_cache(maxsize=4)
@@ -203,12 +191,7 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
-    try:
-        return ScenarioMeta(
-            name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
-        )
-    except ValidationError:
-        raise InputError(
-            f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
-            "use letters, digits, '-', '_' and '.'"
-        ) from None
+    check_name(scenario.name, source)
+    return ScenarioMeta(
+        name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+    )

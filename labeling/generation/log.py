@@ -10,17 +10,19 @@ import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from pydantic import Field
 
 from isac_cosim.base.errors import writing
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.workers.engine import Outcome
+from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.labeling.dataset.shard import Shard
 
 LOG_FILE = "log.jsonl"
+MOST_NAMED = 8
+"""Parts of a scenario's files that one message names."""
 
 
 class Entry(Settings):
@@ -29,7 +31,7 @@ class Entry(Settings):
     outcome: `made` if it has a shard, `lost` if it failed. seconds: duration of the last try, None if its worker died.
     retries: tries before the last one. events: number of events by intention. collided, teleported: number of vehicles.
     beyond_car: number of vehicles that their driver model drove beyond 9 m/s2 or 25 m/s3. warnings: number of SUMO's
-    warnings. reason: why the episode was lost.
+    warnings. reason: why the episode was lost. printed: the end of what SUMO and other libraries printed.
     """
 
     scenario: str
@@ -44,6 +46,7 @@ class Entry(Settings):
     beyond_car: int = 0
     warnings: int = 0
     reason: str | None = None
+    printed: str = ""
 
     def __str__(self) -> str:
         outcome = f"{self.samples} samples" if self.outcome == "made" else f"lost, {self.reason}"
@@ -75,6 +78,7 @@ def entry_of(shard: Shard, outcome: Outcome[Any, Any], warnings: int = 0) -> Ent
         teleported=episode.teleported,
         beyond_car=episode.counts.get("beyond_car", 0),
         warnings=warnings,
+        printed=outcome.printed,
     )
 
 
@@ -103,9 +107,28 @@ def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
     feedback.detail(str(entry))
 
 
-def overridden(scenario: str, options: Sequence[str]) -> str:
-    """Return the message about the options of a scenario's configuration that are ignored."""
-    return f"{scenario}: these options of its configuration are not passed to SUMO: {', '.join(options)}"
+class Withheld(Protocol):
+    """A scenario that SUMO does not get all of: options of its configuration, and parts of its files."""
+
+    @property
+    def overridden(self) -> Sequence[str]: ...
+
+    @property
+    def removed(self) -> Sequence[str]: ...
+
+
+def withheld(name: str, scenario: Withheld) -> list[str]:
+    """Return the messages about what SUMO does not get of a scenario, a line each."""
+    lines = []
+    if scenario.overridden:
+        lines.append(
+            f"{name}: these options of its configuration are not passed to SUMO: {', '.join(scenario.overridden)}"
+        )
+    if scenario.removed:
+        more = len(scenario.removed) - MOST_NAMED
+        named = ", ".join(scenario.removed[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
+        lines.append(f"{name}: left out, because it writes files or is in none of SUMO's schemas: {named}")
+    return lines
 
 
 def _open_no_link(path: str, flags: int) -> int:

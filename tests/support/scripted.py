@@ -16,7 +16,7 @@ import numpy as np
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
-from isac_cosim.base.workers.engine import Item, Outcome, Result, describe
+from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
@@ -131,10 +131,10 @@ class InlineEngine:
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
         for item in items:
-            try:
-                yield Outcome(item, result=task(item))
-            except RuntimeError as error:
-                yield Outcome(item, error=describe(error))
+            attempt = try_task(task, item)
+            if attempt.stop is not None:
+                raise attempt.stop
+            yield Outcome(item, attempt.result, attempt.error, attempt.seconds)
 
 
 def small_study(**content: object) -> DatasetStudy:

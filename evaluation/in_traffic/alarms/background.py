@@ -26,6 +26,7 @@ from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 NONE = len(KNOWN)
@@ -55,10 +56,7 @@ class KeptTrees:
 
         Raises OutputError where they cannot be written, InputError where a file of trees is damaged.
         """
-        trees = HistGradientBoostingClassifier(
-            max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-            l2_regularization=settings.l2, early_stopping=False, random_state=0,
-        )  # fmt: skip
+        trees = boosted_trees(settings)
         if self.folder is None:
             return trees.fit(features, label, sample_weight=weight)
         path = self.folder / (_digest(trees, features, label, weight) + SUFFIX)

@@ -42,12 +42,11 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
     file_name,
     read_episode,
 )
+from isac_cosim.isacsim.sensing.running.conditioning import TRAILING_REACH
 from isac_cosim.isacsim.traffic.motion import REACH
 from isac_cosim.labeling.generation.settings import SeedRange
 from isac_cosim.models.runs.run import Run
 
-CLOSED_LOOP_REACH = 4.0
-"""Half-width of the conditioning kernel for a closed loop, in standard deviations; the weight beyond is 6e-5."""
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
@@ -274,7 +273,7 @@ def _latency(study: LiveStudy) -> Latency:
     width_s = study.dataset.motion.width_s
     return Latency(
         conditioning_reach_s=REACH * width_s,
-        closed_loop_s=CLOSED_LOOP_REACH * width_s,
+        closed_loop_s=TRAILING_REACH * width_s,
         report_delay_s=study.live.streams.report_delay_s,
     )
 
