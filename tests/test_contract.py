@@ -90,7 +90,7 @@ def work_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
         "isac_cosim.models.predictors.trees.TreesPredictor.__call__",
     ):
         monkeypatch.setattr(place, begin)
-    monkeypatch.setattr("isac_cosim.base.workers.engine.ANSWER_S", 0.05)
+    monkeypatch.setattr("isac_cosim.base.workers.cluster.ANSWER_S", 0.05)
     monkeypatch.setattr(
         "isac_cosim.benchmarks.importlib", SimpleNamespace(import_module=lambda _: SimpleNamespace(run=begin))
     )

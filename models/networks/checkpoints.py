@@ -13,7 +13,7 @@ from torch import nn
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.stored.archives import check_archive
-from isac_cosim.base.stored.reading import READ_ERRORS, reason_of
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 
 Network = TypeVar("Network", bound=nn.Module)
 

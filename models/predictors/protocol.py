@@ -183,7 +183,7 @@ class Predictor(ABC):
         """Return the predictor that `save` wrote into a folder.
 
         Loading never executes code from the files. If they are damaged, it raises one of
-        `models.networks.checkpoints.READ_ERRORS`, which the caller reports in one line.
+        `base.stored.errors.READ_ERRORS`, which the caller reports in one line.
         """
 
     @abstractmethod

@@ -26,7 +26,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.stored.arrays import check_array, read_arrays
-from isac_cosim.base.stored.reading import READ_ERRORS, reason_of
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE

@@ -19,7 +19,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import remove_partial
-from isac_cosim.base.stored.reading import READ_ERRORS, reason_of
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent

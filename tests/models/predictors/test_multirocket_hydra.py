@@ -84,6 +84,7 @@ def test_hydras_features_are_scaled_as_aeon_does() -> None:
 @needs_aeon
 def test_the_transforms_are_those_of_aeons_classifier(records: Records, tmp_path: Path) -> None:
     """With one stream twice, the features of each copy are those of aeon's transforms of that stream."""
+    records = records.take(records.label < 6)
     ends = draw_ends(records, SETTINGS.windows, "test")
     windows = cut(records, ends, SETTINGS.windows)
     label = records.label[ends.row]

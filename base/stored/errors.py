@@ -1,15 +1,17 @@
-"""What goes wrong where a stored file is read: the errors of libraries, in one line."""
+"""What the readers of files raise where a file is damaged, and how that is told in one line."""
 
 from __future__ import annotations
 
 import pickle
 import struct
+import tokenize
 import zipfile
 import zlib
 
 READ_ERRORS = (
     OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError,
-    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile, zlib.error,
+    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, tokenize.TokenError, zipfile.BadZipFile,
+    zlib.error,
 )  # fmt: skip
 """What the readers of tensors, trees and arrays raise if a file is cut off or holds something else."""
 
