@@ -121,7 +121,8 @@ class Recording:
         """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
         tracks = list(self.tracks.values())
         heads = [
-            {name: getattr(t, name) for name in HEAD} | {"n": len(t), "departed": None if isnan(t.departed) else t.departed}
+            {name: getattr(t, name) for name in HEAD}
+            | {"n": len(t), "departed": None if isnan(t.departed) else t.departed}
             for t in tracks
         ]
         text = json.dumps(
