@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -18,6 +18,7 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 from isac_cosim.base.workers.activity import reading
+from isac_cosim.isacsim.scenarios.driver_types import OurDrivers
 from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
@@ -35,6 +36,9 @@ STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
 """The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
+DRAWN_WITHIN_S = 60.0
+"""Departures that are drawn anew lie within this after those of the demand, s: within the run-in, so that traffic is as
+dense as it should be when the recording begins."""
 WARNING = "Warning:"
 """The beginning of each warning in SUMO's log."""
 
@@ -61,6 +65,13 @@ class TrafficSettings(Settings):
     )
     run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
+    demand: Literal["as_given", "drawn"] = Field(
+        "as_given",
+        description="drawn: every vehicle departs up to a minute later than the demand says, by chance anew in each seed",
+    )
+    drivers: Literal["theirs", "ours"] = Field(
+        "theirs", description="who drives the demand's cars and trucks: its own vehicle types, or our drivers"
+    )
     sway: SwaySettings = SwaySettings()
     speed_wander: SpeedWanderSettings = SpeedWanderSettings()
 
@@ -191,17 +202,23 @@ def session(
 
     with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
-        handover = Handover(folder)
+        ours = OurDrivers((scenario.name, seed)) if traffic.drivers == "ours" else None
+        handover = Handover(folder, ours.replaced if ours else None)
 
         def handed(*files: Path) -> str:
             with writing_temporary():
                 return ",".join(str(handover.path_of(file)) for file in files)
 
+        additional = handed(*scenario.additional)  # SUMO reads these first
+        if ours:
+            with writing_temporary():
+                additional = ",".join(filter(None, (_default_type(ours, folder), additional)))
         options = {
             **scenario.kept,
+            **({"random-depart-offset": f"{DRAWN_WITHIN_S:g}"} if traffic.demand == "drawn" else {}),
             "net-file": handed(scenario.network),
             "route-files": handed(*scenario.demand),
-            "additional-files": handed(*scenario.additional),
+            "additional-files": additional,
             "begin": f"{scenario.begin_s:g}",
             "step-length": f"{traffic.step_s:g}",
             "default.action-step-length": f"{traffic.action_step_s:g}",
@@ -242,6 +259,13 @@ def session(
             if messages is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
+
+
+def _default_type(ours: OurDrivers, folder: Path) -> str:
+    """Write the file that gives vehicles without a type our drivers, and return its path."""
+    path = folder / "default-type.add.xml"
+    path.write_text(ours.default_type(), encoding="utf-8")
+    return str(path)
 
 
 def _arguments(options: Mapping[str, str]) -> list[str]:
