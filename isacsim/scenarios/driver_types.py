@@ -98,7 +98,7 @@ class OurDrivers:
     _made: dict[str, list[str]] = field(default_factory=dict)
 
     def replaced(self, begun: Iterable[Element]) -> Iterator[Element]:
-        """Yield the elements of a file with our drivers in place of its own. Files come in the order SUMO reads them."""
+        """Yield the elements of a file with our drivers in place of its own; files in the order in which SUMO reads."""
         pending: list[Element] = []  # a type that is replaced, and what is in it
         inside: int | None = None  # the depth of the distribution that is being read
         for element in begun:

@@ -35,6 +35,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     median distances to the true position, before and after the filter; `labels_and_truth`, how far the true motion
     does what the labels say (`labeling.dataset.label_truth`), None where the motion source gives the labels;
     `dependence`, how many samples have a twin in another seed (`labeling.dataset.dependence`);
+    `drivers`, what is to be said of the vehicle types of each scenario's demand;
     `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
     beside the samples, by outcome; `label_agreement`, what the detectors make of the maneuvers of each intention, only
     where the motion source gives the labels.
@@ -76,6 +77,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
+        "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
         "distributions": distributions(dataset),
@@ -195,6 +197,8 @@ def faults(values: dict[str, Any]) -> list[str]:
         )
     if (stored := values.get("dependence")) and (twins := Dependence.model_validate(stored)).marked:
         lines.append(f"{twins.sentence('samples', 'in another seed')}: the seeds are not independent; {HELP}")
+    for name, of_drivers in values.get("drivers", {}).items():
+        lines += [f"{name}: {line}" for line in of_drivers]
     if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines

@@ -67,7 +67,7 @@ class TrafficSettings(Settings):
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
     demand: Literal["as_given", "drawn"] = Field(
         "as_given",
-        description="drawn: every vehicle departs up to a minute later than the demand says, by chance anew in each seed",
+        description="drawn: every vehicle departs up to a minute later than the demand says, drawn anew in each seed",
     )
     drivers: Literal["theirs", "ours"] = Field(
         "theirs", description="who drives the demand's cars and trucks: its own vehicle types, or our drivers"
