@@ -36,7 +36,7 @@ VARIANTS = 20
 NEAR = 0.15
 """A limit within this share of a threshold sits at it."""
 MOST_SHARE = 2 / 3
-"""A larger share of types at a threshold is reported. Of our own drivers, who differ, half are near one or the other."""
+"""A larger share of types at a threshold is reported. Our own drivers differ; up to half of them are near one."""
 MOST_NAMED = 3
 
 
@@ -96,6 +96,7 @@ class OurDrivers:
 
     keys: tuple[str | int, ...]
     _made: dict[str, list[str]] = field(default_factory=dict)
+    _defined: set[str] = field(default_factory=set)
 
     def replaced(self, begun: Iterable[Element]) -> Iterator[Element]:
         """Yield the elements of a file with our drivers in place of its own; files in the order in which SUMO reads."""
@@ -110,6 +111,8 @@ class OurDrivers:
             pending = []
             if inside is not None and depth <= inside:
                 inside = None
+            if name in TYPES:
+                self._defined.add(attributes.get("id", ""))
             if name == "vTypeDistribution":
                 inside = depth
                 yield Element(depth, name, self._with_made(attributes))
@@ -119,8 +122,13 @@ class OurDrivers:
                 yield element
         yield from self._variants(pending, inside is not None)
 
-    def default_type(self) -> str:
-        """Return the content of an additional file that gives vehicles without a type our drivers."""
+    def default_type(self) -> str | None:
+        """Return the content of an additional file that gives vehicles without a type our drivers.
+
+        Call it once all files are replaced; it is None where they define that type themselves.
+        """
+        if DEFAULT_TYPE in self._defined:
+            return None
         replaced = self.replaced([Element(0, "additional", {}), Element(1, "vType", {"id": DEFAULT_TYPE})])
         lines = [
             f"<{name}{''.join(f' {key}={quoteattr(text)}' for key, text in attributes.items())}{'/' * (depth == 2)}>"

@@ -187,7 +187,7 @@ def _driver_lines(study: DatasetStudy, scenario: Scenario) -> tuple[str, ...]:
 
 
 def _describe_scenario(source: str, scenario: Scenario, drivers: tuple[str, ...]) -> ScenarioMeta:
-    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it. drivers: of its entry."""
+    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it. drivers: as in it."""
     digest = hashlib.sha256()
     for path in (scenario.network, *scenario.demand, *scenario.additional):
         for part in with_includes(path):

@@ -209,15 +209,17 @@ def session(
             with writing_temporary():
                 return ",".join(str(handover.path_of(file)) for file in files)
 
-        additional = handed(*scenario.additional)  # SUMO reads these first
-        if ours:
+        additional, demand = handed(*scenario.additional), handed(*scenario.demand)  # as SUMO reads them
+        if ours and (default_type := ours.default_type()):
             with writing_temporary():
-                additional = ",".join(filter(None, (_default_type(ours, folder), additional)))
+                path = folder / "default-type.add.xml"
+                path.write_text(default_type, encoding="utf-8")
+            additional = ",".join(filter(None, (str(path), additional)))
         options = {
             **scenario.kept,
             **({"random-depart-offset": f"{DRAWN_WITHIN_S:g}"} if traffic.demand == "drawn" else {}),
             "net-file": handed(scenario.network),
-            "route-files": handed(*scenario.demand),
+            "route-files": demand,
             "additional-files": additional,
             "begin": f"{scenario.begin_s:g}",
             "step-length": f"{traffic.step_s:g}",
@@ -259,13 +261,6 @@ def session(
             if messages is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     messages[WARNING] += sum(line.startswith(WARNING) for line in lines)
-
-
-def _default_type(ours: OurDrivers, folder: Path) -> str:
-    """Write the file that gives vehicles without a type our drivers, and return its path."""
-    path = folder / "default-type.add.xml"
-    path.write_text(ours.default_type(), encoding="utf-8")
-    return str(path)
 
 
 def _arguments(options: Mapping[str, str]) -> list[str]:
