@@ -5,6 +5,7 @@ The packages are imported inside the commands, so that help and usage errors ans
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -219,16 +220,13 @@ def train(
     Repeat the command to continue an interrupted training.
     """
     from isac_cosim.base.settings import checked
-    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.command_line.training import train_and_show
     from isac_cosim.models.runs.settings import TrainSettings
-    from isac_cosim.models.training.training import train as train_predictor
 
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")
-    console = output.console_of(quiet)
-    trained = train_predictor(Dataset.open(dataset), out, settings, output.feedback_of(console))
-    output.print_json(as_json, output.show_run(trained, console))
+    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet)))
 
 
 @app.command(
@@ -355,6 +353,8 @@ def bench(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted, 143 terminated."""
+    # Figures have a canvas of their own. A backend that the caller chose for pyplot need not exist here.
+    os.environ["MPLBACKEND"] = "agg"
     return exit_code(lambda: app(arguments, standalone_mode=False))
 
 

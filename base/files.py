@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,28 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
 def write_json(path: Path, content: Any) -> None:
     """Write plain values as indented JSON, completely or not at all. Raises OutputError."""
-    replace_file(path, lambda partial: partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8"))
+    replace_file(path, lambda partial: partial.write_text(json_text(content, 1) + "\n", encoding="utf-8"))
+
+
+def json_text(content: Any, indent: int | None = None) -> str:
+    """Return plain values as JSON, in one line if there is no indent.
+
+    JSON has no NaN and no infinity: a number that is not finite is written as null, like all that is undefined.
+
+    >>> json_text({"ratio": float("inf"), "scores": (0.5, float("nan"))})
+    '{"ratio": null, "scores": [0.5, null]}'
+    """
+    return json.dumps(_finite(content), indent=indent, allow_nan=False)
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, float) and not isfinite(content):
+        return None
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return content
 
 
 def file_digest(path: Path) -> str:

@@ -38,6 +38,7 @@ from distributed import Client
 
 from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.cluster import ClusterEngine
 from isac_cosim.benchmarks.scaling import MIB, apart, peak_memory
 from isac_cosim.isacsim.scenarios import scenario
@@ -288,6 +289,4 @@ if __name__ == "__main__":
     parser.add_argument("--episodes", type=int, default=EPISODES, help="0 leaves the cluster out")
     parser.add_argument("--shards", type=int, nargs="*", default=LISTED)
     # Imported by name, so that workers find the functions that are sent to them.
-    print(
-        json.dumps(importlib.import_module("isac_cosim.benchmarks.cluster").run(**vars(parser.parse_args())), indent=2)
-    )
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.cluster").run(**vars(parser.parse_args())), 2))

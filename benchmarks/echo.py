@@ -12,7 +12,6 @@ Run: python -m isac_cosim.benchmarks.echo
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +20,7 @@ import numpy as np
 import torch
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.radio.bounds import cell_bound
 from isac_cosim.isacsim.radio.echo_tensor import observe_tensor
@@ -177,4 +177,4 @@ def _gpu(waveform: Waveform) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

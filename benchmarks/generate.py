@@ -12,7 +12,6 @@ The first two run on one thread. Run: python -m isac_cosim.benchmarks.generate
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks import scaling
 from isac_cosim.benchmarks.echo import record_s
 from isac_cosim.benchmarks.ratios import Ratio
@@ -101,4 +101,4 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     # Imported by name, so that other processes find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.generate").run(), indent=2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.generate").run(), 2))

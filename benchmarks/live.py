@@ -9,7 +9,6 @@ Run: python -m isac_cosim.benchmarks.live
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     LiveWindows,
@@ -163,4 +163,4 @@ def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -43,6 +43,7 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
         "floor_before_commit": headline_scores(metrics.compared[0]),
         "accuracy": metrics.accuracy,
         "macro_f1": metrics.macro_f1,
+        "macro_f1_over": metrics.macro_f1_over,
         "floor_macro_f1": metrics.compared[0].macro_f1,
     }
 

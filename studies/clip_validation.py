@@ -8,7 +8,6 @@ Run: python -m isac_cosim.studies.clip_validation FOLDER
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 
@@ -19,10 +18,11 @@ from sklearn.model_selection import StratifiedKFold
 from torch import Tensor
 
 from isac_cosim.base.arrays import IntArray
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.score_results import Spread
 from isac_cosim.models.data.clips import Clip, ClipBatch, batch, load_clips
@@ -149,6 +149,11 @@ def _trained(clips: list[Clip], settings: ClipSettings, fold: int) -> Castformer
             drawn = batch(members, settings.frames, settings.seed, fold, epoch)
             outputs = network.training_logits(*_tensors(drawn))
             loss = castformer_loss(outputs, torch.from_numpy(drawn.label), None, settings.castformer.alpha)
+            if not torch.isfinite(loss):
+                raise RunError(
+                    f"clips: a loss in epoch {epoch + 1} of fold {fold + 1} is {loss.item()}, so the training stopped; "
+                    f"lower learning_rate, now {settings.learning_rate}"
+                )
             adam.zero_grad()
             torch.autograd.backward(loss)
             adam.step()
@@ -162,4 +167,4 @@ def _tensors(clips: ClipBatch) -> tuple[Tensor, Tensor, Tensor]:
 if __name__ == "__main__":
     default_settings = ClipSettings()
     result = cross_validate(load_clips(sys.argv[1], default_settings.classes), default_settings)
-    print(json.dumps(result.model_dump(mode="json"), indent=1))
+    print(json_text(result.model_dump(mode="json"), 1))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from isac_cosim.base.files import replace_file, write_json
+from isac_cosim.base.files import json_text, replace_file, write_json
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import (
     ComparedResult,
@@ -22,6 +21,7 @@ from isac_cosim.evaluation.report.figures import CYCLE, figure
 from isac_cosim.evaluation.report.page import PAGE, write_page
 from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown
 from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.sweep_axes import Cell
 from isac_cosim.studies.sweep_results import SweepResult, SweepRow, TrainingScores
 
@@ -37,7 +37,8 @@ TITLE = "Unseen seeds: mean and standard deviation over training seeds"
 TEXT = (
     "Measured on scenario seeds that were used neither for training nor for any choice, the same in all cells of a "
     "network. Scores are means over training seeds, ± their standard deviation. Windows that end before the maneuver "
-    "commits are predicted, the others only recognised. The difference to the macro-F1 of the trees is paired on the "
+    "commits are predicted, the others only recognised. A macro-F1 is the mean over all intentions, or over as many as "
+    "stand beside it. The difference to the macro-F1 of the trees is paired on the "
     "same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds."
 )
 DRAWN: ScoreName = "before_commit_macro_f1"
@@ -67,8 +68,10 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
         before_commit_windows=None if result.before_commit is None else result.before_commit.n,
         before_commit_macro_f1=early.mean,
         before_commit_macro_f1_sd=early.sd,
+        before_commit_macro_f1_over=None if result.before_commit is None else len(result.before_commit.macro_f1_over),
         macro_f1=macro_f1.mean,
         macro_f1_sd=macro_f1.sd,
+        macro_f1_over=None if result.macro_f1_over is None else len(result.macro_f1_over),
         accuracy=accuracy.mean,
         accuracy_sd=accuracy.sd,
         auroc_unknown=auroc.mean,
@@ -95,7 +98,7 @@ def write_sweep(result: SweepResult, out: Path) -> None:
     if result.cells:
         draw(result.cells, report / FIGURE)
     shown = [*parts(result), *parts_of(Shown(result, report))]
-    origin = json.dumps(result.made_by.model_dump(mode="json"), indent=1)
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
     write_page(f"Sweep {result.study}", shown, origin, report)
 
 
@@ -186,7 +189,9 @@ def _score(row: SweepRow, name: ScoreName) -> str:
     mean, deviation = row.score(name)
     if mean is None:
         return "-"
-    return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}"
+    over = row.over(name)
+    of_fewer = "" if over is None or over == len(KNOWN) else f" over {over} of {len(KNOWN)}"
+    return (f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}") + of_fewer
 
 
 def _ahead(row: SweepRow) -> str:

@@ -178,7 +178,7 @@ def write_scenario(
     write_lines(network, re.sub(r"<!-- generated on.*?-->\s*", "", text, flags=re.DOTALL))
     routes = [*drivers(np.random.default_rng(20250101)), *demand]
     write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
-    lanes, _ = read_network(network)
+    lanes = read_network(network).lanes
     sites = place(lanes, covered, PlacementSettings(), is_lefthand(network))
     write_lines(folder / "sites.add.xml", sites_file(sites))
     additional = "sites.add.xml"

@@ -9,7 +9,6 @@ with what it takes to start.
 from __future__ import annotations
 
 import argparse
-import json
 import pkgutil
 import tempfile
 import time
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from isac_cosim.base.files import json_text
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.evaluation.report.report import write_report
 from isac_cosim.labeling.dataset.dataset import Dataset
@@ -48,7 +48,7 @@ def main() -> None:
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--model", default="trees")
     arguments = parser.parse_args()
-    print(json.dumps(measured(arguments.dataset, arguments.model), indent=1))
+    print(json_text(measured(arguments.dataset, arguments.model), 1))
 
 
 def measured(dataset: Path, model: str) -> dict[str, Any]:

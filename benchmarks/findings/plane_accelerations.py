@@ -10,13 +10,13 @@ Run: python -m isac_cosim.benchmarks.findings.plane_accelerations SCENARIO ...
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from isac_cosim.base.files import json_text
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
 from isac_cosim.isacsim.traffic.motion import (
@@ -105,7 +105,7 @@ def _peaks(recording: Recording, sample: Candidate, motion: MotionSettings) -> t
 
 def run(scenarios: Sequence[str]) -> None:
     for where in scenarios:
-        print(json.dumps(measured(where)), flush=True)
+        print(json_text(measured(where)), flush=True)
 
 
 if __name__ == "__main__":

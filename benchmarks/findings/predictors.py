@@ -32,7 +32,7 @@ from rich.console import Console
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import write_json
+from isac_cosim.base.files import json_text, write_json
 from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
@@ -361,7 +361,7 @@ def main() -> None:
         LocalEngine(arguments.jobs),
         ConsoleFeedback(Console(stderr=True)),
     )
-    print(json.dumps(result, indent=1))
+    print(json_text(result, 1))
 
 
 if __name__ == "__main__":

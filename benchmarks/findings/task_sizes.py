@@ -11,13 +11,13 @@ Run: python -m isac_cosim.benchmarks.findings.task_sizes
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
 from distributed.protocol.pickle import dumps
 
+from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.attempts import Attempt, Item, Outcome, Result, try_task
 from isac_cosim.benchmarks.cluster import SCENARIO, synthetic_shard
 from isac_cosim.benchmarks.findings.large_dataset import write_made_up
@@ -82,7 +82,7 @@ def run() -> dict[str, dict[str, int]]:
         windows={measure.name: 5000 for measure in measures},
     )  # fmt: skip
     return {
-        "generate": _sizes(generated, EpisodeResult(shard, 0)),
+        "generate": _sizes(generated, EpisodeResult(shard, None)),
         "sense": _sizes(sensed, shard),
         "run, a training of a sweep": _sizes(size(try_task, attempt, swept), None),
         "evaluate --traffic": _sizes(size(try_task, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),
@@ -121,4 +121,4 @@ def made_up(folder: Path) -> Dataset:
 
 
 if __name__ == "__main__":
-    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.findings.task_sizes").run(), indent=2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.findings.task_sizes").run(), 2))

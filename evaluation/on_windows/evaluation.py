@@ -13,8 +13,8 @@ from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.files import claim, write_json
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
@@ -222,10 +222,10 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
             predictions.lead_s[known],
             label,
             predicted,
-            len(classes),
+            classes,
             unknown.separation_of_rows(chosen[known], chosen[predictions.unknown]),
         ),
-        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, len(classes)),
+        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, classes),
     )
 
 

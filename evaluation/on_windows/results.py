@@ -81,7 +81,7 @@ class RunResult(ResultWithOptionalParts):
     model: the predictor, as `training.model` names it.
     name: of the run in tables and figures; unique among the runs that are compared.
     classes: names of the known intentions, in the order of the confusion matrix.
-    n, accuracy, macro_f1, per_class_f1, confusion: as in `Summary`.
+    n, accuracy, macro_f1, macro_f1_over, per_class_f1, confusion: as in `Summary`.
     groups: number of scenario seeds that the windows come from.
     macro_f1_low, macro_f1_high: 95 % interval of `macro_f1` over scenario seeds; absent with fewer than two.
     before_commit: prediction: scores of the windows that end before the commit, and at fixed times before it.
@@ -106,7 +106,7 @@ class RunResult(ResultWithOptionalParts):
     optional_parts: ClassVar[frozenset[str]] = frozenset(
         {
             "held_out", "by_window_end", "groups", "macro_f1_low", "macro_f1_high", "before_commit", "after_commit",
-            "five_classes",
+            "five_classes", "macro_f1_over",
         }
     )  # fmt: skip
 
@@ -116,6 +116,7 @@ class RunResult(ResultWithOptionalParts):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, float | None]
     confusion: list[list[int]]
     groups: int | None = None

@@ -92,7 +92,8 @@ def text_of(cell: Cell) -> str:
             return NO_VALUE
         spread = "" if cell.sd is None else f" ±{cell.sd:.3f}"
         interval = "" if cell.low is None or cell.high is None else f" ({cell.low:.3f} to {cell.high:.3f})"
-        return f"{cell.value:.3f}{spread}{interval}"
+        over = "" if cell.over is None else f" over {cell.over[0]} of {cell.over[1]} intentions"
+        return f"{cell.value:.3f}{spread}{interval}{over}"
     if isinstance(cell, Link):
         return cell.text
     if cell is None:
@@ -127,6 +128,8 @@ def _flat(row: Row) -> dict[str, str | float | int]:
     for name, cell in row.items():
         if isinstance(cell, Estimate):
             numbers = {"": cell.value, " low": cell.low, " high": cell.high, " sd": cell.sd}
+            if cell.over is not None:
+                numbers[" over intentions"] = cell.over[0]
             flat |= {f"{name}{end}": "" if number is None else round(number, 6) for end, number in numbers.items()}
         else:
             flat[name] = cell.text if isinstance(cell, Link) else "" if cell is None else cell

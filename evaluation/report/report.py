@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,8 @@ import numpy as np
 from rich.console import Console
 
 from isac_cosim.base.arrays import Float32Array
-from isac_cosim.base.threads import limited
+from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
@@ -58,7 +58,7 @@ def write_page(result: EvaluationResult, folder: Path, record_rule: str = "") ->
     Returns the page's path.
     """
     shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {})
-    origin = json.dumps(result.made_by.model_dump(mode="json"), indent=1)
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
     return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder)
 
 
@@ -78,7 +78,7 @@ def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
     parts = parts_of(shown)
     title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
     terminal.show(parts, console, title)
-    origin = json.dumps(result.made_by.model_dump(mode="json"), indent=1)
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
     return page.write_page(f"{result.name} in running traffic", parts, origin, folder)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
 from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
 from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Part
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
+from isac_cosim.labeling.intentions import over_text
 from isac_cosim.models.scores import open_set
 
 PAPER_MSP_AUROC = 0.6994
@@ -48,10 +50,10 @@ def by_lead_table(before: BeforeCommit, classes: Sequence[str]) -> tuple[list[st
         cells = [at_lead.per_class[name] for at_lead in before.by_lead]
         texts = [f"{cell(c.f1)}, {cell(c.recall)} ({c.n})" if c.n else "-" for c in cells]
         rows.append([_class_label(before, name), *texts])
-    rows.append(["macro-F1", *(_macro_text(at_lead) for at_lead in before.by_lead)])
+    rows.append(["macro-F1", *(_macro_text(at_lead, classes) for at_lead in before.by_lead)])
     for origin in sorted({origin for at_lead in before.by_lead for origin in at_lead.by_origin}):
         parts = [at_lead.by_origin.get(origin) for at_lead in before.by_lead]
-        rows.append([f"macro-F1, {origin}", *("-" if part is None else _macro_text(part) for part in parts)])
+        rows.append([f"macro-F1, {origin}", *("-" if part is None else _macro_text(part, classes) for part in parts)])
     return ["F1, recall (windows)", *(f"{at_lead.lead_s:g} s" for at_lead in before.by_lead)], rows
 
 
@@ -81,7 +83,7 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> P
     ]
     rows.append(
         [
-            "macro-F1" + _left_out(first, result.classes),
+            f"macro-F1{over_text(first.macro_f1_over, result.classes)}{_left_out(first, result.classes)}",
             *map(with_interval, early),
             *_differences(pairs, lambda paired: paired.macro_f1),
         ]
@@ -96,7 +98,7 @@ def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:
     rows = []
     for k, at_lead in enumerate(early[0].by_lead):
         label = (
-            f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {len(at_lead.macro_f1_over)} intentions, "
+            f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {_intentions(at_lead, result.classes)}, "
             f"{seeds_text(at_lead.groups)}"
         )
         scores = [scores.by_lead[k] for scores in early]
@@ -113,7 +115,7 @@ def _after_commit(result: EvaluationResult) -> Part:
         return Part("after-commit")
     blank = ["" for _ in result.compared]
     rows = [
-        ["macro-F1", *map(with_interval, late), *blank],
+        [f"macro-F1{over_text(late[0].macro_f1_over, result.classes)}", *map(with_interval, late), *blank],
         ["accuracy", *(cell(scores.accuracy) for scores in late), *blank],
     ]
     title = f"Recognition: {late[0].n} windows that end after the commit, {seeds_text(late[0].groups)}"
@@ -127,11 +129,16 @@ def _all_windows(result: EvaluationResult) -> Part:
     five = [run.five_classes for run in runs]
     hard_pair = [run.overtake_against_left for run in runs]
     change = spoken(hard_pair[0].intentions[0])
+    of_five = "" if five[0] is None else over_text(five[0].macro_f1_over, five[0].classes)
     rows = [
-        ["macro-F1", *(cell(run.macro_f1) for run in runs), *_differences(pairs, lambda paired: paired.macro_f1)],
+        [
+            f"macro-F1{over_text(result.macro_f1_over, result.classes)}",
+            *(cell(run.macro_f1) for run in runs),
+            *_differences(pairs, lambda paired: paired.macro_f1),
+        ],
         ["accuracy", *(cell(run.accuracy) for run in runs), *blank],
         [
-            f"macro-F1 of five, overtake and {change} as one",
+            f"macro-F1 of five, overtake and {change} as one{of_five}",
             *(cell(None if scores is None else scores.macro_f1) for scores in five),
             *blank,
         ],
@@ -181,11 +188,16 @@ def _left_out(scores: ClassifiedWindows, classes: Sequence[str]) -> str:
     return f", too few windows of {', '.join(names)}" if names else ""
 
 
-def _macro_text(scores: ClassifiedWindows) -> str:
-    """Return a macro-F1 with the number of intentions, windows and seeds behind it."""
+def _macro_text(scores: ClassifiedWindows, classes: Sequence[str]) -> str:
+    """Return a macro-F1 with the number of intentions and windows behind it."""
     if scores.macro_f1 is None:
         return "-"
-    return f"{with_interval(scores)}, {len(scores.macro_f1_over)} intentions, {scores.n} windows"
+    return f"{with_interval(scores)}, {_intentions(scores, classes)}, {scores.n} windows"
+
+
+def _intentions(scores: ClassifiedWindows, classes: Sequence[str]) -> str:
+    """Return over how many intentions a macro-F1 is taken."""
+    return f"{len(scores.macro_f1_over)} of {len(classes)} intentions"
 
 
 def _of_class(name: str) -> Callable[[PairedDifference], Difference]:
@@ -200,12 +212,12 @@ def _differences(
     return ["-" if paired is None else difference_text(paired, choose(paired)) for paired in pairs]
 
 
-def headline_scores(run: RunResult) -> dict[str, float | int | None] | None:
+def headline_scores(run: RunResult) -> dict[str, Any] | None:
     """Return the scores before the commit as plain values, for `--json`; None where they were not measured."""
     if run.before_commit is None:
         return None
     return run.before_commit.model_dump(
-        mode="json", include={"n", "groups", "accuracy", "macro_f1", "macro_f1_low", "macro_f1_high"}
+        mode="json", include={"n", "groups", "accuracy", "macro_f1", "macro_f1_low", "macro_f1_high", "macro_f1_over"}
     )
 
 
@@ -213,11 +225,14 @@ def headline(run: RunResult) -> list[tuple[str, str]]:
     """Return the scores that sum up a run, with their names, the most important first."""
     scores = []
     if (early := run.before_commit) is not None:
-        scores.append((with_interval(early), f"macro-F1 before the commit, {seeds_text(early.groups)}"))
+        over = over_text(early.macro_f1_over, run.classes)
+        scores.append((with_interval(early), f"macro-F1 before the commit{over}, {seeds_text(early.groups)}"))
         scores.append((cell(early.accuracy), "accuracy before the commit"))
     if (late := run.after_commit) is not None and late.n:
-        scores.append((cell(late.macro_f1), "macro-F1 after the commit"))
-    scores.append((cell(run.macro_f1), "macro-F1 of all windows"))
+        over = over_text(late.macro_f1_over, run.classes)
+        scores.append((cell(late.macro_f1), f"macro-F1 after the commit{over}"))
+    over = over_text(run.macro_f1_over, run.classes)
+    scores.append((cell(run.macro_f1), f"macro-F1 of all windows{over}"))
     if run.n_unknown and open_set.PLAIN in run.unknown_scores:
         auroc = run.unknown_scores[open_set.PLAIN].auroc
         scores.append((cell(auroc), f"AUROC of following by softmax (paper: {PAPER_MSP_AUROC})"))

@@ -22,6 +22,11 @@ CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0
 HIGH_KINDS = ("truck", "trailer", "bus", "coach", "delivery")
 """SUMO vehicle classes that are TRUCK_HEIGHT_M high."""
+CAR_KINDS = (
+    "passenger", "private", "taxi", "hov", "evehicle", "emergency", "authority", "army", "vip", "ignoring",
+    "custom1", "custom2",
+)  # fmt: skip
+"""SUMO vehicle classes of cars. All other classes are taken for CAR_HEIGHT_M high, too, for want of a better value."""
 
 
 def height_m(kind: str) -> float:

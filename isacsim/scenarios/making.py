@@ -14,14 +14,17 @@ from xml.sax.saxutils import quoteattr
 
 from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
 from isac_cosim.isacsim.scenarios.naming import check_name, name_of
 from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
 from isac_cosim.isacsim.scenarios.sumo_config import encoded
 from isac_cosim.isacsim.scenarios.sumo_files import has_demand, is_lefthand, option_path, with_includes
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import elements, one_line, read_through, write_lines
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
@@ -49,7 +52,7 @@ class NewScenario:
     sites, edges: how many sites it has, and along how many edges. made_demand: whether its demand was made too.
     overridden: options of the user's configuration that are not passed to SUMO. corners: the places on these edges at
     which the road bends too sharply for its speed limit; None where there are none. removed: what SUMO does not get of
-    the user's files.
+    the user's files. remarks: what else their author should know (`isacsim.scenarios.remarks`).
     """
 
     folder: Path
@@ -59,6 +62,7 @@ class NewScenario:
     overridden: tuple[str, ...] = ()
     corners: SharpCorners | None = None
     removed: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def add_sites(
@@ -108,13 +112,16 @@ def import_map(
         network = folder / f"{name_of(out)}.net.xml"
         _netconvert(source, network, box, lefthand)
         try:
-            lanes, origin = read_network(network)
+            roads = read_network(network)
         except NoRoadsError:
             where = " within the box" if box else ""
             raise InputError(
                 f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
-        bare = Scenario(name_of(out), network, (), (), origin, lanes, (), lefthand=is_lefthand(network))
+        bare = Scenario(
+            name_of(out), network, (), (), roads.origin, roads.lanes, (), lefthand=is_lefthand(network),
+            elevation=roads.elevation,
+        )  # fmt: skip
         return _complete(bare, folder, out, placement, demand, seed, corner_shift_m)
 
 
@@ -150,14 +157,15 @@ def _complete(
         "net-file": named([scenario.network]),
         "route-files": named(routes),
         "additional-files": named([*scenario.additional, additional]),
-        "begin": f"{scenario.begin_s:g}",
+        "begin": in_full(scenario.begin_s),
         **scenario.kept,
     }
     lines = [f"    <{name} value={quoteattr(value)}/>" for name, value in options.items() if value]
     write_lines(folder / f"{name_of(out)}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
     limits = speed_limits(scenario.network)
     corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)
-    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners, scenario.removed)
+    said = tuple(remarks(scenario))
+    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners, scenario.removed, said)
 
 
 def _relative(file: Path, folder: Path) -> str:
@@ -201,8 +209,8 @@ def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:
 
     # netconvert finds projections and the types of OpenStreetMap's roads through SUMO_HOME.
     home = Path(sumo.SUMO_HOME)
-    with tempfile.TemporaryDirectory(prefix="cosim-", dir=landlock.folder()) as name:
-        folder = Path(name)
+    with TemporaryFolder(landlock.folder()) as temporary:
+        folder = temporary.path
         types = option_path(home / "data" / "typemap" / "osmNetconvert.typ.xml", folder)
         network = folder / "made.net.xml"
         files = [

@@ -14,6 +14,7 @@ import sumolib.net
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import nearest
+from isac_cosim.isacsim.scenarios.demand_order import refused_types
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.naming import check_name, name_of
 from isac_cosim.isacsim.scenarios.sumo_config import Inputs, read_config
@@ -26,11 +27,16 @@ from isac_cosim.isacsim.scenarios.sumo_files import (
     removed_from,
     with_includes,
 )
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import elements, one_line
 
 SITE_TYPE = "isac_site"
 PLANE_REACH_M = 10_000.0
 """A network that keeps within this of SUMO's origin keeps SUMO's coordinates."""
+HIGHEST_SITE_M = 1000.0
+"""Sites are above the road, and at most so high, m."""
+LEVEL_M = 1.0
+"""An edge whose points are all within this of the median height of its network counts as level, m."""
 
 
 class NoRoadsError(InputError):
@@ -50,6 +56,32 @@ class Site:
     y: float
     height_m: float
     azimuth_deg: float
+
+
+@dataclass(frozen=True)
+class Elevation:
+    """How far a network is from the plane that it is taken for.
+
+    edges: how many of the `of` edges leave the median height by more than `LEVEL_M`. low_m, high_m: the lowest and the
+    highest point of the network, m, above or below that height.
+    """
+
+    edges: int
+    of: int
+    low_m: float
+    high_m: float
+
+
+@dataclass(frozen=True)
+class RoadNetwork:
+    """What is read of a network: its lanes, also those inside junctions, and the origin of their plane, m.
+
+    elevation: None where all edges are level.
+    """
+
+    lanes: tuple[Lane, ...]
+    origin: tuple[float, float]
+    elevation: Elevation | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +113,7 @@ class Scenario:
     overridden: tuple[str, ...] = ()
     lefthand: bool = False
     removed: tuple[str, ...] = ()
+    elevation: Elevation | None = None
 
 
 def bundled() -> dict[str, Path]:
@@ -112,22 +145,35 @@ def load_without_sites(where: str | Path) -> Scenario:
     network_alone = path.name.endswith(NETWORK_ENDINGS)
     inputs = Inputs(path, (), (), 0.0, {}, ()) if network_alone else read_config(path)
     removed = removed_from((inputs.network, *inputs.demand, *inputs.additional))
-    lanes, origin = read_network(inputs.network)
-    sites = tuple(_read_sites(inputs.additional, origin))
+    roads = read_network(inputs.network)
+    sites = tuple(_read_sites(inputs.additional, roads.origin))
+    _refuse_types((*inputs.demand, *inputs.additional))
     return Scenario(
-        name, inputs.network, inputs.demand, inputs.additional, origin, lanes, sites,
-        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network), removed,
+        name, inputs.network, inputs.demand, inputs.additional, roads.origin, roads.lanes, sites,
+        inputs.begin_s, inputs.kept, inputs.overridden, is_lefthand(inputs.network), removed, roads.elevation,
     )  # fmt: skip
 
 
-def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
-    """Return the lanes of a network, also those inside junctions, and their plane's origin in SUMO's coordinates, m.
+def _refuse_types(files: tuple[Path, ...]) -> None:
+    """Raise InputError where a vehicle type changes lanes by a model that SUMO's sublane simulation refuses."""
+    if refused := refused_types(files):
+        file, name, model = refused[0]
+        others = f" (and {len(refused) - 1} more types)" if len(refused) > 1 else ""
+        raise InputError(
+            f"{file}: vehicle type {name!r} has laneChangeModel {model}{others}, but vehicles change lanes by SUMO's "
+            "sublane model: remove the attribute, or set it to SL2015"
+        )
+
+
+def read_network(network: Path) -> RoadNetwork:
+    """Return what is read of a network.
 
     Raises InputError where the network cannot be read, NoRoadsError where it has no road.
     """
     try:
         with cleaned(network) as readable:
-            lanes, origin = _lanes(sumolib.net.readNet(str(readable), withInternal=True))
+            net = sumolib.net.readNet(str(readable), withInternal=True)
+            (lanes, origin), elevation = _lanes(net), _elevation(net)
     except InputError:
         raise
     except Exception as error:  # the reader raises whatever it meets
@@ -139,7 +185,7 @@ def read_network(network: Path) -> tuple[tuple[Lane, ...], tuple[float, float]]:
             raise InputError(
                 f"{network}: the shape, width or length of lane {lane.id} is zero or not finite: fix the network"
             )
-    return lanes, origin
+    return RoadNetwork(lanes, origin, elevation)
 
 
 def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
@@ -163,6 +209,18 @@ def _lanes(net: Any) -> tuple[tuple[Lane, ...], tuple[float, float]]:
         for lane in edge.getLanes()
     )
     return lanes, origin
+
+
+def _elevation(net: Any) -> Elevation | None:
+    """Return how far a network that sumolib has read is from a plane; None where all its edges are level."""
+    edges = net.getEdges(withInternal=False)
+    heights = [[point[2] for lane in edge.getLanes() for point in lane.getShape3D()] for edge in edges]
+    every = np.concatenate([*map(np.asarray, heights), np.empty(0)])
+    middle = float(np.median(every)) if len(every) else 0.0
+    off = sum(max(abs(height - middle) for height in of_edge) > LEVEL_M for of_edge in heights)
+    if not off:
+        return None
+    return Elevation(off, len(heights), float(every.min()) - middle, float(every.max()) - middle)
 
 
 def _find(where: Path) -> tuple[str, Path]:
@@ -228,6 +286,11 @@ def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iter
                 height, azimuth = float(params["height"]), float(params["azimuth"])
                 if not np.isfinite((x, y, height, azimuth)).all():
                     raise ValueError
+                if not 0.0 < height <= HIGHEST_SITE_M:
+                    raise InputError(
+                        f"{file}: site {poi.get('id')} is {in_full(height)} m high: give the height of its antenna "
+                        f"above the road, more than 0 and at most {in_full(HIGHEST_SITE_M)} m"
+                    )
                 yield Site(poi["id"], x - origin[0], y - origin[1], height, azimuth)
             except (KeyError, ValueError):
                 raise InputError(

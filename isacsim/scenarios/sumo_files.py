@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from xml.sax.saxutils import quoteattr
 
 from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios import sumo_schemas
 from isac_cosim.isacsim.scenarios.sumo_schemas import TRUE
 from isac_cosim.isacsim.scenarios.xml_files import Element, XmlReader, elements
@@ -241,8 +241,8 @@ def cleaned(file: Path) -> Iterator[Path]:
     if content(file).as_it_is:
         yield file
     else:
-        with tempfile.TemporaryDirectory(prefix="cosim-", dir=landlock.folder()) as folder:
-            yield Handover(Path(folder)).path_of(file)
+        with TemporaryFolder(landlock.folder()) as temporary:
+            yield Handover(temporary.path).path_of(file)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Mapping
+from decimal import Decimal
 from functools import cache
 from pathlib import Path
 
@@ -23,8 +24,8 @@ OPTION_TYPE = "OptionType"
 XSD = "{http://www.w3.org/2001/XMLSchema}"
 TRUE, FALSE = ("1", "true", "yes", "on", "x", "t"), ("0", "false", "no", "off", "-", "f")
 """The words that SUMO takes for a BOOL, in any case."""
-CLOCK = re.compile(r"-?(?:(?P<d>\d+):)?(?P<h>\d+):(?P<m>\d+):(?P<s>\d+(?:\.\d*)?)")
-"""Times as a clock shows them: [days:]hours:minutes:seconds."""
+CLOCK_S = {3: (3600.0, 60.0, 1.0), 4: (86_400.0, 3600.0, 60.0, 1.0)}
+"""Seconds of each part of a time as a clock shows it: [days:]hours:minutes:seconds, by the number of parts."""
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -112,13 +113,29 @@ def fits(value: str, kind: str) -> bool:
 
 
 def seconds(value: str) -> float | None:
-    """Return a time as SUMO reads it, s: a number, or what a clock shows. None where it is neither."""
+    """Return a time as SUMO reads it, s: a number, or what a clock shows. None where it is neither.
+
+    Every part of a clock's time is a number for SUMO, and may have decimals.
+
+    >>> seconds("90.5"), seconds("01:00:00"), seconds("1:2:3:4.5"), seconds("1.5:0:0"), seconds("1:00")
+    (90.5, 3600.0, 93784.5, 5400.0, None)
+    """
     if NUMBER.fullmatch(value):
         return float(value)
-    if (clock := CLOCK.fullmatch(value)) is None:
+    sign, shown = (-1.0, value[1:]) if value.startswith("-") else (1.0, value)
+    parts = shown.split(":")
+    if len(parts) not in CLOCK_S or not all(map(NUMBER.fullmatch, parts)):
         return None
-    days, hours, minutes = (int(clock[part] or 0) for part in "dhm")
-    return (-1.0 if value.startswith("-") else 1.0) * (86400 * days + 3600 * hours + 60 * minutes + float(clock["s"]))
+    return sign * sum(unit * float(part) for unit, part in zip(CLOCK_S[len(parts)], parts, strict=True))
+
+
+def in_full(number: float) -> str:
+    """Return a number with all its digits and without an exponent, so that reading it gives the same number.
+
+    >>> in_full(1000003.0), in_full(123456.75), in_full(1e-7), in_full(0.1)
+    ('1000003', '123456.75', '0.0000001', '0.1')
+    """
+    return format(Decimal(repr(float(number))), "f").removesuffix(".0")
 
 
 def _folder() -> Path:

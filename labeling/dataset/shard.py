@@ -26,6 +26,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.base.stored.tables import open_parquet, read_columns
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.scenarios.naming import NAME
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[4] = 4
@@ -107,7 +108,8 @@ class Episode(Settings):
     events by intention. counts: number of things that are not events (see `labeling.detectors.events.Labels`).
     left_out: number of candidates that did not become samples, by reason. collided, teleported: number of vehicles.
     fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
-    filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
+    filter and of the sensed states. traffic: what became of the demand; None where the motion is not SUMO's, and in
+    earlier datasets. Only the shard's file holds these three (`read_episode`), the index does not.
     """
 
     scenario: str = Field(pattern=NAME)
@@ -121,6 +123,7 @@ class Episode(Settings):
     teleported: int = 0
     fix_error_m: tuple[float, ...] = ()
     state_error_m: tuple[float, ...] = ()
+    traffic: TrafficFacts | None = None
 
 
 class Shard(Settings):
@@ -143,8 +146,8 @@ class Shard(Settings):
     @field_validator("episode")
     @classmethod
     def _brief(cls, episode: Episode) -> Episode:
-        """Drop what grows with the number of samples, so that long lists of shards fit into memory."""
-        return episode.model_copy(update={"fix_error_m": (), "state_error_m": ()})
+        """Drop what only the shard's file holds, so that long lists of shards fit into memory."""
+        return episode.model_copy(update={"fix_error_m": (), "state_error_m": (), "traffic": None})
 
     @model_validator(mode="after")
     def _named_by_its_episode(self) -> Self:

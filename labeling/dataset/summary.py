@@ -15,11 +15,12 @@ from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
 from isac_cosim.labeling.dataset.label_truth import label_truth
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
 from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "dependence", "left_out",
-    "dropped_pull_outs", "counts", "collided", "teleported",
+    "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
@@ -37,14 +38,15 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     `dependence`, how many samples have a twin in another seed (`labeling.dataset.dependence`);
     `drivers`, what is to be said of the vehicle types of each scenario's demand;
     `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
-    beside the samples, by outcome; `label_agreement`, what the detectors make of the maneuvers of each intention, only
+    beside the samples, by outcome; `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None
+    where the motion is not SUMO's; `label_agreement`, what the detectors make of the maneuvers of each intention, only
     where the motion source gives the labels.
     """
     meta, shards = dataset.meta, dataset.meta.shards
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
     for name, seed in zip(shards.scenarios, shards.numbers("seed").tolist(), strict=True):
         seeds[name].append(seed)
-    errors = [dataset.episode(shard) for shard in shards]
+    episodes = [dataset.episode(shard) for shard in shards]
     counts = dict(sorted((+shards.totals("counts")).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
@@ -68,8 +70,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "snr_db": _quantiles(scalars["snr_db"].to_numpy(np.float64)),
         "n_sites": _quantiles(scalars["n_sites"].to_numpy(np.float64)),
         "position_error_m": {
-            "before_filter": _median([error for episode in errors for error in episode.fix_error_m]),
-            "sensed": _median([error for episode in errors for error in episode.state_error_m]),
+            "before_filter": _median([error for episode in episodes for error in episode.fix_error_m]),
+            "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
         },
         "labels_and_truth": None if agreed else label_truth(dataset),
         "dependence": Driven.of(dataset).between_seeds().model_dump(),
@@ -80,6 +82,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
+        "traffic": traffic_summary(episodes),
         "distributions": distributions(dataset),
         "lost": [lost.model_dump(mode="json") for lost in meta.lost],
         "short": list(meta.short),
@@ -104,6 +107,8 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+    for key in ("collided", "teleported"):
+        console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 
 
 def _outcomes(dataset: Dataset) -> dict[str, int]:
@@ -185,6 +190,7 @@ def faults(values: dict[str, Any]) -> list[str]:
         f"episode {episode['scenario']}-{episode['seed']} was left out: {episode['reason']}"
         for episode in values["lost"]
     ]
+    lines += traffic_faults(values["traffic"])
     if not values["samples"]:
         lines.append("no sample was found; `left_out` shows the candidates and why they were left out")
     if values["short"]:

@@ -80,6 +80,7 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         teleported=len(recording.incidents.teleported),
         fix_error_m=made.fix_error_m,
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in made.samples],
+        traffic=recording.facts,
     )
     run_in_s = study.sensing.tracking.run_in_s
     lengths = (

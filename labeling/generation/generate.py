@@ -13,13 +13,15 @@ from pathlib import Path
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.scenarios.naming import check_name
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
@@ -63,7 +65,7 @@ def generate(
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            for line in withheld(name, scenario):
+            for line in (*withheld(name, scenario), *remarks(scenario)):
                 feedback.message(line)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = EpisodePlan(jobs, study.selection)
@@ -83,10 +85,10 @@ def generate(
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """An episode's shard, and the number of warnings of its simulation."""
+    """An episode's shard, and what became of the demand in its simulation."""
 
     shard: Shard
-    warnings: int
+    traffic: TrafficFacts | None
 
 
 def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
@@ -113,7 +115,7 @@ def _run_missing(
             if result is not None:
                 journal.add(result.shard)
                 plan.add(job, result.shard.by_intention)
-                note(log.entry_of(result.shard, outcome, result.warnings))
+                note(log.entry_of(result.shard, outcome, result.traffic))
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
@@ -130,7 +132,7 @@ def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: P
     ready()
     scenario = _load(source, job.where)
     recording = source.record(scenario, job.seed)
-    return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
+    return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.facts)
 
 
 @lru_cache(maxsize=4)

@@ -14,14 +14,23 @@ from typing import Any
 import lightning
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
 from lightning.pytorch.strategies import DDPStrategy
+from torch.multiprocessing.spawn import ProcessRaisedException
 
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.temporary import TemporaryFolder
+from isac_cosim.labeling.intentions import KNOWN, over_text
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE, read_tensors
 from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
-from isac_cosim.models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
+from isac_cosim.models.networks.lightning_module import (
+    MONITOR,
+    DivergedError,
+    EpochProgress,
+    History,
+    NetworkModule,
+    WindowData,
+)
 from isac_cosim.models.networks.losses import inverse_frequency
 from isac_cosim.models.networks.network import WindowNetwork
 from isac_cosim.models.networks.several_devices import PrivateDDP
@@ -51,7 +60,7 @@ def fit_network(
 
     training, validation: records of the intentions to learn. folder: the run's, where the history and the checkpoints
     are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
-    can be written.
+    can be written, DivergedError if a loss is not finite.
     """
     # Networks do not look at lanes, and the lookup of lane maps cannot be sent to other processes.
     data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
@@ -84,7 +93,7 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         History(folder / HISTORY_FILE),
         EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
         keeper,
-        EpochProgress(feedback, module.settings.model, MONITOR),
+        EpochProgress(feedback, module.settings.model, MONITOR, over_text(data.validated, KNOWN)),
     ]
     last = checkpoints / "last.ckpt"
     with _quiet(), ExitStack() as stack:
@@ -106,6 +115,12 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
             for process in multiprocessing.active_children():
                 process.kill()
             raise KeyboardInterrupt from None
+        except ProcessRaisedException as error:
+            # Of a process that trained on one of several devices, only the text comes back.
+            name, _, reason = str(error).rstrip().rpartition("\n")[2].partition(": ")
+            if name.endswith(DivergedError.__name__):
+                raise DivergedError(reason) from None
+            raise
     return read_tensors(Path(keeper.best_model_path))
 
 

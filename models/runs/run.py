@@ -26,9 +26,10 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.stored.arrays import check_array, read_arrays
+from isac_cosim.base.stored.reading import READ_ERRORS, reason_of
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.networks.checkpoints import HISTORY_FILE, READ_ERRORS, reason_of
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
@@ -55,11 +56,11 @@ class RunCard(Sealed):
 
     files: digest of each file of the predictor, and of the others in the folder that belong to the run, by name; empty
     in runs of earlier versions, schema 1. classes: the intentions, in the order of the logits. split:
-    `<scenario>-<seed>` of each side. counts: training records per class. tv_length, uv_length: samples per window.
-    dataset: its digest and study. best_epoch, parameters,
-    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the
-    one that best separated `following` from the known intentions on the validation seeds; validation_auroc has the
-    AUROC of each.
+    `<scenario>-<seed>` of each side. counts: training records per class. validation_counts: validation records per
+    class; None on cards of earlier versions. tv_length, uv_length: samples per window. dataset: its digest and study.
+    best_epoch, parameters, validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in
+    `models.scores.open_set`, the one that best separated `following` from the known intentions on the validation seeds;
+    validation_auroc has the AUROC of each.
     unknown_threshold: windows that score below it are rejected; 95 % of the known validation windows score above it.
     temperature: logits are divided by it for calibrated probabilities; it is fitted on the validation seeds.
     """
@@ -72,6 +73,7 @@ class RunCard(Sealed):
     classes: tuple[str, ...]
     split: dict[str, list[str]]
     counts: dict[str, Annotated[int, Field(ge=0)]]
+    validation_counts: dict[str, Annotated[int, Field(ge=0)]] | None = None
     tv_length: int = Field(ge=1, le=MOST_SAMPLES)
     uv_length: int = Field(ge=1, le=MOST_SAMPLES)
     tv_rate_hz: float = Field(gt=0, le=FASTEST_HZ)
@@ -106,6 +108,13 @@ class RunCard(Sealed):
         if self.complete and self.schema_version > 1 and not self.files:
             raise ValueError("files: is empty")
         return self
+
+    @property
+    def validated(self) -> list[str] | None:
+        """The classes that the validation records hold; None if the card does not say."""
+        if self.validation_counts is None:
+            return None
+        return [name for name in self.classes if self.validation_counts.get(name)]
 
     @property
     def shape(self) -> WindowShape:

@@ -12,8 +12,8 @@ from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, replace_file
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.sides import dependence_of_test, on_side, warning
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
@@ -140,6 +140,7 @@ def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, si
     n_tv, n_uv = lengths(records, settings.windows)
     side = on_side(records, sides, "train", settings.split)
     label = records.label[side & (_is_taught(records, settings) | (records.label == Intention.FOLLOWING))]
+    validated = records.label[np.isin(records.groups, sides["validation"]) & _is_taught(records, settings)]
     if len(np.intersect1d(label, KNOWN)) < 2:
         shared = " of vehicles that no other side has" if settings.split.by == "vehicle" else ""
         raise InputError(
@@ -147,7 +148,8 @@ def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, si
         )
     return RunCard(
         complete=False, settings=settings, classes=tuple(i.text for i in KNOWN), split=sides,
-        counts={i.text: int((label == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
+        counts={i.text: int((label == i).sum()) for i in KNOWN},
+        validation_counts={i.text: int((validated == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
         tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(OF_RUNS),
     )  # fmt: skip
 
@@ -173,7 +175,7 @@ def _begin(folder: Path, card: RunCard) -> bool:
 def _write_reference(predictor: Predictor, task: FitTask) -> None:
     """Write the features and the label of a window of each training record, of at most REFERENCE_WINDOWS."""
     ends = draw_ends(task.training, task.settings.windows, "reference", task.settings.seed)[:REFERENCE_WINDOWS]
-    features = np.concatenate([predictor(batch).features for batch in task.batches(ends, BATCH)])
+    features = np.concatenate([predictor(batch).finite(task.folder).features for batch in task.batches(ends, BATCH)])
     label = task.training.label[ends.row]
     replace_file(
         task.folder / REFERENCE_FILE,

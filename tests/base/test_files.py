@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from isac_cosim.base.errors import InputError, OutputError
-from isac_cosim.base.files import LOCK_FILE, claim, remove_partial, replace_file, write_json
+from isac_cosim.base.files import LOCK_FILE, claim, json_text, remove_partial, replace_file, write_json
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -25,6 +28,21 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
     replace_file(path, lambda partial: partial.write_text("after"))
     assert path.read_text() == "after"
+
+
+@given(
+    st.recursive(
+        st.floats() | st.integers() | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_a_json_file_has_only_what_json_knows(content: object) -> None:
+    """NaN and infinity become null; every other value comes back."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    text = json_text(content)
+    assert json_text(json.loads(text, parse_constant=refuse)) == text
 
 
 def test_what_killed_commands_left_is_removed(tmp_path: Path) -> None:

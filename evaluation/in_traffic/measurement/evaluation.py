@@ -39,6 +39,7 @@ from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missi
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
 from isac_cosim.evaluation.questions import with_answers
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
@@ -157,6 +158,8 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
+    for remark in remarks(scenario):
+        feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
         for line in withheld(scenario.name, scenario):

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Incidents:
 class Recording:
     """The states of all vehicles of one scenario and seed. Vehicles in `incidents` have no track.
 
-    tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
+    tracks: by vehicle. facts: what became of the demand in the simulation; None where the motion is not SUMO's.
     lefthand: whether traffic keeps left (see `Scenario`); it does not change what left means in a track.
     parked: for each vehicle that stood beside the road, its stays there: first step, and step after the last. Its track
     goes on meanwhile, but it is in no lane and nobody's leader.
@@ -91,7 +92,7 @@ class Recording:
     tracks: dict[str, Track]
     commands: tuple[Command, ...] = ()
     incidents: Incidents = field(default_factory=Incidents)
-    warnings: int = 0
+    facts: TrafficFacts | None = None
     lefthand: bool = False
     parked: dict[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
 
@@ -134,7 +135,7 @@ class Recording:
                 "tracks": heads,
                 "commands": [asdict(command) for command in self.commands],
                 "incidents": asdict(self.incidents),
-                "warnings": self.warnings,
+                "facts": None if self.facts is None else self.facts.model_dump(mode="json"),
                 "lefthand": self.lefthand,
                 "parked": self.parked,
             }
@@ -171,7 +172,7 @@ class Recording:
             tracks=tracks,
             commands=tuple(Command(**command) for command in head["commands"]),
             incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
-            warnings=head.get("warnings", 0),
+            facts=None if head.get("facts") is None else TrafficFacts.model_validate(head["facts"]),
             lefthand=head.get("lefthand", False),
             parked={name: tuple((a, b) for a, b in stays) for name, stays in head.get("parked", {}).items()},
         )

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.files import claim, replace_file, write_json
+from isac_cosim.base.files import claim, json_text, replace_file, write_json
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.statistics import Estimate
@@ -138,7 +138,7 @@ def run_stages(
             with steps.step(title, duration_s, file.is_file()):
                 if not file.is_file():
                     # Without line breaks: matrices would take a line for every number.
-                    content = json.dumps(stage.run()) + "\n"
+                    content = json_text(stage.run()) + "\n"
                     replace_file(file, partial(Path.write_text, data=content, encoding="utf-8"))
 
 

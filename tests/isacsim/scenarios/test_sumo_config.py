@@ -56,7 +56,8 @@ def test_options_and_their_types_are_those_that_sumo_publishes(tmp_path: Path) -
 
 CLOCKS = {
     "06:00:00": 21600.0, "1:06:00:00": 108000.0, "1:2:3": 3723.0, "06:00:00.5": 21600.5, "3600.25": 3600.25,
-    "1e3": 1000.0, "+5": 5.0, "06:00": None, "6 : 00:00": None, " 7 ": None, "1h": None, "1,5": None, "nan": None,
+    "1e3": 1000.0, "+5": 5.0, "1.5:0:0": 5400.0, "1:-2:3": 3483.0, "00:00:1e1": 10.0, "5.": 5.0, "1:2:3:4:5": None,
+    "::": None, "1_0": None, "06:00": None, "6 : 00:00": None, " 7 ": None, "1h": None, "1,5": None, "nan": None,
     "inf": None,
 }  # fmt: skip
 

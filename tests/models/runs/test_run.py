@@ -93,7 +93,7 @@ def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Pat
     }
     expected["settings"]["optimiser"] |= LATER_OPTIMISER_KEYS
     # Of a version that stored no digests.
-    expected |= {"sha256": None, "files": {}, "lstm_precision": None}
+    expected |= {"sha256": None, "files": {}, "lstm_precision": None, "validation_counts": None}
     assert card.model_dump(mode="json") == expected
 
 
