@@ -46,6 +46,8 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
             "traffic": {"run_in_s": 30.0, "duration_s": 40.0, "demand": demand},
         }
         # Without commands, two seeds of the fixed demand differ by the drivers' chance alone.
+        if where == "fixed":
+            content["traffic"] |= {"speed_wander": {"sd_share": [0.0, 0.0]}}
         content["maneuvers"] = LEFT_ALONE if where == "fixed" else {"rest_s": 1.0}
         return generate(checked(DatasetStudy, content, "test"), folder / f"{where}-{demand}", InlineEngine())
 
