@@ -67,8 +67,8 @@ def warn(line: str) -> None:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    from isac_cosim.isacsim.scenarios.driver_types import limits_at_thresholds
     from isac_cosim.isacsim.scenarios.sumo_config import read_config
+    from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
     from isac_cosim.labeling.detectors.settings import LabelSettings
     from isac_cosim.labeling.generation.log import withheld
 

@@ -16,11 +16,11 @@ from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
-from isac_cosim.isacsim.scenarios.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.dataset.dataset import (

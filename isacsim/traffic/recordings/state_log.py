@@ -86,7 +86,7 @@ class StateLog(ABC):
     @property
     def departed(self) -> Mapping[str, str]:
         """The SUMO vehicle class of each vehicle that has departed."""
-        return {name: kind for name, (kind, _, _) in self._facts.items()}
+        return {name: kind for name, (kind, *_) in self._facts.items()}
 
     def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
         """Take what is missing of the last step. Call after it, while SUMO is still running."""

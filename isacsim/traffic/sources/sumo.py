@@ -18,13 +18,13 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 from isac_cosim.base.workers.activity import reading
 from isac_cosim.isacsim.scenarios.demand_order import first_departure_s, in_order
-from isac_cosim.isacsim.scenarios.driver_types import OurDrivers
 from isac_cosim.isacsim.scenarios.folder_watch import unchanged
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
 from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.driver_types import OurDrivers
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
 from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from isac_cosim.isacsim.scenarios.driver_types import VARIANTS, OurDrivers, limits_at_thresholds
 from isac_cosim.isacsim.scenarios.scenario import bundled
 from isac_cosim.isacsim.scenarios.sumo_config import read_config
 from isac_cosim.isacsim.scenarios.sumo_files import Handover
 from isac_cosim.isacsim.scenarios.xml_files import Element, elements
+from isac_cosim.isacsim.traffic.drivers.driver_types import VARIANTS, OurDrivers, limits_at_thresholds
 
 THRESHOLDS = {"accel": 2.5, "decel": 4.0}
 TYPES = """<additional>
