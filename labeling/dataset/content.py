@@ -109,7 +109,7 @@ def _time_faults(table: pa.Table, names: set[str]) -> Iterator[str]:
     for k, name in enumerate(present[1:]):
         if (times[k + 1] < times[k]).any():
             yield f"{name}: times are not in the order start, onset, commit, end"
-    for name in ("t_pass", "t_pair_end"):
+    for name in ("t_pass", "t_pair_end", "tv_departed"):
         if name in names and np.isinf(table[name].to_numpy()).any():
             yield f"{name}: times are not finite"
 

@@ -58,7 +58,7 @@ class StateLog(ABC):
         self._scenario = scenario
         self._step_s = step_s
         self._first = first
-        self._facts: dict[str, tuple[str, float, float]] = {}
+        self._facts: dict[str, tuple[str, float, float, float]] = {}
         self._parked: dict[str, list[tuple[int, int | None]]] = {}
         # Of the latest step: who departed, began to teleport, began to park, and is about to return to the road.
         self._departed: Sequence[str] = ()
@@ -86,7 +86,7 @@ class StateLog(ABC):
     @property
     def departed(self) -> Mapping[str, str]:
         """The SUMO vehicle class of each vehicle that has departed."""
-        return {name: kind for name, (kind, _, _) in self._facts.items()}
+        return {name: kind for name, (kind, *_) in self._facts.items()}
 
     def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
         """Take what is missing of the last step. Call after it, while SUMO is still running."""
@@ -104,7 +104,10 @@ class StateLog(ABC):
         direct, vehicle = sumo._libsumo, sumo.vehicle
         self._departed = direct.simulation_getDepartedIDList()
         for name in self._departed:
-            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
+            size = vehicle.getLength(name), vehicle.getWidth(name)
+            # When it was due: it may have waited for room.
+            due = vehicle.getDeparture(name) - vehicle.getDepartDelay(name)
+            self._facts[name] = (vehicle.getVehicleClass(name), *size, round(due, 3))
         for collision in direct.simulation_getCollisions():
             self.collided |= {collision.collider, collision.victim}
         self.parking = direct.simulation_getParkingStartingVehiclesIDList()
@@ -141,7 +144,7 @@ class StateLog(ABC):
             for name, first_step, block in self.blocks():
                 if name in self.collided or name in self.teleported:
                     continue
-                kind, length, width = self._facts[name]
+                kind, length, width, departed = self._facts[name]
                 tracks[name] = Track(
                     vehicle=name,
                     kind=kind,
@@ -149,6 +152,7 @@ class StateLog(ABC):
                     width_m=width,
                     first_step=first_step,
                     onward=None,
+                    departed=departed,
                     lane=np.asarray(block[-1].view(np.int64)),
                     **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
                 )

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -24,6 +24,7 @@ from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
 from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.driver_types import OurDrivers
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
 from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
@@ -40,6 +41,9 @@ STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
 """The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
+DRAWN_WITHIN_S = 60.0
+"""Departures that are drawn anew lie within this after those of the demand, s: within the run-in, so that traffic is as
+dense as it should be when the recording begins."""
 
 
 class TrafficSettings(Settings):
@@ -64,6 +68,13 @@ class TrafficSettings(Settings):
     )
     run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
+    demand: Literal["as_given", "drawn"] = Field(
+        "as_given",
+        description="drawn: every vehicle departs up to a minute later than the demand says, drawn anew in each seed",
+    )
+    drivers: Literal["theirs", "ours"] = Field(
+        "theirs", description="who drives the demand's cars and trucks: its own vehicle types, or our drivers"
+    )
     sway: SwaySettings = SwaySettings()
     speed_wander: SpeedWanderSettings = SpeedWanderSettings()
 
@@ -206,21 +217,30 @@ def session(
     refuse_a_second(scenario.name)
     with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
-        handover = Handover(folder)
+        ours = OurDrivers((scenario.name, seed)) if traffic.drivers == "ours" else None
+        handover = Handover(folder, ours.replaced if ours else None)
 
         def handed(*files: Path) -> str:
             with writing_temporary():
                 return ",".join(str(handover.path_of(file)) for file in files)
 
-        def demand(file: Path) -> str:
+        def demand_file(file: Path) -> str:
             with writing_temporary():
                 return str(in_order(file, handover.path_of(file), folder, scenario.begin_s))
 
+        additional = handed(*scenario.additional)  # SUMO reads these first
+        demand = ",".join(map(demand_file, scenario.demand))
+        if ours and (default_type := ours.default_type()):
+            with writing_temporary():
+                path = folder / "default-type.add.xml"
+                path.write_text(default_type, encoding="utf-8")
+            additional = ",".join(filter(None, (str(path), additional)))
         options = {
             **scenario.kept,
+            **({"random-depart-offset": f"{DRAWN_WITHIN_S:g}"} if traffic.demand == "drawn" else {}),
             "net-file": handed(scenario.network),
-            "route-files": ",".join(map(demand, scenario.demand)),
-            "additional-files": handed(*scenario.additional),
+            "route-files": demand,
+            "additional-files": additional,
             "begin": in_full(scenario.begin_s),
             "step-length": in_full(traffic.step_s),
             "default.action-step-length": in_full(traffic.action_step_s),
