@@ -132,9 +132,10 @@ class Driven:
         """Yield the pairs of samples of different seeds that are near copies of each other."""
         onset, seed = self.table["t_onset"].to_numpy(np.float64), self.table["seed"].to_numpy()
         centre = self.paths.reshape(len(self.paths), 2, -1).mean(axis=2)
-        for rows in self.table.groupby(["scenario", "label"]).indices.values():
+        for indices in self.table.groupby(["scenario", "label"]).indices.values():
+            rows = np.asarray(indices, np.int64)
             # Centres of paths are no further apart than the paths, root mean square.
-            pairs = rows[cKDTree(centre[rows]).query_pairs(COPY_M, output_type="ndarray")]
+            pairs: IntArray = rows[cKDTree(centre[rows]).query_pairs(COPY_M, output_type="ndarray")]
             pairs = pairs[np.abs(np.diff(onset[pairs], axis=1)[:, 0]) <= COPY_S]
             pairs = pairs[seed[pairs[:, 0]] != seed[pairs[:, 1]]]
             for a, b in pairs.tolist():
