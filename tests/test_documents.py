@@ -144,7 +144,7 @@ import contextlib, io, json, sys
 from pathlib import Path
 
 import cosim
-from isac_cosim.base.workers.engine import LocalEngine, run_on
+from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.studies.study import read_study
 
@@ -158,8 +158,8 @@ def printed_by(command):
 
 
 if __name__ == "__main__":
-    with LocalEngine(1).started() as client:  # one worker process for all
-        LocalEngine.run = lambda engine, task, items: run_on(client, task, items, lambda: engine.jobs)
+    with LocalEngine(1).started() as pool:  # one worker process for all
+        LocalEngine.run = lambda engine, task, items: pool.run(task, items, engine.jobs)
         generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
         print(json.dumps({command: printed_by(command) for command in sys.argv[1:]}))
 """
