@@ -14,6 +14,8 @@ import psutil
 import torch.distributed
 from lightning.pytorch.strategies import DDPStrategy
 
+from isac_cosim.base.errors import RunError
+
 MEETING_FILE = "meeting"
 SOCKET_INTERFACES = ("GLOO_SOCKET_IFNAME", "NCCL_SOCKET_IFNAME")
 """Environment variables that say on which network interface the processes exchange gradients."""
@@ -53,5 +55,7 @@ def quieten() -> None:
 
 def _own_interface() -> str:
     """Return the network interface that leads to this machine alone."""
-    interfaces = psutil.net_if_addrs().items()
-    return next(name for name, addresses in interfaces if any(address.address == "127.0.0.1" for address in addresses))
+    for name, addresses in psutil.net_if_addrs().items():
+        if any(address.address == "127.0.0.1" for address in addresses):
+            return str(name)
+    raise RunError("this machine has no loopback interface, which trainings on several devices need")
