@@ -270,18 +270,18 @@ def evaluate(
     from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds,
-        development,
-        duration,
-        jobs,
-        natural,
-        advisories,
-        conditioning,
-        false_alarms,
-        truth,
-        alone,
-        cluster,
-        lanes,
+        seeds=seeds,
+        development=development,
+        duration=duration,
+        jobs=jobs,
+        natural=natural,
+        advisories=advisories,
+        conditioning=conditioning,
+        false_alarms=false_alarms,
+        truth=truth,
+        alone=alone,
+        cluster=cluster,
+        lanes=lanes,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":

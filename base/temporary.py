@@ -33,12 +33,13 @@ _told: list[Path] = []
 class TemporaryFolder:
     """A new folder for temporary files, which is deleted with this object, by `remove`, or at the end of a block.
 
-    Raises OutputError where it cannot be made.
+    within: the folder that it lies in, by default that of all temporary files. Raises OutputError where it cannot be
+    made.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, within: Path | None = None) -> None:
         with writing_temporary():
-            parent = Path(tempfile.gettempdir())
+            parent = Path(tempfile.gettempdir()) if within is None else within
             _remove_abandoned(parent)
             self.path, lock = _new_folder(parent)
         self._remove = weakref.finalize(self, _remove, self.path, lock)

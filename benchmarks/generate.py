@@ -29,8 +29,10 @@ from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.sources.sumo import record
 from isac_cosim.labeling.dataset.dataset import Episode, write_shard
 from isac_cosim.labeling.detectors.events import label
-from isac_cosim.labeling.generation.episode import make_samples, ready, select
+from isac_cosim.labeling.generation.episode import make_samples, ready
+from isac_cosim.labeling.generation.selection import draws
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import candidates
 
@@ -69,8 +71,9 @@ def _one_episode() -> dict[str, Any]:
     with _timed(stages, "candidates"):
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
-        chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
-        samples, _ = make_samples(study, scenario, recording, chosen)
+        drawn = draws(available.samples, study.selection, (scenario.name, SEED))
+        sensor = watch_episode(study, scenario, SEED, recording)
+        samples = make_samples(study, recording, drawn, sensor).samples
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
         tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,10 +62,10 @@ def show_dataset(dataset: Dataset, console: Console) -> dict[str, Any]:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
-    from isac_cosim.labeling.generation.log import overridden
+    from isac_cosim.labeling.generation.log import withheld
 
-    if scenario.overridden:
-        print_line(console, overridden(source, scenario.overridden))
+    for line in withheld(source, scenario):
+        print_line(console, line)
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
     if scenario.corners:
@@ -81,12 +82,15 @@ def show_run(run: Run, console: Console) -> dict[str, Any]:
     return {"run": str(run.path), "best_epoch": card.best_epoch, "validation_macro_f1": card.validation_macro_f1}
 
 
+def note_former(runs: Sequence[Run], console: Console) -> None:
+    """Say once which runs were made by versions that stored no digests of their files."""
+    if former := [str(run.path) for run in runs if not run.card.files]:
+        print_line(console, f"{', '.join(former)}: of a version that stored no digests; files are checked by content")
+
+
 def show_metrics(result: EvaluationResult, page: Path, console: Console) -> None:
     """Show what an evaluation measured, and where its page is."""
-    from isac_cosim.evaluation.report.score_table import table
-    from isac_cosim.evaluation.report.verdict import verdict
+    from isac_cosim.evaluation.report.report import show
 
-    console.print(table(result))
-    for line in verdict(result):
-        print_line(console, line)
+    show(result, page.parent, console)
     print_line(console, f"figures and report: {page}")

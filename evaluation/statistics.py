@@ -64,6 +64,17 @@ Statistic = Callable[..., float]
 """Computes one number from the confusion matrix of each condition, (G, G) arrays."""
 
 
+class Interval(Settings):
+    """A t interval of the delete-one jackknife over seeds.
+
+    seeds: their number; None in results of earlier versions, whose intervals are percentiles of a bootstrap.
+    """
+
+    low: float
+    high: float
+    seeds: int | None = None
+
+
 class Estimate(Settings):
     """A number measured on several test seeds, with one or more trainings.
 

@@ -22,6 +22,7 @@ from isac_cosim.base.arrays import IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.score_results import Spread
 from isac_cosim.models.data.clips import Clip, ClipBatch, batch, load_clips
@@ -79,6 +80,7 @@ class ClipResult(Settings):
     settings: ClipSettings
 
 
+@limited()
 def cross_validate(clips: list[Clip], settings: ClipSettings) -> ClipResult:
     """Predict every clip by a network that was not trained on it, and return the scores.
 

@@ -26,7 +26,7 @@ from isac_cosim.base.workers.attempts import describe
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
-from isac_cosim.evaluation.report.report import PAGE
+from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.labeling.dataset.dataset import Dataset, read_description
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
 from isac_cosim.labeling.generation.generate import generate

@@ -15,7 +15,8 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.demand import drivers
 from isac_cosim.isacsim.scenarios.scenario import read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand, write_lines
+from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand
+from isac_cosim.isacsim.scenarios.xml_files import write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)

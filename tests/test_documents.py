@@ -188,6 +188,11 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
     metrics = json.loads(output[COMMANDS[-1]].splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
+    sure = metrics["answers"]["sureness"]
+    assert 0 < sure["wrong"] <= 1
+    page = (folder / "nearest" / "evaluation" / "index.html").read_text()
+    assert "<h2>How sure is the run?</h2>" in page
+    assert f"<td>right</td><td>{sure['right']:.4g}</td>" in page
 
 
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(

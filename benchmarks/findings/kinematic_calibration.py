@@ -69,7 +69,7 @@ def true_records(study: DatasetStudy, seeds: Sequence[int]) -> Records:
                 for vehicle, rate_hz in zip((candidate.tv, candidate.uv), rates, strict=True)
             )
             tv.append(tv_truth.astype(np.float32))
-            uv.append(report(uv_truth, study.report, key))
+            uv.append(report(uv_truth, study.report, key).astype(np.float32))
             rows.append(
                 {
                     "sample_id": f"{scenario.name}-{seed}-{len(rows)}",

@@ -44,7 +44,8 @@ from isac_cosim.evaluation.on_windows.repeats import summary
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
-from isac_cosim.evaluation.report.report import PAGE, write_page
+from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.data.windows import Records

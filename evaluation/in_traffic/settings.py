@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.trees.boosting import BoostingSettings
 
 Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
@@ -55,6 +67,18 @@ class StreamSettings(Settings):
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
+    sensor: Annotated[str, AfterValidator(SENSORS.check)] = Field(DEFAULT, description="what senses the TVs")
+    radar: RadarSettings = Field(RadarSettings(), description="the UV's own radar, where that is the sensor")
+    options: dict[str, JsonValue] = Field({}, description="settings of an installed sensor, which checks them itself")
+
+    @model_serializer(mode="wrap")
+    def _without_unused_sensors(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Settings of sensors are stored where they are not the default."""
+        content: dict[str, Any] = serialize(self)
+        for name in ("sensor", "radar", "options"):
+            if getattr(self, name) == type(self).model_fields[name].default:
+                content.pop(name, None)
+        return content
 
     def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
         """Return these settings with times that are whole numbers of samples, as little longer as possible."""
@@ -145,7 +169,7 @@ class ChoiceSettings(Settings):
         return self
 
 
-class BackgroundSettings(Settings):
+class BackgroundSettings(BoostingSettings):
     """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
     lanes: bool = Field(
@@ -166,9 +190,6 @@ class BackgroundSettings(Settings):
         0.5, ge=0.0, description="how early before onset a window already counts as the maneuver, s"
     )
     rounds: int = Field(100, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
     folds: int = Field(4, ge=2, description="parts of the development seeds; trees of the others answer a part")
 
 
@@ -242,6 +263,12 @@ class LiveStudy(Settings):
         if len(self.dataset.scenarios) != 1:
             raise ValueError("evaluate one scenario at a time")
         return self
+
+    @property
+    def sensor_settings(self) -> SensorSettings:
+        """The settings of what senses the TVs."""
+        streams = self.live.streams
+        return SensorSettings(sensing=self.dataset.sensing, radar=streams.radar, options=streams.options)
 
     @property
     def seeds(self) -> list[int]:

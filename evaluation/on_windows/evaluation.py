@@ -13,6 +13,7 @@ from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.files import claim, write_json
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
@@ -31,6 +32,7 @@ from isac_cosim.evaluation.on_windows.results import (
 )
 from isac_cosim.evaluation.on_windows.score_results import Calibration, ManeuverScores, WindowEndScores
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
@@ -80,6 +82,7 @@ def evaluate(
     return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
 
 
+@limited()
 def evaluate_records(
     run: Run,
     records: Records,
@@ -149,7 +152,7 @@ def _evaluate(
             versions=versions(OF_RUNS),
         ),
     )
-    return Evaluation(result, tuple(measured), passing)
+    return with_answers(Evaluation(result, tuple(measured), passing))
 
 
 def _dropped_ends(

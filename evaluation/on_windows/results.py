@@ -228,15 +228,17 @@ class EvaluationResult(RunResult):
     over_training_seeds: runs that differ in the training seed alone, summed up; absent where there are none.
     passing: whether the TV passes the UV soon after the window, for pull-outs of every outcome; absent where the
     dataset does not say, and in files of earlier versions.
+    answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing", "answers"}
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
     passing: list[PassScores] | None = None
+    answers: dict[str, JsonValue] | None = None
     windows: MeasuredWindows
     made_by: MadeBy
 

@@ -1,16 +1,13 @@
-"""The scores of an evaluation as rows of text, for the terminal and the page: prediction first, then recognition."""
+"""The scores of an evaluation on windows, as parts: prediction first, then recognition."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
-from rich.table import Table
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
 from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.passing_table import QUESTION, passing_rows
+from isac_cosim.evaluation.report.parts import Part
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
 from isac_cosim.models.scores import open_set
 
@@ -18,47 +15,27 @@ PAPER_MSP_AUROC = 0.6994
 """AUROC of following by the maximum softmax probability in the ASI-BIP paper, of its own motion model."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """Rows of the table under one title.
-
-    rows: a label, a cell for each run, and a cell for each difference to a compared run.
-    strong: numbers of the rows that sum the others up.
-    """
-
-    title: str
-    rows: list[list[str]]
-    strong: tuple[int, ...] = ()
-
-
 def head(result: EvaluationResult) -> list[str]:
-    """Return the headings of the columns of the sections' rows."""
+    """Return the headings of the columns."""
     names = [run.name for run in result.runs]
     return ["", *names, *(f"{result.name} - {name} (95 %)" for name in names[1:])]
 
 
-def table(result: EvaluationResult) -> Table:
-    """Return the scores for the terminal."""
-    seeds = "" if result.groups is None else f", {seeds_text(result.groups)}"
-    drawn = Table(title=f"Windows of seeds that no run was trained or chosen on{seeds}", title_justify="left")
-    first, *others = head(result)
-    drawn.add_column(first)
-    for heading in others:
-        drawn.add_column(heading, justify="right")
-    for section in [*sections(result), *_passing(result)]:
-        drawn.add_row(f"[bold]{section.title}[/bold]", *("" for _ in others))
-        for k, row in enumerate(section.rows):
-            drawn.add_row(f"  {row[0]}", *row[1:], end_section=k == len(section.rows) - 1)
-    return drawn
-
-
-def sections(result: EvaluationResult) -> list[Section]:
-    """Return the table: prediction, its dependence on lead time, recognition, all windows, and the unknown class."""
+def sections(result: EvaluationResult) -> list[Part]:
+    """Return prediction, its dependence on lead time, recognition, all windows, and the unknown class."""
     early = [run.before_commit for run in result.runs if run.before_commit is not None]
     parts = []
     if len(early) == len(result.runs):
         parts = [_before_commit(result, early), _by_lead(result, early), _after_commit(result)]
-    return [section for section in (*parts, _all_windows(result), *_unknown(result)) if section.rows]
+    return [part for part in (*parts, _all_windows(result), *_unknown(result)) if part.rows]
+
+
+def _section(
+    result: EvaluationResult, name: str, title: str, rows: Sequence[Sequence[str]], strong: Sequence[int] = ()
+) -> Part:
+    """Return rows under a title: a label, a cell for each run, and a cell for each difference to a compared run."""
+    top = head(result)
+    return Part(name, title, rows=[dict(zip(top, row, strict=True)) for row in rows], strong=strong)
 
 
 def by_lead_table(before: BeforeCommit, classes: Sequence[str]) -> tuple[list[str], list[list[str]]]:
@@ -90,7 +67,7 @@ def with_interval(scores: ClassifiedWindows) -> str:
     return f"{cell(scores.macro_f1)} ({scores.macro_f1_low:.3f} to {scores.macro_f1_high:.3f})"
 
 
-def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Section:
+def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:
     """Return F1 of each intention, macro-F1 and accuracy of the windows before the commit."""
     first = early[0]
     pairs = [other.paired_difference_before_commit for other in result.compared]
@@ -111,10 +88,10 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> S
     )
     rows.append(["accuracy", *(cell(scores.accuracy) for scores in early), *("" for _ in pairs)])
     title = f"Prediction: F1 of {first.n} windows that end before the commit, {seeds_text(first.groups)}"
-    return Section(title, rows, (len(rows) - 2, len(rows) - 1))
+    return _section(result, "before-commit", title, rows, (len(rows) - 2, len(rows) - 1))
 
 
-def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Section:
+def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:
     """Return the macro-F1 of each run at each lead time, and the difference to each compared run."""
     rows = []
     for k, at_lead in enumerate(early[0].by_lead):
@@ -126,24 +103,24 @@ def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Section
         pairs = [other.difference_at(at_lead.lead_s) for other in result.compared]
         differences = _differences(pairs, lambda paired: paired.macro_f1)
         rows.append([label, *(cell(score.macro_f1) for score in scores), *differences])
-    return Section("Prediction: macro-F1 of windows that end so long before the commit", rows)
+    return _section(result, "by-lead", "Prediction: macro-F1 of windows that end so long before the commit", rows)
 
 
-def _after_commit(result: EvaluationResult) -> Section:
+def _after_commit(result: EvaluationResult) -> Part:
     """Return macro-F1 and accuracy of the windows after the commit."""
     late = [run.after_commit for run in result.runs if run.after_commit is not None]
     if len(late) < len(result.runs) or not late[0].n:
-        return Section("", [])
+        return Part("after-commit")
     blank = ["" for _ in result.compared]
     rows = [
         ["macro-F1", *map(with_interval, late), *blank],
         ["accuracy", *(cell(scores.accuracy) for scores in late), *blank],
     ]
     title = f"Recognition: {late[0].n} windows that end after the commit, {seeds_text(late[0].groups)}"
-    return Section(title, rows)
+    return _section(result, "after-commit", title, rows)
 
 
-def _all_windows(result: EvaluationResult) -> Section:
+def _all_windows(result: EvaluationResult) -> Part:
     """Return the scores of the windows of the papers, wherever they end."""
     runs, pairs = result.runs, [other.paired_difference for other in result.compared]
     blank = ["" for _ in pairs]
@@ -164,10 +141,11 @@ def _all_windows(result: EvaluationResult) -> Section:
             *blank,
         ],
     ]
-    return Section(f"All {result.n} windows, before and after the commit, as the papers count", rows)
+    title = f"All {result.n} windows, before and after the commit, as the papers count"
+    return _section(result, "all-windows", title, rows)
 
 
-def _unknown(result: EvaluationResult) -> list[Section]:
+def _unknown(result: EvaluationResult) -> list[Part]:
     """Return the separation of `following`: by scores that never saw mere driving, then by the pre-onset detector."""
     runs, blank = result.runs, ["" for _ in result.compared]
     if not result.n_unknown:
@@ -180,23 +158,13 @@ def _unknown(result: EvaluationResult) -> list[Section]:
     labels = {open_set.PLAIN: f"maximum softmax probability (ASI-BIP paper: {PAPER_MSP_AUROC})"}
     names = [name for name in open_set.WITHOUT_DRIVING if name in result.unknown_scores]
     rows = [row(name, labels.get(name, spoken(name))) for name in names]
-    sections = [
-        Section(f"Unknown: AUROC of {result.n_unknown} windows of following, by scores that saw no driving", rows)
-    ]
+    title = f"Unknown: AUROC of {result.n_unknown} windows of following, by scores that saw no driving"
+    sections = [_section(result, "unknown", title, rows)]
     if any(open_set.PRE_ONSET_DETECTOR in run.unknown_scores for run in runs):
         detector = row(open_set.PRE_ONSET_DETECTOR, "AUROC of following")
-        sections.append(
-            Section("Detector trained on pre-onset driving: it recognises driving, not novelty", [detector])
-        )
+        title = "Detector trained on pre-onset driving: it recognises driving, not novelty"
+        sections.append(_section(result, "pre-onset", title, [detector]))
     return sections
-
-
-def _passing(result: EvaluationResult) -> list[Section]:
-    """Return how well runs answer whether the TV passes the UV soon; the page has a table of its own for that."""
-    if not result.passing:
-        return []
-    columns = len(result.runs) + len(result.compared)
-    return [Section(f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}", passing_rows(result.passing, columns))]
 
 
 def _class_label(before: BeforeCommit, name: str) -> str:

@@ -24,6 +24,11 @@ HIGH_KINDS = ("truck", "trailer", "bus", "coach", "delivery")
 """SUMO vehicle classes that are TRUCK_HEIGHT_M high."""
 
 
+def height_m(kind: str) -> float:
+    """Return the height of a vehicle of a SUMO vehicle class, m."""
+    return TRUCK_HEIGHT_M if kind in HIGH_KINDS else CAR_HEIGHT_M
+
+
 @dataclass(frozen=True)
 class Blockers:
     """The other vehicles of one record; column k of every array is begin_s + k * step_s after the record's start.
@@ -83,7 +88,7 @@ def blockers_of(
         heading=heading,
         length_m=np.array([track.length_m for track in present.values()]),
         width_m=np.array([track.width_m for track in present.values()]),
-        height_m=np.array([TRUCK_HEIGHT_M if t.kind in HIGH_KINDS else CAR_HEIGHT_M for t in present.values()]),
+        height_m=np.array([height_m(track.kind) for track in present.values()]),
         begin_s=-run_in_s,
     )
 

@@ -17,7 +17,7 @@ from isac_cosim.isacsim.scenarios.reference_line import (
     acceleration,
     rounding_widths,
 )
-from isac_cosim.isacsim.scenarios.sumo_files import parse
+from isac_cosim.isacsim.scenarios.xml_files import elements
 
 CORNER_SHIFT_M = 0.5
 """Corners that are rounded by more than this are reported by default, m."""
@@ -56,7 +56,7 @@ class SharpCorners:
 
 def speed_limits(network: Path) -> dict[str, float]:
     """Return the speed limit of each lane of a network, m/s, by the lane's id."""
-    return {lane.attrib["id"]: float(lane.attrib["speed"]) for lane in parse(network).iter("lane")}
+    return {lane.attributes["id"]: float(lane.attributes["speed"]) for lane in elements(network) if lane.name == "lane"}
 
 
 def sharp_corners(

@@ -16,7 +16,8 @@ from pydantic import Field
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
-from isac_cosim.isacsim.scenarios.sumo_files import one_line
+from isac_cosim.isacsim.scenarios.sumo_files import cleaned
+from isac_cosim.isacsim.scenarios.xml_files import one_line
 
 IMPATIENT_SHARE = 0.2
 """Share of drivers who accelerate by more than 2.5 m/s2."""
@@ -116,7 +117,10 @@ def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
     Raises InputError where the network cannot be read or has no road for cars.
     """
     try:
-        net = sumolib.net.readNet(str(network))
+        with cleaned(network) as readable:
+            net = sumolib.net.readNet(str(readable))
+    except InputError:
+        raise
     except Exception as error:  # the reader raises whatever its parser meets
         raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     rng = stream("demand", seed)

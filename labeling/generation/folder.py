@@ -22,6 +22,7 @@ from isac_cosim.labeling.dataset.dataset import (
     Lost,
     Meta,
     read_description,
+    road_digests,
     write_meta,
 )
 from isac_cosim.labeling.generation.journal import Journal
@@ -117,7 +118,12 @@ def finish(
     for path in (*(out / SHARDS).iterdir(), *(out / DROPPED_PULL_OUTS).glob("*")):
         if path.name not in kept:
             path.unlink()
-    write_meta(
-        out, started.model_copy(update={"complete": True, "shards": shards, "lost": tuple(lost), "short": tuple(short)})
-    )
+    update = {
+        "complete": True,
+        "shards": shards,
+        "roads": road_digests(out, [scenario.name for scenario in started.scenarios]),
+        "lost": tuple(lost),
+        "short": tuple(short),
+    }
+    write_meta(out, started.model_copy(update=update))
     journal.remove()

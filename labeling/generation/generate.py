@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
@@ -38,7 +38,7 @@ from isac_cosim.labeling.generation.episode import ready, shard_of
 from isac_cosim.labeling.generation.episode_plan import EpisodeJob, EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
 from isac_cosim.labeling.generation.journal import Journal
-from isac_cosim.labeling.generation.log import Entry, Note, overridden
+from isac_cosim.labeling.generation.log import Entry, Note, withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 
@@ -62,8 +62,8 @@ def generate(
     started = describe(study, scenarios)
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            if scenario.overridden:
-                feedback.message(overridden(name, scenario.overridden))
+            for line in withheld(name, scenario):
+                feedback.message(line)
         jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -123,6 +123,7 @@ def _run_missing(
                 return
 
 
+@limited()
 def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob) -> EpisodeResult:
     """Run one episode in a worker and write its shard."""
     ready()
@@ -190,12 +191,7 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
-    try:
-        return ScenarioMeta(
-            name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
-        )
-    except ValidationError:
-        raise InputError(
-            f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
-            "use letters, digits, '-', '_' and '.'"
-        ) from None
+    check_name(scenario.name, source)
+    return ScenarioMeta(
+        name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+    )

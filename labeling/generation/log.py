@@ -10,7 +10,7 @@ import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from pydantic import Field
 
@@ -21,6 +21,8 @@ from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.labeling.dataset.shard import Shard
 
 LOG_FILE = "log.jsonl"
+MOST_NAMED = 8
+"""Parts of a scenario's files that one message names."""
 
 
 class Entry(Settings):
@@ -105,9 +107,28 @@ def record(folder: Path, feedback: Feedback, entry: Entry) -> None:
     feedback.detail(str(entry))
 
 
-def overridden(scenario: str, options: Sequence[str]) -> str:
-    """Return the message about the options of a scenario's configuration that are ignored."""
-    return f"{scenario}: these options of its configuration are not passed to SUMO: {', '.join(options)}"
+class Withheld(Protocol):
+    """A scenario that SUMO does not get all of: options of its configuration, and parts of its files."""
+
+    @property
+    def overridden(self) -> Sequence[str]: ...
+
+    @property
+    def removed(self) -> Sequence[str]: ...
+
+
+def withheld(name: str, scenario: Withheld) -> list[str]:
+    """Return the messages about what SUMO does not get of a scenario, a line each."""
+    lines = []
+    if scenario.overridden:
+        lines.append(
+            f"{name}: these options of its configuration are not passed to SUMO: {', '.join(scenario.overridden)}"
+        )
+    if scenario.removed:
+        more = len(scenario.removed) - MOST_NAMED
+        named = ", ".join(scenario.removed[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
+        lines.append(f"{name}: left out, because it writes files or is in none of SUMO's schemas: {named}")
+    return lines
 
 
 def _open_no_link(path: str, flags: int) -> int:

@@ -32,6 +32,7 @@ LaneMaps = Callable[[str], LaneMap]
 
 COLUMNS = (
     "sample_id", "scenario", "seed", "label", "origin", "t_start", "t_onset", "t_commit", "snr_db", "n_sites",
+    "x0", "y0",
 )  # fmt: skip
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
@@ -89,8 +90,8 @@ class SplitSettings(Settings):
 class Records:
     """The records of a dataset.
 
-    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk. table: one row per record, with
-    COLUMNS. lane_maps: the roads of their scenarios.
+    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk, with positions relative to
+    `points`. table: one row per record, with COLUMNS. lane_maps: the roads of their scenarios.
     """
 
     tv: States
@@ -139,6 +140,14 @@ class Records:
     def label(self) -> IntArray:
         """Intention numbers, (N,)."""
         return self.table["label"].to_numpy(dtype=np.int64)
+
+    @property
+    def points(self) -> Array:
+        """The points of the scenario's plane to which the positions of the records are relative, m, (N, 2).
+
+        The origin for tables that do not say.
+        """
+        return self.table.reindex(columns=["x0", "y0"], fill_value=0.0).to_numpy(dtype=np.float64)
 
     @property
     def keeps_left(self) -> BoolArray:
@@ -280,6 +289,9 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
     tv = windows_of(records.tv, ends.row, tv_end, n_tv)
     uv = windows_of(records.uv, ends.row, ends.step, n_uv)
+    points = records.points[ends.row][:, :, None]
+    tv[:, :2] += points
+    uv[:, :2] += points
     windows = in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
     if records.lane_maps is None:
         return windows

@@ -58,4 +58,4 @@ def _own_interface() -> str:
     for name, addresses in psutil.net_if_addrs().items():
         if any(address.address == "127.0.0.1" for address in addresses):
             return str(name)
-    raise RunError("this machine has no loopback interface, which trainings on several devices need")
+    raise RunError("no network interface leads to this machine (127.0.0.1); train on one device")

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.networks.lstms import has_bfloat16, outputs
-from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.network import MOST_LAYERS, N_STATES, WindowNetwork, linear_head
 from isac_cosim.models.networks.statistics_branch import StatisticsBranch
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
@@ -28,9 +28,9 @@ class AsiBipSettings(Settings):
     """Sizes of the network, and every point that the paper leaves open."""
 
     hidden: int = Field(64, ge=1, description="units per LSTM direction")
-    lstm_layers: int = Field(1, ge=1, description="layers of each LSTM")
+    lstm_layers: int = Field(1, ge=1, le=MOST_LAYERS, description="layers of each LSTM")
     width: int = Field(128, ge=1, description="features per token, d")
-    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder")
+    encoder_layers: int = Field(2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder")
     heads: int = Field(8, ge=1, description="attention heads")
     feedforward: int = Field(256, ge=1, description="hidden units of the feed-forward blocks in the encoder")
     norm_first: bool = Field(True, description="normalise before attention and feed-forward, not after")

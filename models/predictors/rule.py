@@ -20,7 +20,7 @@ from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import replace_file
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.lane_motion import LaneMotion, places, slopes, smoothed
@@ -91,7 +91,10 @@ class RulePredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+        stored = read_json(RuleSettings, folder / RULE_FILE)
+        if stored is None:
+            raise FileNotFoundError(f"{RULE_FILE}: is missing")
+        return cls(stored)
 
     def __call__(self, windows: Windows) -> Outputs:
         answer = logits(drive(windows, self.settings.smooth_s), self.settings)

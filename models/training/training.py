@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from threadpoolctl import threadpool_limits
 
 from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, replace_file
+from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
@@ -28,6 +25,8 @@ from isac_cosim.models.runs.run import (
     REJECT_OPTION_FILE,
     Run,
     RunCard,
+    digests_of,
+    files_written,
     load_run,
     open_run,
     read_card,
@@ -75,7 +74,7 @@ def train_records(
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     with claim(folder, CARD_FILE, "run"):
         if not _begin(folder, card):
-            with _threads(settings.optimiser.threads):
+            with limited(settings.optimiser.threads):
                 _fill(records, folder, card, feedback)
     return load_run(folder)
 
@@ -86,12 +85,13 @@ def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback) -> 
     training, validation = (known.take(np.isin(known.groups, card.split[side])) for side in ("train", "validation"))
     task = FitTask(training, validation, card.settings, card.shape, folder)
     predictor = PREDICTORS[card.settings.model].fit(task, feedback)
-    predictor.save(folder)
+    names = files_written(folder, lambda: predictor.save(folder))
     _write_reference(predictor, task)
     reject_option = fit_reject_option(predictor, task)
     if reject_option is not None:
         write_trees(folder / REJECT_OPTION_FILE, reject_option)
-    card = card.model_copy(update={"complete": True, **asdict(predictor.fit_summary)})
+    files = digests_of(folder, names)
+    card = card.model_copy(update={"complete": True, "files": files, **asdict(predictor.fit_summary)})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
 
 
@@ -110,7 +110,7 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     validation = records.take(offered & np.isin(records.groups, card.split["validation"]))
     windows = card.settings.windows
     ends = draw_ends(validation, windows, "validation", card.settings.seed, per_record=card.settings.validation_ends)
-    parts = [run.predictor(batch) for batch in batches(validation, ends, windows, BATCH)]
+    parts = [run.answer(batch) for batch in batches(validation, ends, windows, BATCH)]
     outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
     known = np.isin(validation.label[ends.row], KNOWN)
     values = {name: score(outputs) for name, score in open_set.of_run(run).items()}
@@ -168,17 +168,3 @@ def _write_reference(predictor: Predictor, task: FitTask) -> None:
         task.folder / REFERENCE_FILE,
         lambda path: np.savez_compressed(path, features=features.astype(np.float32), label=label),
     )
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Limit the threads of numerical libraries inside the `with` block."""
-    before = torch.get_num_threads()
-    try:
-        with threadpool_limits(count):
-            torch.set_num_threads(count)
-            yield
-    finally:
-        # Last, because a library that gets its own number of threads back may set that of torch, too: they can share
-        # one OpenMP runtime.
-        torch.set_num_threads(before)

@@ -155,7 +155,7 @@ def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResul
     show_sweep(result, out, Console(file=drawn, width=40))
     (line,) = (line for line in drawn.getvalue().splitlines() if "truth" in line and "asi-bip" in line)
     row = result.cells[3]
-    assert line.split() == [
+    assert line.replace("│", "").split() == [
         "north", "truth", "asi-bip",
         f"{row.before_commit_macro_f1:.3f}", f"±{row.before_commit_macro_f1_sd:.3f}",
         f"{row.macro_f1:.3f}", f"±{row.macro_f1_sd:.3f}", f"{row.accuracy:.3f}", f"±{row.accuracy_sd:.3f}",

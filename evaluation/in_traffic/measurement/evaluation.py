@@ -38,11 +38,13 @@ from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predic
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.generation.folder import fingerprint
 from isac_cosim.labeling.generation.generate import describe
+from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
@@ -157,10 +159,12 @@ def evaluate_traffic(
     )
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, described[0], feedback)
+        evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)

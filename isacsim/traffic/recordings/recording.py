@@ -26,6 +26,8 @@ class Track:
     x, y: front bumper centre in the scenario's plane, m, shape (n,) as all that follow. speed: along the lane, m/s.
     lane: index of the lane in `Recording.lanes`. lane_pos: position of the front bumper along that lane, m.
     lane_lat: offset of the vehicle from the lane's centre line, positive to the left in the plane, m.
+    onward: the edges outside of junctions that the vehicle had still to drive when the recording ended, in order, the
+    latest one that it drove or earlier ones possibly among them; none for one that arrived before. None if not known.
     """
 
     vehicle: str
@@ -39,6 +41,7 @@ class Track:
     lane: npt.NDArray[np.integer[Any]]
     lane_pos: Array
     lane_lat: Array
+    onward: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
         return len(self.x)
@@ -115,7 +118,7 @@ class Recording:
         """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
         tracks = list(self.tracks.values())
         heads = [
-            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")}
+            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step", "onward")}
             | {"n": len(t)}
             for t in tracks
         ]
@@ -149,7 +152,12 @@ class Recording:
         tracks, start = {}, 0
         for track in head["tracks"]:
             end = start + track.pop("n")
-            tracks[track["vehicle"]] = Track(**track, **{name: columns[name][start:end] for name in COLUMNS})
+            onward = track.pop("onward", None)
+            tracks[track["vehicle"]] = Track(
+                **track,
+                **{name: columns[name][start:end] for name in COLUMNS},
+                onward=None if onward is None else tuple(onward),
+            )
             start = end
         return cls(
             scenario=head["scenario"],

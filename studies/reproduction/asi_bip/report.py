@@ -13,7 +13,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, mean_f1
 from isac_cosim.evaluation.report import figures
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.page import FIGURES, Part, Row, write_table
+from isac_cosim.evaluation.report.parts import Part, Row, write_table
 from isac_cosim.evaluation.statistics import (
     Trainings,
     between_0_and_1,
@@ -27,7 +27,7 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
 from isac_cosim.studies.reproduction.experiments import drawings
-from isac_cosim.studies.reproduction.experiments.pages import TABLES, claims_part
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, TABLES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from isac_cosim.studies.reproduction.experiments.sensing_cases import TRAINED, weather_cases, weather_stage
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.evaluation.on_windows.metrics import maneuver_f1
-from isac_cosim.evaluation.report.page import FIGURES, Part, Row
+from isac_cosim.evaluation.report.parts import Part, Row
 from isac_cosim.evaluation.statistics import Trainings, pooled, score
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
 from isac_cosim.studies.reproduction.experiments import drawings
-from isac_cosim.studies.reproduction.experiments.pages import claims_part
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ABLATION,
     HORIZON,

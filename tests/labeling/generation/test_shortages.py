@@ -176,20 +176,36 @@ def test_a_scenario_in_which_the_process_always_crashes_is_bad_input(tmp_path: P
         generate(STUDY, tmp_path / "data", LocalEngine(2), source=source)
 
 
+CRASHING = """
+import ctypes
+class TraCIException(Exception): pass
+class FatalTraCIError(Exception): pass
+def start(words): ctypes.string_at(0)
+def close(): pass
+def getVersion(): return (22, "SUMO 1.28.0")
+"""
+
+
 def test_a_file_that_makes_sumo_crash_is_named_in_one_line(tmp_path: Path) -> None:
-    """A file of speeds that is cut off: a segmentation fault in SUMO, which says why on its own standard error."""
-    scenario = straight_road(
-        tmp_path / "road", vehicle("a"), additional='<variableSpeedSign id="v" lanes="e0_0" file="speeds.xml"/>'
-    )
-    (scenario / "speeds.xml").write_text('<vss>\n <step time="0" sp')
-    command = [sys.executable, "cosim.py", "generate", str(scenario), "-o", str(tmp_path / "data"), "--seeds", "1:2"]
+    """As a file of speeds that was cut off made it, before files were read ahead of SUMO: a segmentation fault."""
+    scenario = straight_road(tmp_path / "road", vehicle("a"))
+    # A library that crashes takes the place of SUMO's own.
+    (tmp_path / "libsumo").mkdir()
+    (tmp_path / "libsumo" / "__init__.py").write_text(CRASHING)
+    command = [sys.executable, "-m", "cosim", "generate", str(scenario), "-o", str(tmp_path / "data")]
+    root = Path(cosim.__file__).parent
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), str(root)))}
     done = subprocess.run(
-        [*command, "--jobs", "1", "--quiet"], cwd=Path(cosim.__file__).parent, capture_output=True, text=True
+        [*command, "--seeds", "1:2", "--jobs", "1", "--quiet"],
+        cwd=root,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     (line,) = done.stderr.splitlines()
     assert line.startswith("cosim: SUMO crashed while it read scenario road, seed 1 (signal 11, Segmentation fault)")
-    assert str(scenario / "speeds.xml") in line
+    assert str(scenario) in line
 
 
 def test_a_failure_that_is_no_shortage_costs_one_episode(tmp_path: Path) -> None:

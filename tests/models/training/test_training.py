@@ -24,6 +24,7 @@ from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training import training
 from isac_cosim.models.training.training import train_records
+from tests.support.forged import forge_run
 from tests.support.made_up import MADE_OF, SMALL_RUN, on_disk
 
 
@@ -181,6 +182,7 @@ def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request:
         lambda: np.savez(run / "reference.npz", features=objects, label=objects),
     ):
         write()
+        forge_run(run)
         with pytest.raises(InputError, match="damaged"):
             load_run(run)
         assert not (tmp_path / "mark").exists()
@@ -194,7 +196,8 @@ def test_a_file_of_something_else_is_reported(trees_run: Run, tmp_path: Path) ->
     run = tmp_path / "run"
     shutil.copytree(trees_run.path, run)
     skops.io.dump([1, 2], run / "trees.skops")
-    with pytest.raises(InputError, match=r"damaged \(trees\.skops holds no trees\)"):
+    forge_run(run)
+    with pytest.raises(InputError, match=r"damaged \(trees\.skops: holds no trees\)"):
         load_run(run)
 
 
@@ -202,6 +205,7 @@ def test_damaged_weights_are_reported(network_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(network_run.path, run)
     (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
+    forge_run(run)
     with pytest.raises(InputError, match="damaged"):
         load_run(run)
 

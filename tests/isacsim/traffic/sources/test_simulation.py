@@ -9,6 +9,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.temporary import LOCK_FILE
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.command_settings import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
@@ -84,6 +85,22 @@ def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_pat
     assert back.lanes[5].successors == motorway.lanes[5].successors
 
 
+def test_tracks_say_which_edges_lay_still_ahead(tmp_path: Path) -> None:
+    """From the edge of the last state on; none for a vehicle that has arrived."""
+    arrives = vehicle("arrives", 0.0, 0, 1400.0).replace('depart="0.0"', 'depart="0.0" departEdge="1"')
+    others = vehicle("stays", 0.0, 1, 20.0) + vehicle("passes", 0.0, 2, 1480.0)
+    road = load(straight_road(tmp_path / "road", arrives + others))
+    tracks = record(road, 1, TrafficSettings(run_in_s=0.0, duration_s=10.0, **STEADY), NONE).tracks
+    assert {name: track.onward for name, track in tracks.items()} == {
+        "arrives": (), "stays": ("e0", "e1"), "passes": ("e1",),
+    }  # fmt: skip
+    assert [road.lanes[int(tracks[name].lane[-1])].edge for name in ("arrives", "stays", "passes")] == [
+        "e1",
+        "e0",
+        "e1",
+    ]
+
+
 def test_states_are_every_10_ms_and_agree_with_each_other(motorway: Recording) -> None:
     """The distance between positions is the integral of the speed, on every edge, curve and ramp."""
     assert motorway.step_s == 0.01
@@ -156,7 +173,7 @@ def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatc
         for _ in range(100):
             sumo.simulationStep()
             log.step(sumo)
-        assert [file.name for file in tmp_path.glob("cosim-*/*")] == [LOG_FILE]
+        assert {file.name for file in tmp_path.glob("cosim-*/*")} == {LOG_FILE, LOCK_FILE}
     assert len(log.tracks()["a"]) == 100
 
 
