@@ -21,6 +21,7 @@ from isac_cosim.base.arrays import IntArray
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
@@ -32,17 +33,20 @@ from isac_cosim.models.predictors.castformer import CastformerCore, CastformerSe
 class ClipSettings(Settings):
     """How CaSTFormer is trained and measured on clips; epochs, batch, learning rate and folds are the paper's."""
 
-    classes: int = Field(5, ge=2, description="number of classes; Brain4Cars has 5")
+    classes: int = Field(5, ge=2, le=10_000, description="number of classes; Brain4Cars has 5")
     background: int | None = Field(
-        None, ge=0, description="class that is not a maneuver (driving straight), which Eq. (13) leaves out, if any"
+        None,
+        ge=0,
+        le=1_000_000,
+        description="class that is not a maneuver (driving straight), which Eq. (13) leaves out, if any",
     )
-    frames: int = Field(20, ge=2, description="frames of a clip that the network sees, evenly spaced")
+    frames: int = Field(20, ge=2, le=10_000, description="frames of a clip that the network sees, evenly spaced")
     castformer: CastformerSettings = CastformerSettings(intent_source="out")
-    folds: int = Field(5, ge=2, description="parts, each held out in turn")
-    epochs: int = Field(160, ge=1, description="epochs of each fold")
-    batch: int = Field(16, ge=1, description="clips per training step")
-    learning_rate: float = Field(1e-3, gt=0, description="learning rate of Adam")
-    seed: int = Field(0, description="seed of folds, initial weights, frames and batches")
+    folds: int = Field(5, ge=2, le=1000, description="parts, each held out in turn")
+    epochs: int = Field(160, ge=1, le=1_000_000, description="epochs of each fold")
+    batch: int = Field(16, ge=1, le=1_000_000, description="clips per training step")
+    learning_rate: float = Field(1e-3, gt=0, le=1e9, description="learning rate of Adam")
+    seed: Seed = Field(0, description="seed of folds, initial weights, frames and batches")
 
 
 class FoldScores(Settings):

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel
+from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.radio.channel import ChannelSettings
@@ -48,7 +49,7 @@ class SweepAxes(Settings):
     models: tuple[Annotated[str, AfterValidator(PREDICTORS.check)], ...] = Field(
         (), description="predictors; trees are always added, as the floor"
     )
-    training_seeds: tuple[int, ...] = Field(
+    training_seeds: tuple[Seed, ...] = Field(
         (), description="training seeds; the table has mean and standard deviation over them"
     )
     test_on: tuple[str, ...] = Field((), description="networks on which the predictors of the others are tested, too")

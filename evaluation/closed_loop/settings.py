@@ -67,7 +67,7 @@ class AdvisorySettings(Settings):
     least_share: float = Field(0.6, gt=0.0, le=1.0, description="no slower than this share of the speed at its start")
     hold_s: float = Field(3.0, ge=0.0, le=60.0, description="how long the lower speed is held, s")
     hold_lane_s: float = Field(6.0, gt=0.0, le=60.0, description="how long `hold_lane` lasts, s")
-    rest_s: float = Field(6.0, ge=0.0, description="pause between two advisories to one vehicle, s")
+    rest_s: float = Field(6.0, ge=0.0, le=1e5, description="pause between two advisories to one vehicle, s")
 
 
 class ClosedLoopSettings(Settings):

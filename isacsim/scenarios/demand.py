@@ -42,10 +42,14 @@ class DemandSettings(Settings):
         5000.0, ge=500.0, le=50_000.0, description="longest corridor that traffic is made along, m"
     )
     motorway_per_lane_h: float = Field(
-        900.0, gt=0.0, description="vehicles per hour and lane where the speed limit is 25 m/s or more"
+        900.0, gt=0.0, le=3600, description="vehicles per hour and lane where the speed limit is 25 m/s or more"
     )
-    arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles per hour and lane where it is 16 to 25 m/s")
-    street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles per hour and lane where it is below 16 m/s")
+    arterial_per_lane_h: float = Field(
+        500.0, gt=0.0, le=3600, description="vehicles per hour and lane where it is 16 to 25 m/s"
+    )
+    street_per_lane_h: float = Field(
+        300.0, gt=0.0, le=3600, description="vehicles per hour and lane where it is below 16 m/s"
+    )
     ramp_share: float = Field(
         0.1, ge=0.0, le=1.0, description="traffic on each side road, as a share of that on the corridor"
     )

@@ -37,11 +37,11 @@ class ViewSettings(Settings):
 
     sites: int = Field(4, ge=1, le=8, description="Most sites used at once.")
     range_m: float = Field(
-        350.0, gt=0, description="Farthest vehicle that a site senses; at most what the cyclic prefix carries."
+        350.0, gt=0, le=1e5, description="Farthest vehicle that a site senses; at most what the cyclic prefix carries."
     )
     half_width_deg: float = Field(60.0, gt=0, lt=90, description="A panel sees this far to either side of its azimuth.")
-    speed_mps: float = Field(100.0, gt=0, description="Highest radial speed accepted as a vehicle's.")
-    hold_s: float = Field(0.1, gt=0, description="Time after which the sites of a vehicle are chosen anew.")
+    speed_mps: float = Field(100.0, gt=0, le=1e3, description="Highest radial speed accepted as a vehicle's.")
+    hold_s: float = Field(0.1, gt=0, le=1e5, description="Time after which the sites of a vehicle are chosen anew.")
 
 
 def _current_name(value: Any) -> Any:
@@ -71,7 +71,9 @@ class SensingSettings(Settings):
         description="Probability that noise alone passes for an echo at a site and snapshot; an estimate whose power "
         "is below that level is not used.",
     )
-    target_height_m: float = Field(0.8, ge=0, description="Height of the vehicle's reflecting point above the road.")
+    target_height_m: float = Field(
+        0.8, ge=0, le=20, description="Height of the vehicle's reflecting point above the road."
+    )
     fusion: FusionSettings = Field(default_factory=FusionSettings)
     tracking: TrackingSettings = Field(default_factory=TrackingSettings)
 

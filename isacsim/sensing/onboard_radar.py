@@ -37,20 +37,27 @@ UNKNOWN_SPEED_MPS = 60.0
 class RadarSettings(Settings):
     """The onboard radar, and what hinders it."""
 
-    carrier_hz: float = Field(77e9, gt=0, description="Carrier frequency.")
-    cycle_s: float = Field(0.072, gt=0, description="Time between measurements.")
-    range_m: float = Field(250.0, gt=0, description="Range at which detection succeeds half the time in clear air.")
+    carrier_hz: float = Field(77e9, gt=0, le=1e13, description="Carrier frequency.")
+    cycle_s: float = Field(0.072, gt=0, le=1e3, description="Time between measurements.")
+    range_m: float = Field(
+        250.0, gt=0, le=1e5, description="Range at which detection succeeds half the time in clear air."
+    )
     half_width_deg: float = Field(
         180.0,
         gt=0,
         le=180,
         description="Field of view to either side of the UV's heading; 180: radars all round.",
     )
-    range_sd_m: float = Field(0.4, gt=0, description="Standard deviation of the range of a strong echo.")
-    speed_sd_mps: float = Field(0.1 / 3.6, gt=0, description="Standard deviation of the radial speed of a strong echo.")
-    azimuth_sd_deg: float = Field(0.3, gt=0, description="Standard deviation of the azimuth of a strong echo.")
+    range_sd_m: float = Field(0.4, gt=0, le=1e3, description="Standard deviation of the range of a strong echo.")
+    speed_sd_mps: float = Field(
+        0.1 / 3.6, gt=0, le=1e3, description="Standard deviation of the radial speed of a strong echo."
+    )
+    azimuth_sd_deg: float = Field(0.3, gt=0, le=180, description="Standard deviation of the azimuth of a strong echo.")
     strong_snr_db: float = Field(
-        25.0, description="SNR above which these deviations hold; below, they grow with the square root of the noise."
+        25.0,
+        ge=-60,
+        le=200,
+        description="SNR above which these deviations hold; below, they grow with the square root of the noise.",
     )
     false_alarm: float = Field(
         1e-6, gt=0, lt=1, description="False alarm probability that sets the detection threshold."
@@ -65,10 +72,10 @@ class RadarSettings(Settings):
         "random",
         description="Which cycles `nlos` loses: random ones, one stretch, or those in which a vehicle is in between.",
     )
-    weather_loss_db: float = Field(20.0, ge=0, description="Loss of the echo under `weather`.")
+    weather_loss_db: float = Field(20.0, ge=0, le=300, description="Loss of the echo under `weather`.")
     rain_mm_per_h: float = Field(0.0, ge=0, le=300, description="Rain, under any condition (ITU-R P.838-3).")
-    height_m: float = Field(0.5, ge=0, description="Height of the radar above the road.")
-    target_height_m: float = Field(0.8, ge=0, description="Height of the target's reflecting point.")
+    height_m: float = Field(0.5, ge=0, le=20, description="Height of the radar above the road.")
+    target_height_m: float = Field(0.8, ge=0, le=20, description="Height of the target's reflecting point.")
     weather_dropped: float = Field(
         0.3, ge=0, lt=1, description="Share of the cycles that `weather` loses at random, besides its echo loss."
     )

@@ -60,6 +60,7 @@ class ResenseSettings(SensorSettings):
     records: int | None = Field(
         None,
         ge=1,
+        le=1_000_000_000,
         description="records to sense, the dataset's over and over with new noise; as many as it holds when absent",
     )
 

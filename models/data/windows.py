@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.setting_fields import Seed, WindowEnds
 from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.lane_map import LaneMap
@@ -49,11 +50,11 @@ MIN_TRAVEL_M = 0.5
 class WindowSettings(Settings):
     """What a predictor sees of a record."""
 
-    window_s: float = Field(2.2, gt=0, description="length of a window, s")
+    window_s: float = Field(2.2, gt=0, le=1e3, description="length of a window, s")
     relative_to: Literal["onset", "commit"] = Field(
         "onset", description="instant relative to which window ends are given"
     )
-    end_after_s: tuple[float, float] = Field(
+    end_after_s: WindowEnds = Field(
         (0.5, 2.2), description="range of window ends after that instant, s; negative is before; equal: fixed"
     )
     frame: Literal["relative", "moving", "absolute"] = Field(
@@ -82,7 +83,7 @@ class SplitSettings(Settings):
     training_share: float = Field(
         1.0, gt=0, le=1, description="share of the training seeds that is used; smaller shares are subsets"
     )
-    seed: int = Field(0, description="seed of the split")
+    seed: Seed = Field(0, description="seed of the split")
     by: Literal["seed", "vehicle"] = Field(
         "seed", description="vehicle: no vehicle of the demand is on two sides; records of shared ones stay in the test"
     )

@@ -22,7 +22,7 @@ class AlignedSettings(Settings):
     length: int = Field(
         220, ge=2, le=LONGEST, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz"
     )
-    hidden: int = Field(64, ge=1, description="units per LSTM direction")
+    hidden: int = Field(64, ge=1, le=65_536, description="units per LSTM direction")
     layers: int = Field(1, ge=1, le=MOST_LAYERS, description="LSTM layers")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout before the head")
 

@@ -29,7 +29,7 @@ class InceptionTimeSettings(Settings):
     length: int = Field(
         220, ge=2, le=LONGEST, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz"
     )
-    filters: int = Field(32, ge=1, description="filters of each convolution; a module has four in parallel")
+    filters: int = Field(32, ge=1, le=65_536, description="filters of each convolution; a module has four in parallel")
     depth: int = Field(6, ge=1, le=MOST_LAYERS, description="modules, one after the other")
     kernels: tuple[Annotated[int, Field(ge=1, le=LONGEST)], ...] = Field(
         (39, 19, 9), min_length=1, max_length=MOST_LAYERS, description="lengths of the convolutions, odd, samples"

@@ -41,9 +41,12 @@ class MinirocketSettings(Settings):
     """Size of the transform, and what it is trained on."""
 
     features: int = Field(
-        10_000, ge=2 * KERNELS, description="approximate number of features per window, half of them of each stream"
+        10_000,
+        ge=2 * KERNELS,
+        le=1_000_000,
+        description="approximate number of features per window, half of them of each stream",
     )
-    ends_per_record: int = Field(1, ge=1, description="training windows per record")
+    ends_per_record: int = Field(1, ge=1, le=10_000, description="training windows per record")
 
 
 class MinirocketPredictor(Predictor):

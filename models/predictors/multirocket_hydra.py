@@ -58,12 +58,15 @@ class MultirocketHydraSettings(Settings):
     features: int = Field(
         50_000,
         ge=2 * 2 * POOLINGS * KERNELS,
+        le=1_000_000,
         description="approximate number of MultiRocket's features per window, half of them of each stream",
     )
-    groups: int = Field(64, ge=2, multiple_of=2, description="Hydra's groups of eight kernels at each dilation")
-    ends_per_record: int = Field(1, ge=1, description="training windows per record")
+    groups: int = Field(
+        64, ge=2, le=65_536, multiple_of=2, description="Hydra's groups of eight kernels at each dilation"
+    )
+    ends_per_record: int = Field(1, ge=1, le=10_000, description="training windows per record")
     step_s: float = Field(
-        0.02, ge=0.0, description="samples of a stream are averaged over this time, s; 0 takes every sample"
+        0.02, ge=0.0, le=1e3, description="samples of a stream are averaged over this time, s; 0 takes every sample"
     )
 
 

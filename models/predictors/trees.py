@@ -38,7 +38,7 @@ ROUND_S = 0.025
 class TreesSettings(BoostingSettings):
     """Settings of the trees."""
 
-    ends_per_record: int = Field(4, ge=1, description="training windows per record")
+    ends_per_record: int = Field(4, ge=1, le=10_000, description="training windows per record")
 
 
 class TreesPredictor(Predictor):

@@ -11,10 +11,10 @@ from isac_cosim.base.settings import Settings
 class BoostingSettings(Settings):
     """Settings of scikit-learn's histogram-based trees."""
 
-    rounds: int = Field(200, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
+    rounds: int = Field(200, ge=1, le=100_000, description="boosting rounds")
+    learning_rate: float = Field(0.1, gt=0, le=1e3, description="shrinkage of each boosting round")
+    leaves: int = Field(15, ge=2, le=1_000_000, description="leaves per tree")
+    l2: float = Field(1.0, ge=0, le=1e9, description="L2 regularisation of leaf values")
 
 
 def boosted_trees(settings: BoostingSettings, seed: int = 0, balanced: bool = False) -> HistGradientBoostingClassifier:

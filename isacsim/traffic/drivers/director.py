@@ -76,15 +76,15 @@ class ManeuverSettings(Settings):
         description="vehicles that stop near the end of a lane that ends, so that others have to merge before; "
         "per hour of each such lane",
     )
-    rest_s: float = Field(12.0, ge=0.0, description="pause between two commands to one vehicle, s")
-    within_m: float = Field(350.0, gt=0.0, description="only vehicles this close to a site are commanded, m")
+    rest_s: float = Field(12.0, ge=0.0, le=1e5, description="pause between two commands to one vehicle, s")
+    within_m: float = Field(350.0, gt=0.0, le=1e5, description="only vehicles this close to a site are commanded, m")
     look_ahead_m: float = Field(
-        150.0, gt=0.0, le=1000.0, description="distance within which a vehicle counts as the one ahead, m"
+        150.0, gt=0.0, le=1e3, description="distance within which a vehicle counts as the one ahead, m"
     )
     junction_clear_m: float = Field(
         30.0,
         ge=0.0,
-        le=1000.0,
+        le=1e3,
         description="nothing but a hard brake is commanded this close to a traffic light or a duty to give way, m",
     )
     junction_clear_s: float = Field(6.0, ge=0.0, le=60.0, description="added to that distance for each m/s of speed, s")

@@ -66,8 +66,8 @@ class TrafficSettings(Settings):
     lateral_resolution_m: float = Field(
         5.0, gt=0.0, le=10.0, description="width of a sublane, m; wider than a lane: one a lane"
     )
-    run_in_s: float = Field(90.0, ge=0.0, description="time simulated before the recording begins, s")
-    duration_s: float = Field(240.0, gt=0.0, description="length of the recording, s")
+    run_in_s: float = Field(90.0, ge=0.0, le=1e6, description="time simulated before the recording begins, s")
+    duration_s: float = Field(240.0, gt=0.0, le=1e6, description="length of the recording, s")
     demand: Literal["as_given", "drawn"] = Field(
         "as_given",
         description="drawn: every vehicle departs up to a minute later than the demand says, drawn anew in each seed",

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from isac_cosim.evaluation.on_windows import coverage
 from isac_cosim.evaluation.on_windows.coverage import lacking, records_without_states
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
-from isac_cosim.evaluation.report.score_table import headline, table
+from isac_cosim.evaluation.report.report import show
+from isac_cosim.evaluation.report.score_table import headline
 from isac_cosim.evaluation.report.verdict import verdict
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.intentions import KNOWN, Intention
@@ -84,7 +87,10 @@ def test_a_mean_over_fewer_intentions_says_so_wherever_it_stands(dataset: Datase
     floor = train(dataset, tmp_path / "floor", without.model_copy(update={"seed": 1}))
     result = evaluate(run, dataset, tmp_path / "out", EvaluateSettings(ends_per_record=40), [floor]).result
     assert result.macro_f1_over == [name for name in result.classes if name != "overtake"]
-    labels = [str(text) for text in table(result).columns[0].cells if str(text).startswith("  macro-F1")]
+    console = Console(file=io.StringIO(), width=200)
+    show(result, tmp_path, console)
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    labels = [line for line in printed.splitlines() if line.startswith("│   macro-F1")]
     assert len(labels) == 4
     assert all("over 5 of 6 intentions" in text or "of five" in text for text in labels)
     assert all("over 5 of 6 intentions" in name for _, name in headline(result) if "macro-F1" in name)

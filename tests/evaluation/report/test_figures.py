@@ -44,8 +44,8 @@ def test_what_the_user_has_set_outside_does_not_reach_it(tmp_path: Path, plain: 
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: yellow\n")
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLCONFIGDIR": str(tmp_path), "MPLBACKEND": backend}
     code = (
-        "import sys; from pathlib import Path; import models.training.training; "
-        "from tests.models.report.test_figures import draw; draw(Path(sys.argv[1]))"
+        "import sys; from pathlib import Path; import isac_cosim.models.training.training; "
+        "from tests.evaluation.report.test_figures import draw; draw(Path(sys.argv[1]))"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "other.png")]
     subprocess.run(command, env=environment, check=True, cwd=tmp_path)

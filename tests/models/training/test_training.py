@@ -20,15 +20,14 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import read_history
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Records, Windows, cut, draw_ends
-from isac_cosim.models.inference import Infer
 from isac_cosim.models.networks import fitting
 from isac_cosim.models.networks.lightning_module import Share
 from isac_cosim.models.predictors.asi_bip import AsiBipSettings
 from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.predictors.trees import TreesPredictor
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.runs.settings import TrainSettings
-from isac_cosim.models.scores import open_set
 from isac_cosim.models.training import training
 from isac_cosim.models.training.training import train_records
 from tests.support.forged import forge_run
@@ -306,19 +305,28 @@ def test_a_training_that_diverges_ends_in_one_line(records: Records, tmp_path: P
         load_run(tmp_path / "run")
 
 
-def test_answers_that_are_not_finite_are_not_stored(records: Records, trees_run: Run, tmp_path: Path) -> None:
+class DivergedPredictor(TreesPredictor):
+    """Trees that answer the first window of a batch with NaN."""
+
+    def __call__(self, windows: Windows) -> Outputs:
+        outputs = super().__call__(windows)
+        outputs.logits[0, 0] = np.nan
+        return outputs
+
+
+def test_answers_that_are_not_finite_are_not_stored(
+    records: Records, trees_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the evaluation of a run, and at the end of a training whose predictor does not look at its loss."""
-
-    class Diverged(TreesPredictor):
-        def __call__(self, windows: Windows) -> Outputs:
-            outputs = super().__call__(windows)
-            outputs.logits[0, 0] = np.nan
-            return outputs
-
-    run = replace(trees_run, predictor=Diverged(trees_run.predictor.trees))  # type: ignore[attr-defined]
-    with pytest.raises(RunError, match=r"answers 1 of \d+ windows with values that are not finite; its training"):
+    run = replace(trees_run, predictor=DivergedPredictor(trees_run.predictor.trees))  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="logits are not finite"):
         evaluate_records(run, records, MADE_OF, tmp_path / "evaluation", EvaluateSettings())
     assert not (tmp_path / "evaluation" / PREDICTIONS_FILE).exists()
-    tv, uv = np.zeros((6, run.card.tv_length)), np.zeros((6, run.card.uv_length))
-    with pytest.raises(RunError, match=r"answers 1 of 1 windows with values that are not finite"):
-        Infer(run, open_set.chosen(run))(tv, uv)
+    monkeypatch.setitem(PREDICTORS._items, "trees", DivergedPredictor)
+    settings = SMALL_RUN.model_copy(update={"model": "trees"})
+    with pytest.raises(
+        RunError, match=r"answers 1 of \d+ windows with values that are not finite; its training diverged"
+    ):
+        train_records(records, MADE_OF, tmp_path / "run", settings)
+    with pytest.raises(InputError, match="not finished"):
+        load_run(tmp_path / "run")
