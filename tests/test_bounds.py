@@ -1,4 +1,4 @@
-"""Every number in a settings object has a lowest and a highest value, so that nonsense is refused before work begins."""
+"""Every number in a settings object has a lowest and a highest value: nonsense is refused before work begins."""
 
 from __future__ import annotations
 

@@ -11,6 +11,7 @@ by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Self
@@ -225,7 +226,7 @@ def evened(surplus: Array, speeds: Array, settings: RoundingSettings) -> Array:
     return np.asarray(Smoothing(surplus.astype(np.complex128)).at(widths).real)
 
 
-STEEPEST = 1.0 / np.sqrt(2.0 * np.pi * np.e)
+STEEPEST = 1.0 / math.sqrt(2.0 * math.pi * math.e)
 """Largest slope of the normal density of standard deviation 1."""
 UNEVEN_M = 0.001
 """Where smoothing could move no vehicle by as much as this, nothing is smoothed, m."""

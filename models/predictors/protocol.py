@@ -44,7 +44,7 @@ class Outputs:
 
     def finite(self, source: object) -> Self:
         """Return these outputs. Raises RunError where one is NaN or infinite; source: the run, for its message."""
-        odd: Array = ~(np.isfinite(self.logits).all(axis=1) & np.isfinite(self.features).all(axis=1))
+        odd = np.asarray(~(np.isfinite(self.logits).all(axis=1) & np.isfinite(self.features).all(axis=1)))
         if odd.any():
             raise RunError(
                 f"{source}: answers {int(np.sum(odd))} of {len(self.logits)} windows with values that are not finite; "
