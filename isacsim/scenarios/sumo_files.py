@@ -93,8 +93,15 @@ def _content(file: Path, *_: int) -> Content:
     names: set[str] = set()
     inputs: list[Path] = []
     removed: Counter[str] = Counter()
-    reader, rewritten = XmlReader(file), False
-    for element, passed in _filtered(reader.elements(), removed):
+    reader, rewritten, unread = XmlReader(file), False, Counter[str]()
+
+    def begun() -> Iterator[Element]:
+        for element in reader.elements():
+            # SUMO does not read them, but it reads what lies within them.
+            unread[element.name] += element.name in UNREAD
+            yield element
+
+    for element, passed in _filtered(begun(), removed):
         names.add(passed.name)
         rewritten |= passed is not element
         reads = INPUT_ATTRIBUTES.get(passed.name)
@@ -102,7 +109,7 @@ def _content(file: Path, *_: int) -> Content:
             inputs.append(file.parent / name)  # SUMO expands nothing in it
             # SUMO takes a name with a colon or a backslash for an absolute one.
             rewritten |= MISREAD.search(name) is not None or "\\" in name
-    as_it_is = reader.plain and not rewritten and not removed
+    as_it_is = reader.plain and not rewritten and not removed and not unread.total()
     return Content(frozenset(names), tuple(inputs), tuple(sorted(removed.items())), as_it_is)
 
 

@@ -131,6 +131,8 @@ class Driven:
     def _copies(self) -> Iterator[tuple[int, int]]:
         """Yield the pairs of samples of different seeds that are near copies of each other."""
         onset, seed = self.table["t_onset"].to_numpy(np.float64), self.table["seed"].to_numpy()
+        if not len(self.paths):
+            return
         centre = self.paths.reshape(len(self.paths), 2, -1).mean(axis=2)
         for indices in self.table.groupby(["scenario", "label"]).indices.values():
             rows = np.asarray(indices, np.int64)

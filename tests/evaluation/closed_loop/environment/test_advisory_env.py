@@ -93,10 +93,11 @@ def test_a_second_environment_is_the_same_in_a_process_of_its_own(
     """As where an agent is evaluated while it learns."""
     played_here, _ = played(environment, 2)
     environment.reset(seed=1)
+    others = set(psutil.Process().children())
     with gymnasium.make(ENVIRONMENT, render_mode="rgb_array", **settings) as second:
         assert isinstance(second.unwrapped, AdvisoryEnv)
         played_there, _ = played(second.unwrapped, 2)
-        (process,) = psutil.Process().children()
+        (process,) = set(psutil.Process().children()) - others
         frame = second.unwrapped.render()
         assert isinstance(frame, np.ndarray)
         assert frame.shape == (540, 960, 3)
@@ -109,9 +110,11 @@ def test_a_process_that_dies_ends_the_episode_and_not_the_environment(
     environment: AdvisoryEnv, settings: dict[str, Any]
 ) -> None:
     environment.reset(seed=1)
+    others = set(psutil.Process().children())
     with gymnasium.make(ENVIRONMENT, **settings) as second:
         second.reset(seed=1)
-        psutil.Process().children()[0].kill()
+        (process,) = set(psutil.Process().children()) - others
+        process.kill()
         with pytest.raises(RunError, match=r"has ended with its process \(exit code -9\): reset begins anew"):
             second.step(WAIT)
         with pytest.raises(ResetNeeded):
