@@ -103,6 +103,15 @@ def generate(
     natural: Annotated[
         bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
     ] = False,
+    drivers: Annotated[
+        str, typer.Option(metavar="theirs|ours", help="Who drives: the demand's own vehicle types, or our drivers.")
+    ] = "theirs",
+    demand: Annotated[
+        str,
+        typer.Option(
+            metavar="as-given|drawn", help="Departures: as the demand says, or up to 60 s later, drawn for each seed."
+        ),
+    ] = "as-given",
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -117,7 +126,7 @@ def generate(
     from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
+    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand)
     feedback = output.feedback_of(console, verbose)
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))

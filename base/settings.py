@@ -106,7 +106,7 @@ def _check_seal(content: Sealed, stored: bytes, path: Path) -> None:
     """Raise InputError if a file differs from its own digest, or lacks one that it should have."""
     if content.sha256 is None:
         if content.schema_version >= content.sealed_since:
-            raise InputError(f"{path}: sha256: is missing; the file was changed after it was written")
+            raise InputError(f"{path}: sha256: is missing; the file was changed: restore it, or make it again")
         return
     try:
         values = json.loads(stored)
@@ -115,4 +115,6 @@ def _check_seal(content: Sealed, stored: bytes, path: Path) -> None:
     except (RecursionError, ValueError):
         unchanged = False
     if not unchanged:
-        raise InputError(f"{path}: sha256: differs from the content; the file was changed after it was written")
+        raise InputError(
+            f"{path}: sha256: differs from the content; the file was changed: restore it, or make it again"
+        )

@@ -12,7 +12,7 @@ import tempfile
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
@@ -116,7 +116,7 @@ def _remove(folder: Path, lock: BaseFileLock) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-@cache
+@lru_cache(maxsize=8)
 def _remove_abandoned(parent: Path) -> None:
     """Delete this user's temporary folders that no process uses any more; only the first call does anything."""
     for folder in parent.glob(f"{PREFIX}*"):

@@ -44,7 +44,16 @@ from isac_cosim.benchmarks.scaling import MIB, apart, peak_memory
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from isac_cosim.labeling.dataset.dataset import (
+    CLASS_NAMES,
+    INDEX_FILE,
+    SHARDS,
+    Episode,
+    Shard,
+    read_meta,
+    shard_name,
+    write_roads,
+)
 from isac_cosim.labeling.generation.episode_plan import EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import finish
 from isac_cosim.labeling.generation.generate import describe, generate
@@ -223,6 +232,7 @@ def indexed(episodes: int) -> dict[str, Any]:
             shard = pickle.loads(pickle.dumps(synthetic_shard(job.seed)))
             journal.add(shard)
             plan.add(job, shard.by_intention)
+        write_roads(folder, SCENARIO, [])
         planned = time.process_time()
         finish(folder, started, journal, (shard_name(job.scenario, job.seed) for job in plan.kept()))
         written = time.process_time()

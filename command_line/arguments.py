@@ -50,11 +50,13 @@ def dataset_study(
     snr: str | None,
     source: str = "sumo",
     natural: bool = False,
+    drivers: str = "theirs",
+    demand: str = "as_given",
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
     scenarios: may be empty where the source has a scenario of its own. source: name of the motion source. natural:
-    leave the drivers alone.
+    leave the drivers alone. drivers, demand: as in `TrafficSettings`.
     """
     _refuse_given({"--natural": natural and source != "sumo"}, "drivers of SUMO's traffic: remove it, or --source")
     if not scenarios and source not in OWN_SCENARIO:
@@ -71,6 +73,7 @@ def dataset_study(
         content["sensing"] = {"channel": channel(snr)}
     if natural:
         content["maneuvers"] = LEFT_ALONE
+    content["traffic"] = {"drivers": drivers, "demand": demand.replace("-", "_")}
     return checked(DatasetStudy, content, WHERE)
 
 

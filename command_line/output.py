@@ -67,15 +67,22 @@ def warn(line: str) -> None:
 
 def show_scenario(scenario: NewScenario, source: str, console: Console) -> dict[str, Any]:
     """Show what a scenario was made of. Returns it as plain values."""
+    from isac_cosim.isacsim.scenarios.sumo_config import read_config
+    from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
+    from isac_cosim.labeling.detectors.settings import LabelSettings
     from isac_cosim.labeling.generation.log import withheld
 
     for line in (*withheld(source, scenario), *scenario.remarks):
         print_line(console, line)
     demand = "demand was made" if scenario.made_demand else "its own demand"
     print_line(console, f"{scenario.folder}: {scenario.sites} sites along {scenario.edges} edges; {demand}")
+    inputs = read_config(next(scenario.folder.glob("*.sumocfg")))
+    drivers = limits_at_thresholds((*inputs.demand, *inputs.additional), LabelSettings().limits_mps2)
+    for line in drivers:
+        print_line(console, f"warning: {line}")
     if scenario.corners:
         print_line(console, f"warning: {scenario.corners}")
-    return {**dataclasses.asdict(scenario), "folder": str(scenario.folder)}
+    return {**dataclasses.asdict(scenario), "folder": str(scenario.folder), "drivers": drivers}
 
 
 def show_run(run: Run, console: Console) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.models.data.sides import dependence_of_test
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import load_run, read_card
 from isac_cosim.models.runs.settings import TrainSettings
@@ -89,7 +90,8 @@ class CellEvaluation:
         records = Records.of(dataset)
         tested = records.take(np.isin(records.groups, self.seeds))
         run, *others = (load_run(folder) for folder in (*self.runs, *self.floors))
-        result = evaluate_records(run, tested, made_of(dataset), self.report, self.evaluation, others)
+        twins = dependence_of_test(dataset, records, run.card.split, run.card.settings.split)
+        result = evaluate_records(run, tested, made_of(dataset), self.report, self.evaluation, others, dependence=twins)
         draw_figures(result, self.report)
         write_page(result.result, self.report)
 

@@ -23,7 +23,7 @@ from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.score_results import Spread
 from isac_cosim.models.data.clips import Clip, ClipBatch, batch, load_clips

@@ -144,7 +144,8 @@ import contextlib, io, json, sys
 from pathlib import Path
 
 import cosim
-from isac_cosim.base.workers.engine import LocalEngine, run_on
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.studies.study import read_study
 
@@ -158,8 +159,8 @@ def printed_by(command):
 
 
 if __name__ == "__main__":
-    with LocalEngine(1).started() as client:  # one worker process for all
-        LocalEngine.run = lambda engine, task, items: run_on(client, task, items, lambda: engine.jobs)
+    with kept_running(LocalEngine(1)) as kept:  # one worker process for all
+        LocalEngine.run = lambda engine, *arguments, **named: kept.run(*arguments, **named)
         generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
         print(json.dumps({command: printed_by(command) for command in sys.argv[1:]}))
 """

@@ -62,7 +62,7 @@ def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[s
     printed = capfd.readouterr()
     result = json.loads(printed.out)
     assert set(result) == {
-        "folder", "sites", "edges", "made_demand", "overridden", "corners", "removed", "remarks",
+        "folder", "sites", "edges", "made_demand", "overridden", "corners", "removed", "remarks", "drivers",
     }  # fmt: skip
     assert result["made_demand"] is True
     assert len(load(tmp_path / "road").sites) == result["sites"] > 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 from collections.abc import Sequence
 from math import prod
@@ -14,6 +15,8 @@ import numpy.typing as npt
 from isac_cosim.base.stored.archives import check_archive
 
 SUFFIX = ".npy"
+HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+"""Readers of the beginning of an array, by the version of its format."""
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
@@ -60,12 +63,12 @@ def _check_claim(archive: zipfile.ZipFile, member: zipfile.ZipInfo, file: str) -
         raise ValueError(f"{file}: its part {name} is not an array")
     with archive.open(member) as content:
         version = np.lib.format.read_magic(content)
-        if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(content)
-        elif version == (2, 0):
-            shape, _, dtype = np.lib.format.read_array_header_2_0(content)
-        else:
+        if version not in HEADERS:
             raise ValueError(f"{name}: is an array of the unknown format {version}")
+        try:
+            shape, _, dtype = HEADERS[version](content)
+        except (RecursionError, SyntaxError, tokenize.TokenError, TypeError):  # as numpy reads a damaged header
+            raise ValueError(f"{name}: does not say what it holds") from None
         if dtype.hasobject:
             raise ValueError(f"{name}: holds Python objects")
         if min(shape, default=0) < 0 or content.tell() + prod(shape) * dtype.itemsize != member.file_size:

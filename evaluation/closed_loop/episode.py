@@ -11,7 +11,7 @@ import numpy as np
 
 from isac_cosim.base import landlock
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
 from isac_cosim.evaluation.closed_loop.policy import advisories

@@ -16,8 +16,8 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, remove_partial, write_json
 from isac_cosim.base.settings import Settings, read_json
-from isac_cosim.base.threads import limited
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.closed_loop.episode import Alarming, ArmTask
 from isac_cosim.evaluation.closed_loop.loop import kernel_of
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult

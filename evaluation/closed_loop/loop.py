@@ -78,7 +78,10 @@ class ClosedLoop:
         return cls(scenario, seed, study, world, network, advisor)
 
     def decisions(self) -> Generator[Decision, None, Recording]:
-        """Simulate, and pause at every decision of the recording; returns the recording. Closing it ends SUMO."""
+        """Simulate, and pause at every decision of the recording; returns the recording. Closing it ends SUMO.
+
+        Raises TrafficError where other code has ended or stepped the simulation meanwhile.
+        """
         dataset = self.study.dataset
         moments = record_stepwise(self.scenario, self.seed, dataset.traffic, dataset.maneuvers)
         try:
@@ -92,6 +95,7 @@ class ClosedLoop:
                 piece = self.world.read(moment)
                 if piece is not None:
                     yield Decision(moment, self.network.learn(piece))
+                    moment.held.check(moment.time_s, dataset.traffic.step_s)
                 self.advisor.step(moment)
         finally:
             moments.close()

@@ -33,6 +33,7 @@ from isac_cosim.evaluation.on_windows.score_results import (
     WindowEndScores,
 )
 from isac_cosim.evaluation.on_windows.settings import WindowEndCurveSettings, with_current_key
+from isac_cosim.labeling.dataset.dependence import Dependence
 from isac_cosim.models.data.windows import WindowSettings
 from isac_cosim.models.runs.run import RunCard
 
@@ -229,16 +230,21 @@ class EvaluationResult(RunResult):
     over_training_seeds: runs that differ in the training seed alone, summed up; absent where there are none.
     passing: whether the TV passes the UV soon after the window, for pull-outs of every outcome; absent where the
     dataset does not say, and in files of earlier versions.
+    dependence: how many test samples have a twin, the same vehicle or a near copy, among the samples that the evaluated
+    run was trained or chosen on; absent where the dataset holds none of these, and in files of earlier versions.
     answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing", "answers"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {
+        "over_training_seeds", "passing", "dependence", "answers",
+    }  # fmt: skip
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
     passing: list[PassScores] | None = None
+    dependence: Dependence | None = None
     answers: dict[str, JsonValue] | None = None
     windows: MeasuredWindows
     made_by: MadeBy

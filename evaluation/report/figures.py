@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -65,7 +65,7 @@ def figure(
     the figure, and holds again afterwards. dpi: pixels per inch.
     """
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in BACKEND}
-    with mpl.rc_context(defaults | dict(style)):
+    with mpl.rc_context(cast(Any, {**defaults, **style})):
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn

@@ -10,6 +10,7 @@ from __future__ import annotations
 from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.questions import GROUP
 from isac_cosim.evaluation.report import live_parts, window_parts
+from isac_cosim.evaluation.report.dependence_part import DependentSeeds
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
 
@@ -17,6 +18,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
     "result part",
     {
         "headline": window_parts.Headline(),
+        "dependent-seeds": DependentSeeds(),
         "scores": window_parts.Scores(),
         "lead-times": window_parts.LeadTimes(),
         "verdict": window_parts.Verdict(),

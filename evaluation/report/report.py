@@ -10,7 +10,7 @@ from rich.console import Console
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.files import json_text
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.results import EvaluationResult

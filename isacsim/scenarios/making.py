@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
 from isac_cosim.isacsim.scenarios.naming import check_name, name_of
@@ -213,8 +214,8 @@ def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:
 
     # netconvert finds projections and the types of OpenStreetMap's roads through SUMO_HOME.
     home = Path(sumo.SUMO_HOME)
-    with tempfile.TemporaryDirectory(prefix="cosim-", dir=landlock.folder()) as name:
-        folder = Path(name)
+    with TemporaryFolder(landlock.folder()) as temporary:
+        folder = temporary.path
         types = option_path(home / "data" / "typemap" / "osmNetconvert.typ.xml", folder)
         network = folder / "made.net.xml"
         files = [

@@ -9,9 +9,8 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -21,6 +20,7 @@ from xml.sax.saxutils import quoteattr
 
 from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios import sumo_schemas
 from isac_cosim.isacsim.scenarios.sumo_schemas import TRUE
 from isac_cosim.isacsim.scenarios.xml_files import Element, XmlReader, elements
@@ -41,6 +41,9 @@ OUTPUT_PARAMETER = re.compile(r"(?:.*\.)?(?:files?|outputs?)", re.DOTALL)
 NOWHERE, ALSO_NOWHERE = "NUL", ("NUL", "/DEV/NULL")
 """File names with which SUMO writes nothing: the first on every system, and in capitals."""
 DEMAND = frozenset({"vehicle", "flow", "trip"})
+TYPES = frozenset({"vType", "vTypeDistribution"})
+Rewrite = Callable[[Iterable[Element]], Iterator[Element]]
+"""Changes the elements of a file that SUMO gets."""
 SCHEMA_ATTRIBUTES = frozenset({"xmlns:xsi", "xsi:noNamespaceSchemaLocation", "xsi:schemaLocation"})
 """Attributes of root elements that name a schema. SUMO is told not to look for it."""
 UNREAD = ("metadata",)
@@ -90,8 +93,15 @@ def _content(file: Path, *_: int) -> Content:
     names: set[str] = set()
     inputs: list[Path] = []
     removed: Counter[str] = Counter()
-    reader, rewritten = XmlReader(file), False
-    for element, passed in _filtered(reader.elements(), removed):
+    reader, rewritten, unread = XmlReader(file), False, Counter[str]()
+
+    def begun() -> Iterator[Element]:
+        for element in reader.elements():
+            # SUMO does not read them, but it reads what lies within them.
+            unread[element.name] += element.name in UNREAD
+            yield element
+
+    for element, passed in _filtered(begun(), removed):
         names.add(passed.name)
         rewritten |= passed is not element
         reads = INPUT_ATTRIBUTES.get(passed.name)
@@ -99,7 +109,7 @@ def _content(file: Path, *_: int) -> Content:
             inputs.append(file.parent / name)  # SUMO expands nothing in it
             # SUMO takes a name with a colon or a backslash for an absolute one.
             rewritten |= MISREAD.search(name) is not None or "\\" in name
-    as_it_is = reader.plain and not rewritten and not removed
+    as_it_is = reader.plain and not rewritten and not removed and not unread.total()
     return Content(frozenset(names), tuple(inputs), tuple(sorted(removed.items())), as_it_is)
 
 
@@ -238,15 +248,19 @@ def cleaned(file: Path) -> Iterator[Path]:
     if content(file).as_it_is:
         yield file
     else:
-        with tempfile.TemporaryDirectory(prefix="cosim-", dir=landlock.folder()) as folder:
-            yield Handover(Path(folder)).path_of(file)
+        with TemporaryFolder(landlock.folder()) as temporary:
+            yield Handover(temporary.path).path_of(file)
 
 
 @dataclass(frozen=True)
 class Handover:
-    """Hands files to SUMO: those that are safe themselves, and of the others copies or links in a temporary folder."""
+    """Hands files to SUMO: those that are safe themselves, and of the others copies or links in a temporary folder.
+
+    types: changes the elements of files with vehicle types.
+    """
 
     folder: Path
+    types: Rewrite | None = None
     _done: dict[Path, Path] = field(default_factory=dict)
 
     def path_of(self, file: Path) -> Path:
@@ -254,7 +268,7 @@ class Handover:
 
         Raises InputError as `with_includes` does, and where SUMO would misread the path of the temporary folder.
         """
-        clean = all(content(path).as_it_is for path in with_includes(file))
+        clean = not any(map(self._changes, with_includes(file)))
         if clean and not MISREAD.search(str(file)):
             return file
         place = file.resolve()
@@ -270,12 +284,18 @@ class Handover:
                     self._write(copy, file)
         return self._done[place]
 
+    def _changes(self, file: Path) -> bool:
+        """Whether SUMO gets a file, but not those that it includes, otherwise than it is."""
+        held = content(file)
+        return not held.as_it_is or (self.types is not None and bool(held.names & TYPES))
+
     def _write(self, copy: TextIO, file: Path) -> None:
         """Write what SUMO gets of a file. Every file that it names is named by its absolute path."""
         copy.write('<?xml version="1.0" encoding="UTF-8"?>\n')
         begun: list[str] = []
         empty = False  # whether the last element may yet turn out to be empty
-        for _, (depth, name, attributes) in _filtered(elements(file), Counter()):
+        passed: Iterable[Element] = (after for _, after in _filtered(elements(file), Counter()))
+        for depth, name, attributes in passed if self.types is None else self.types(passed):
             empty = _end(copy, begun, depth, empty)
             copy.write(">\n" if empty else "")
             copy.write(f"<{name}")

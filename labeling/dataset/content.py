@@ -6,6 +6,7 @@ Digests show that a file is the one that was written. These checks hold for file
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -89,6 +90,8 @@ def _label_faults(table: pa.Table, names: set[str], shard: Shard) -> Iterator[st
     if "origin" in names:
         if not _all(pc.is_in(table["origin"], pa.array(ORIGINS))):
             yield f"origin: is not one of {', '.join(ORIGINS)}"
+        elif Counter(table["origin"].to_pylist()) != Counter(shard.by_origin):
+            yield "origin: the numbers of samples by origin are not those in the index"
         if "cause" in names and not _all(
             pc.equal(pc.not_equal(table["cause"], ""), pc.equal(table["origin"], "reaction"))
         ):
@@ -106,7 +109,7 @@ def _time_faults(table: pa.Table, names: set[str]) -> Iterator[str]:
     for k, name in enumerate(present[1:]):
         if (times[k + 1] < times[k]).any():
             yield f"{name}: times are not in the order start, onset, commit, end"
-    for name in ("t_pass", "t_pair_end"):
+    for name in ("t_pass", "t_pair_end", "tv_departed"):
         if name in names and np.isinf(table[name].to_numpy()).any():
             yield f"{name}: times are not finite"
 

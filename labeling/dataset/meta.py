@@ -36,7 +36,8 @@ class ScenarioMeta(Settings):
 
     source: the scenario as the user named it. sha256: digest of its input files, and of
     its begin and its options that shape the traffic. origin: the origin of its plane in
-    SUMO's coordinates, m.
+    SUMO's coordinates, m. drivers: what is to be said of the vehicle types of its demand, whose limits sit at
+    thresholds of the labels; nothing in datasets of earlier versions.
     """
 
     name: str = Field(pattern=NAME)
@@ -44,6 +45,7 @@ class ScenarioMeta(Settings):
     sha256: str
     origin: tuple[float, float]
     sites: tuple[SiteMeta, ...]
+    drivers: tuple[str, ...] = ()
 
 
 class Lost(Settings):

@@ -33,7 +33,7 @@ SCHEMA_VERSION: Literal[4] = 4
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
 follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
 `tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
-schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`."""
+schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`; `tv_departed` is new."""
 READABLE = (1, 2, 3, 4)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
@@ -65,6 +65,8 @@ class Sample:
     pull_out: what became of a pull-out behind the UV (`labeling.samples.pull_outs`), empty for all other samples.
     t_pass, t_pair_end: of a pull-out, when the TV passes the UV and until when the pair is observed, s; otherwise NaN.
     x0, y0: point of the scenario's plane to which the positions in the four arrays are relative, m.
+    tv_departed: when the demand lets the TV depart, s of simulation time; NaN where the motion source does not say. A
+    vehicle with the same id and departure in two seeds is the same one in the demand.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
     float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
     float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
@@ -96,6 +98,7 @@ class Sample:
     t_pair_end: float = nan
     x0: float = 0.0
     y0: float = 0.0
+    tv_departed: float = nan
 
 
 class Episode(Settings):
@@ -195,6 +198,7 @@ def schema(
         "n_sites": pa.int8(),
         "x0": pa.float64(),
         "y0": pa.float64(),
+        "tv_departed": pa.float64(),
         "tv": states(tv_length),
         "tv_truth": states(tv_length),
         "uv": states(uv_length),
@@ -205,7 +209,7 @@ def schema(
         for name in PASSING:
             del types[name]
     if version < 4:
-        del types["x0"], types["y0"]
+        del types["x0"], types["y0"], types["tv_departed"]
     if run_in_length:
         types[RUN_IN] = states(run_in_length)
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
@@ -213,7 +217,10 @@ def schema(
 
 SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 ORIGIN = schema(1, 1).field("origin")
-LACKING = {"cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan, "x0": 0.0, "y0": 0.0}
+LACKING = {
+    "cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan, "x0": 0.0, "y0": 0.0,
+    "tv_departed": nan,
+}  # fmt: skip
 """The columns that older datasets lack, and what they are read as."""
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
 from isac_cosim.labeling.dataset.label_truth import label_truth
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
@@ -18,8 +19,8 @@ from isac_cosim.labeling.dataset.traffic_summary import share_text, traffic_faul
 from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
-    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "left_out", "dropped_pull_outs",
-    "counts",
+    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "dependence", "left_out",
+    "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
@@ -34,6 +35,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
     median distances to the true position, before and after the filter; `labels_and_truth`, how far the true motion
     does what the labels say (`labeling.dataset.label_truth`), None where the motion source gives the labels;
+    `dependence`, how many samples have a twin in another seed (`labeling.dataset.dependence`);
+    `drivers`, what is to be said of the vehicle types of each scenario's demand;
     `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
     beside the samples, by outcome; `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None
     where the motion is not SUMO's; `label_agreement`, what the detectors make of the maneuvers of each intention, only
@@ -71,10 +74,12 @@ def summary(dataset: Dataset) -> dict[str, Any]:
             "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
         },
         "labels_and_truth": None if agreed else label_truth(dataset),
+        "dependence": Driven.of(dataset).between_seeds().model_dump(),
         "left_out": meta.left_out(),
         "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
+        "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
         "traffic": traffic_summary(episodes),
@@ -196,6 +201,10 @@ def faults(values: dict[str, Any]) -> list[str]:
             f"the label says by more than {compared['limit_mps2']:g} m/s2, at most by {compared['worst_mps2']:.1f} "
             f"m/s2 (sample {compared['sample_id']}); generate the dataset anew"
         )
+    if (stored := values.get("dependence")) and (twins := Dependence.model_validate(stored)).marked:
+        lines.append(f"{twins.sentence('samples', 'in another seed')}: the seeds are not independent; {HELP}")
+    for name, of_drivers in values.get("drivers", {}).items():
+        lines += [f"{name}: {line}" for line in of_drivers]
     if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines

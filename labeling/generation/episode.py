@@ -178,6 +178,7 @@ def _sensed(
             n_sites=record.n_sites,
             x0=point[0],
             y0=point[1],
+            tv_departed=recording.tracks[candidate.tv].departed,
             tv=relative(record.state, point),
             tv_truth=tv_truth,
             uv=relative(report(uv_truth, study.report, key), point),

@@ -13,13 +13,14 @@ from pathlib import Path
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.dataset.dataset import (
@@ -164,7 +165,7 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     content = study.model_dump(mode="json")
     installed = versions(OF_DATASETS)
     described = tuple(
-        _describe_scenario(source, scenario)
+        _describe_scenario(source, scenario, _driver_lines(study, scenario))
         for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
@@ -180,8 +181,15 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     )
 
 
-def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
-    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it."""
+def _driver_lines(study: DatasetStudy, scenario: Scenario) -> tuple[str, ...]:
+    """Return what is to be said of the drivers of a scenario's demand, where they drive."""
+    if study.source != "sumo" or study.traffic.drivers == "ours":
+        return ()
+    return tuple(limits_at_thresholds((*scenario.demand, *scenario.additional), study.labels.limits_mps2))
+
+
+def _describe_scenario(source: str, scenario: Scenario, drivers: tuple[str, ...]) -> ScenarioMeta:
+    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it. drivers: as in it."""
     digest = hashlib.sha256()
     for path in (scenario.network, *scenario.demand, *scenario.additional):
         for part in with_includes(path):
@@ -195,5 +203,10 @@ def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
     )
     check_name(scenario.name, source)
     return ScenarioMeta(
-        name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+        name=scenario.name,
+        source=source,
+        sha256=digest.hexdigest(),
+        origin=scenario.origin,
+        sites=sites,
+        drivers=drivers,
     )

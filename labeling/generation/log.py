@@ -142,7 +142,7 @@ def withheld(name: str, scenario: Withheld) -> list[str]:
     if scenario.removed:
         more = len(scenario.removed) - MOST_NAMED
         named = ", ".join(scenario.removed[:MOST_NAMED]) + (f", and {more} more" if more > 0 else "")
-        lines.append(f"{name}: SUMO does not get what writes files, or what its schemas do not name: {named}")
+        lines.append(f"{name}: left out, because it writes files or is in none of SUMO's schemas: {named}")
     return lines
 
 

@@ -18,9 +18,9 @@ from pydantic import AfterValidator, Field
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.settings import checked
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.radio.cross_section import random_mean_db
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.following import TOGETHER

@@ -33,7 +33,7 @@ LaneMaps = Callable[[str], LaneMap]
 
 COLUMNS = (
     "sample_id", "scenario", "seed", "label", "origin", "t_start", "t_onset", "t_commit", "snr_db", "n_sites",
-    "x0", "y0",
+    "x0", "y0", "tv_id", "tv_departed",
 )  # fmt: skip
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
@@ -71,7 +71,12 @@ class WindowSettings(Settings):
 
 
 class SplitSettings(Settings):
-    """Shares of the scenario seeds on each side; no vehicle is on two sides."""
+    """Shares of the scenario seeds on each side.
+
+    A demand that names its vehicles puts them into every seed, and so on every side, unless the split is by vehicle:
+    records of training seeds whose TV is also one of a validation or test seed are then not trained on, and those of
+    validation seeds whose TV is also one of a test seed nothing is chosen on (`models.data.sides`).
+    """
 
     validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds on which the best epoch is chosen")
     test: float = Field(0.25, gt=0, lt=1, description="share of the seeds on which nothing is chosen")
@@ -79,6 +84,9 @@ class SplitSettings(Settings):
         1.0, gt=0, le=1, description="share of the training seeds that is used; smaller shares are subsets"
     )
     seed: Seed = Field(0, description="seed of the split")
+    by: Literal["seed", "vehicle"] = Field(
+        "seed", description="vehicle: no vehicle of the demand is on two sides; records of shared ones stay in the test"
+    )
 
     @model_validator(mode="after")
     def _leaves_training(self) -> Self:

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import io
-import pickle
-import struct
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +13,7 @@ from torch import nn
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.stored.archives import check_archive
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -25,11 +22,6 @@ HISTORY_FILE = "history.csv"
 
 SCALES = ("tv_sd", "uv_sd", "sd")
 """Names of the tensors by which networks divide their input."""
-READ_ERRORS = (
-    OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, AssertionError,
-    EOFError, MemoryError, SyntaxError, pickle.UnpicklingError, struct.error, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What the readers of tensors, trees and arrays raise if a file is cut off or holds something else."""
 
 
 def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
@@ -65,11 +57,6 @@ def read_weights(path: Path, build: Callable[[], Network]) -> Network:
     network = network or build()
     nn.Module.load_state_dict(network, state)
     return network
-
-
-def reason_of(error: BaseException) -> str:
-    """Return what an error says, in one line."""
-    return " ".join((str(error) or type(error).__name__).partition("\n")[0].split())
 
 
 def _content(path: Path) -> dict[str, Any]:

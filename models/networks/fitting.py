@@ -21,8 +21,8 @@ from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.labeling.intentions import KNOWN, over_text
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Records
-from isac_cosim.models.networks.checkpoints import HISTORY_FILE, read_tensors
-from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
+from isac_cosim.models.networks.lightning_checkpoints import Checkpoints, read_checkpoint
 from isac_cosim.models.networks.lightning_module import (
     MONITOR,
     DivergedError,
@@ -121,7 +121,7 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
             if name.endswith(DivergedError.__name__):
                 raise DivergedError(reason) from None
             raise
-    return read_tensors(Path(keeper.best_model_path))
+    return read_checkpoint(Path(keeper.best_model_path))
 
 
 @contextmanager

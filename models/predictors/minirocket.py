@@ -1,7 +1,7 @@
 """MiniRocket as a floor: random convolutions of both streams, and a ridge classifier on their features.
 
-It needs an optional extra, `pip install 'isac-cosim[minirocket]'`, because aeon implements the convolutions. A trained
-one is stored as plain arrays. Source: Dempster, Schmidt & Webb 2021.
+It needs an optional extra, `pip install '.[minirocket]'` in a checkout, because aeon implements the convolutions. A
+trained one is stored as plain arrays. Source: Dempster, Schmidt & Webb 2021.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class MinirocketPredictor(Predictor):
     display_name = "MiniRocket"
     summary = "random convolutions of both streams and a ridge classifier (optional extra)"
     settings_class: ClassVar[type[Settings] | None] = MinirocketSettings
-    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
+    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install '.[minirocket]' in a checkout"}
 
     def __init__(self, rocket: Rocket) -> None:
         self.rocket = rocket

@@ -2,7 +2,7 @@
 
 Random convolutions of each stream and of its differences, pooled in four ways (MultiRocket), and counts of which kernel
 of a group fits best at each time (Hydra); a ridge classifier on all of it. It needs an optional extra, `pip install
-'isac-cosim[minirocket]'`, because aeon implements both transforms. A trained one is stored as plain arrays.
+'.[minirocket]'` in a checkout, because aeon implements both transforms. A trained one is stored as plain arrays.
 Sources: Tan et al. 2022, "MultiRocket"; Dempster, Schmidt & Webb 2023, "Hydra: competing convolutional kernels".
 """
 
@@ -76,7 +76,7 @@ class MultirocketHydraPredictor(Predictor):
     display_name = "MultiRocket-Hydra"
     summary = "many random convolutions of both streams and a ridge classifier (optional extra)"
     settings_class: ClassVar[type[Settings] | None] = MultirocketHydraSettings
-    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
+    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install '.[minirocket]' in a checkout"}
 
     def __init__(self, rocket: RocketWithHydra, averaging: Averaging) -> None:
         self.rocket = rocket

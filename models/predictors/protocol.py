@@ -44,11 +44,11 @@ class Outputs:
 
     def finite(self, source: object) -> Self:
         """Return these outputs. Raises RunError where one is NaN or infinite; source: the run, for its message."""
-        odd: Array = ~(np.isfinite(self.logits).all(axis=1) & np.isfinite(self.features).all(axis=1))
+        odd = np.asarray(~(np.isfinite(self.logits).all(axis=1) & np.isfinite(self.features).all(axis=1)))
         if odd.any():
             raise RunError(
-                f"{source}: answers {int(odd.sum())} of {len(odd)} windows with values that are not finite; its "
-                "training diverged: train it anew with a lower learning rate"
+                f"{source}: answers {int(np.sum(odd))} of {len(self.logits)} windows with values that are not finite; "
+                "its training diverged: train it anew with a lower learning rate"
             )
         return self
 
@@ -183,7 +183,7 @@ class Predictor(ABC):
         """Return the predictor that `save` wrote into a folder.
 
         Loading never executes code from the files. If they are damaged, it raises one of
-        `models.networks.checkpoints.READ_ERRORS`, which the caller reports in one line.
+        `base.stored.errors.READ_ERRORS`, which the caller reports in one line.
         """
 
     @abstractmethod

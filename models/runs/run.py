@@ -26,9 +26,10 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.stored.arrays import check_array, read_arrays
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.networks.checkpoints import HISTORY_FILE, READ_ERRORS, reason_of
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings

@@ -12,9 +12,10 @@ from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, replace_file
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.sides import dependence_of_test, on_side, warning
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
 from isac_cosim.models.predictors.registry import PREDICTORS
@@ -53,7 +54,11 @@ def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: 
     Raises InputError if the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
-    return train_records(Records.of(dataset), made_of, out, settings, feedback)
+    records = Records.of(dataset)
+    sides = split(records, settings.split)
+    if line := warning(dependence_of_test(dataset, records, sides, settings.split)):
+        feedback.message(line)
+    return train_records(records, made_of, out, settings, feedback, sides)
 
 
 def train_records(
@@ -81,8 +86,11 @@ def train_records(
 
 def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback) -> None:
     """Train the predictor of a claimed folder, and write everything that belongs to the run."""
-    known = records.take(_is_taught(records, card.settings))
-    training, validation = (known.take(np.isin(known.groups, card.split[side])) for side in ("train", "validation"))
+    taught = _is_taught(records, card.settings)
+    training, validation = (
+        records.take(taught & on_side(records, card.split, side, card.settings.split))
+        for side in ("train", "validation")
+    )
     task = FitTask(training, validation, card.settings, card.shape, folder)
     predictor = PREDICTORS[card.settings.model].fit(task, feedback)
     names = files_written(folder, lambda: predictor.save(folder))
@@ -107,7 +115,7 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     """
     run = open_run(folder, card)
     offered = _is_taught(records, card.settings) | (records.label == Intention.FOLLOWING)
-    validation = records.take(offered & np.isin(records.groups, card.split["validation"]))
+    validation = records.take(offered & on_side(records, card.split, "validation", card.settings.split))
     windows = card.settings.windows
     ends = draw_ends(validation, windows, "validation", card.settings.seed, per_record=card.settings.validation_ends)
     parts = [run.answer(batch) for batch in batches(validation, ends, windows, BATCH)]
@@ -130,11 +138,14 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
 def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, sides: dict[str, list[str]]) -> RunCard:
     """Return the card of a training that is about to begin. Raises InputError if there is too little to train on."""
     n_tv, n_uv = lengths(records, settings.windows)
-    side = np.isin(records.groups, sides["train"])
+    side = on_side(records, sides, "train", settings.split)
     label = records.label[side & (_is_taught(records, settings) | (records.label == Intention.FOLLOWING))]
     validated = records.label[np.isin(records.groups, sides["validation"]) & _is_taught(records, settings)]
     if len(np.intersect1d(label, KNOWN)) < 2:
-        raise InputError("the dataset's training seeds hold fewer than two known intentions: generate more seeds")
+        shared = " of vehicles that no other side has" if settings.split.by == "vehicle" else ""
+        raise InputError(
+            f"the dataset's training seeds hold fewer than two known intentions{shared}: generate more seeds"
+        )
     return RunCard(
         complete=False, settings=settings, classes=tuple(i.text for i in KNOWN), split=sides,
         counts={i.text: int((label == i).sum()) for i in KNOWN},

@@ -14,7 +14,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.stored.archives import check_archive
-from isac_cosim.models.networks.checkpoints import READ_ERRORS, reason_of
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 
 OBJECTS = (
     "numpy.dtype",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -9,8 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isac_cosim.base import files
 from isac_cosim.base.errors import InputError, OutputError
-from isac_cosim.base.files import LOCK_FILE, claim, json_text, remove_partial, replace_file, write_json
+from isac_cosim.base.files import (
+    LOCK_FILE,
+    claim,
+    file_digest,
+    json_text,
+    remove_partial,
+    replace_file,
+    write_json,
+)
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -85,3 +95,21 @@ def test_a_file_is_refused_as_a_folder(tmp_path: Path) -> None:
         raise AssertionError("claimed")
     with pytest.raises(InputError, match="cannot be written"), claim(tmp_path / "file" / "run", "x", "run"):
         raise AssertionError("claimed")
+
+
+def test_a_digest_is_that_of_the_bytes_however_often_the_file_changes(tmp_path: Path) -> None:
+    """Also right after a change, which the file's times may not show."""
+    path = tmp_path / "file"
+    for number in range(50):
+        content = bytes([number]) * 1000
+        path.write_bytes(content)
+        assert file_digest(path) == hashlib.sha256(content).hexdigest()
+
+
+def test_a_file_that_has_settled_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"content")
+    monkeypatch.setattr(files, "SETTLED_S", -1.0)
+    digest = file_digest(path)
+    monkeypatch.setattr(files, "_digest_of", None)
+    assert file_digest(path) == digest

@@ -38,7 +38,7 @@ def as_schema(path: Path, version: int) -> None:
         flat = pa.array(in_plane(states_of(table[name]), *points).astype(np.float32).ravel())
         rows = pa.FixedSizeListArray.from_arrays(flat, type=field.type.value_type)
         table = table.set_column(place, field, pa.FixedSizeListArray.from_arrays(rows, type=field.type))
-    lacking = ["x0", "y0"]
+    lacking = ["x0", "y0", "tv_departed"]
     if version < 3:
         lacking += ["cause", "cause_ttc_s", "tv_run_in", *PASSING]
         origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]

@@ -19,13 +19,13 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import remove_partial
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN, Intention
-from isac_cosim.models.networks.checkpoints import READ_ERRORS, reason_of
 from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 

@@ -13,8 +13,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.threads import limited
 from isac_cosim.base.versions import OF_EPISODES, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement import measuring
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms

@@ -13,7 +13,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ class Track:
     lane_lat: offset of the vehicle from the lane's centre line, positive to the left in the plane, m.
     onward: the edges outside of junctions that the vehicle had still to drive when the recording ended, in order, the
     latest one that it drove or earlier ones possibly among them; none for one that arrived before. None if not known.
+    departed: when the demand lets the vehicle depart, s of simulation time; NaN if not known.
     """
 
     vehicle: str
@@ -43,6 +45,7 @@ class Track:
     lane_pos: Array
     lane_lat: Array
     onward: tuple[str, ...] | None = None
+    departed: float = nan
 
     def __len__(self) -> int:
         return len(self.x)
@@ -119,8 +122,8 @@ class Recording:
         """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
         tracks = list(self.tracks.values())
         heads = [
-            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step", "onward")}
-            | {"n": len(t)}
+            {name: getattr(t, name) for name in HEAD}
+            | {"n": len(t), "departed": None if isnan(t.departed) else t.departed}
             for t in tracks
         ]
         text = json.dumps(
@@ -153,11 +156,12 @@ class Recording:
         tracks, start = {}, 0
         for track in head["tracks"]:
             end = start + track.pop("n")
-            onward = track.pop("onward", None)
+            onward, departed = track.pop("onward", None), track.pop("departed", None)
             tracks[track["vehicle"]] = Track(
                 **track,
                 **{name: columns[name][start:end] for name in COLUMNS},
                 onward=None if onward is None else tuple(onward),
+                departed=nan if departed is None else departed,
             )
             start = end
         return cls(
@@ -176,6 +180,8 @@ class Recording:
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
 """The columns of a track."""
+HEAD = ("vehicle", "kind", "length_m", "width_m", "first_step", "onward")
+"""What is stored once for each track, as it is."""
 
 
 @dataclass(frozen=True)

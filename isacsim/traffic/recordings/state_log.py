@@ -14,6 +14,7 @@ from __future__ import annotations
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -57,7 +58,7 @@ class StateLog(ABC):
         self._scenario = scenario
         self._step_s = step_s
         self._first = first
-        self._facts: dict[str, tuple[str, float, float]] = {}
+        self._facts: dict[str, tuple[str, float, float, float]] = {}
         self._parked: dict[str, list[tuple[int, int | None]]] = {}
         # Of the latest step: who departed, began to teleport, began to park, and is about to return to the road.
         self._departed: Sequence[str] = ()
@@ -85,10 +86,14 @@ class StateLog(ABC):
     @property
     def departed(self) -> Mapping[str, str]:
         """The SUMO vehicle class of each vehicle that has departed."""
-        return {name: kind for name, (kind, _, _) in self._facts.items()}
+        return {name: kind for name, (kind, *_) in self._facts.items()}
 
     def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
         """Take what is missing of the last step. Call after it, while SUMO is still running."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files. Tracks that have been returned stay valid, and no others can be had any more."""
 
     def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
         """Note which vehicles departed, parked, collided or teleported in this step.
@@ -99,7 +104,10 @@ class StateLog(ABC):
         direct, vehicle = sumo._libsumo, sumo.vehicle
         self._departed = direct.simulation_getDepartedIDList()
         for name in self._departed:
-            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
+            size = vehicle.getLength(name), vehicle.getWidth(name)
+            # When it was due: it may have waited for room.
+            due = vehicle.getDeparture(name) - vehicle.getDepartDelay(name)
+            self._facts[name] = (vehicle.getVehicleClass(name), *size, round(due, 3))
         for collision in direct.simulation_getCollisions():
             self.collided |= {collision.collider, collision.victim}
         self.parking = direct.simulation_getParkingStartingVehiclesIDList()
@@ -129,23 +137,25 @@ class StateLog(ABC):
     def tracks(self) -> dict[str, Track]:
         """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
 
-        Call after SUMO has ended.
+        Call once, after SUMO has ended. The files are closed.
         """
         tracks = {}
-        for name, first_step, block in self.blocks():
-            if name in self.collided or name in self.teleported:
-                continue
-            kind, length, width = self._facts[name]
-            tracks[name] = Track(
-                vehicle=name,
-                kind=kind,
-                length_m=length,
-                width_m=width,
-                first_step=first_step,
-                onward=None,
-                lane=np.asarray(block[-1].view(np.int64)),
-                **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
-            )
+        with closing(self):
+            for name, first_step, block in self.blocks():
+                if name in self.collided or name in self.teleported:
+                    continue
+                kind, length, width, departed = self._facts[name]
+                tracks[name] = Track(
+                    vehicle=name,
+                    kind=kind,
+                    length_m=length,
+                    width_m=width,
+                    first_step=first_step,
+                    onward=None,
+                    departed=departed,
+                    lane=np.asarray(block[-1].view(np.int64)),
+                    **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
+                )
         return tracks
 
 
@@ -176,6 +186,11 @@ class EveryStepLog(StateLog):
         self._states = self._path.open("rb")
         self._path.unlink()
 
+    def close(self) -> None:
+        """Close SUMO's file."""
+        if self._states is not None:
+            self._states.close()
+
     def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
         """Note what happened, as every log does. Raises InputError for a vehicle that SUMO does not write."""
         super().step(sumo, commanded)
@@ -188,10 +203,10 @@ class EveryStepLog(StateLog):
 
     def blocks(self) -> Iterator[tuple[str, int, Array]]:
         """Yield the states of each vehicle; only when SUMO has ended is its file complete."""
-        sorter = RowSorter()
-        for rows in self._batches():
-            sorter.add(*rows)
-        yield from sorter.blocks()
+        with closing(RowSorter()) as sorter:
+            for rows in self._batches():
+                sorter.add(*rows)
+            yield from sorter.blocks()
 
     def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
         """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
@@ -238,8 +253,12 @@ class BlockFile:
 
     def __init__(self) -> None:
         with writing_temporary():
-            self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed when the last view is gone
+            self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed by `close`
         self._written = 0
+
+    def close(self) -> None:
+        """Close the file. Views into it stay valid, and keep its content until the last one is gone."""
+        self._file.close()
 
     def write(self, block: Array) -> tuple[int, int]:
         """Append a block, shape (6, n). Returns its place: the index of its first value, and n."""
@@ -268,6 +287,10 @@ class RowSorter:
         self._vehicles: dict[str, _Vehicle] = {}
         self._present: set[str] = set()
         self._file = BlockFile()
+
+    def close(self) -> None:
+        """Close the temporary file. Blocks that have been yielded stay valid."""
+        self._file.close()
 
     def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Array) -> None:
         """Add rows: block[:, k] is the state of vehicle names[which[k]] at steps[k].

@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
 from isac_cosim.base import landlock
-from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
@@ -24,6 +24,7 @@ from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
 from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import one_line
 from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.driver_types import OurDrivers
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
 from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
@@ -32,6 +33,7 @@ from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog, StateLog
 from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning, heard, reason_of, warnings_in
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts, discarded
+from isac_cosim.isacsim.traffic.sources.one_simulation import HeldSimulation, TrafficError, refuse_a_second
 from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
 
 LOG_FILE = "messages.log"
@@ -39,6 +41,9 @@ STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
 MISSED_EXIT_S = 20.0
 """The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
+DRAWN_WITHIN_S = 60.0
+"""Departures that are drawn anew lie within this after those of the demand, s: within the run-in, so that traffic is as
+dense as it should be when the recording begins."""
 
 
 class TrafficSettings(Settings):
@@ -63,12 +68,15 @@ class TrafficSettings(Settings):
     )
     run_in_s: float = Field(90.0, ge=0.0, le=1e6, description="time simulated before the recording begins, s")
     duration_s: float = Field(240.0, gt=0.0, le=1e6, description="length of the recording, s")
+    demand: Literal["as_given", "drawn"] = Field(
+        "as_given",
+        description="drawn: every vehicle departs up to a minute later than the demand says, drawn anew in each seed",
+    )
+    drivers: Literal["theirs", "ours"] = Field(
+        "theirs", description="who drives the demand's cars and trucks: its own vehicle types, or our drivers"
+    )
     sway: SwaySettings = SwaySettings()
     speed_wander: SpeedWanderSettings = SpeedWanderSettings()
-
-
-class TrafficError(RunError):
-    """SUMO failed during a simulation. The message gives SUMO's reason in one line."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +84,16 @@ class Moment:
     """A running simulation just before one of its steps.
 
     sumo: the libsumo module. time_s: simulation time. recorded: whether the state at this time is recorded, as after
-    the run-in. steered: for the caller to name the vehicles that it commands in this step, so that their states are
-    taken from SUMO as often as those of vehicles that the director commands.
+    the run-in. held: the simulation, to check after other code has run that it is still the same. steered: for the
+    caller to name the vehicles that it commands in this step, so that their states are taken from SUMO as often as
+    those of vehicles that the director commands.
     """
 
     sumo: Any
     director: Director
     time_s: float
     recorded: bool
+    held: HeldSimulation
     steered: set[str] = field(default_factory=set)
 
 
@@ -92,7 +102,8 @@ def record(scenario: Scenario, seed: int, traffic: TrafficSettings, maneuvers: M
 
     Vehicles that collided or teleported have no track and are named in `incidents`. Equal arguments give equal
     recordings. Only one simulation can run in a process at a time. SUMO can write nothing but temporary files.
-    Raises InputError where SUMO refuses the scenario, TrafficError where it fails during the simulation.
+    Raises InputError where SUMO refuses the scenario or a simulation runs already, TrafficError where SUMO fails during
+    the simulation.
     """
     return landlock.confined(lambda: _record(record_stepwise(scenario, seed, traffic, maneuvers)))
 
@@ -111,7 +122,8 @@ def record_stepwise(
 ) -> Generator[Moment, None, Recording]:
     """Do what `record` does, and pause before every step, so that the caller can read and command vehicles.
 
-    Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation.
+    Yields a `Moment` before each step, run-in included; returns the recording. Closing it ends the simulation. Raises
+    TrafficError as well where the caller has ended or stepped the simulation.
     """
     warnings: list[SumoWarning] = []
     given_up = 0
@@ -120,14 +132,16 @@ def record_stepwise(
     last = first + round(traffic.duration_s / traffic.step_s)
     log = state_log(scenario, traffic, first)
     with session(scenario, seed, traffic, warnings, log) as sumo:
+        held = HeldSimulation.present(sumo)
         rng = stream("maneuvers", scenario.name, seed)
         director = Director(maneuvers, scenario.sites, scenario.origin, rng, traffic.step_s, lefthand=scenario.lefthand)
         lasts_s = (last - begin) * traffic.step_s
         wander = SpeedWander(traffic.speed_wander, traffic.step_s, lasts_s, scenario.name, seed)
         try:
             for step in range(begin, last):
-                moment = Moment(sumo, director, step * traffic.step_s, step >= first)
+                moment = Moment(sumo, director, step * traffic.step_s, step >= first, held)
                 yield moment
+                held.check(moment.time_s, traffic.step_s)
                 wander.step(sumo, director.steered | moment.steered if wander.due else ())
                 director.step(sumo, step * traffic.step_s)
                 sumo.simulationStep()
@@ -195,28 +209,38 @@ def session(
     """A running libsumo simulation of a scenario, closed at the end. Yields the libsumo module.
 
     warnings: takes SUMO's warnings, by kind, at the end.
-    log: receives the states, and can return tracks once the session has ended.
-    Raises InputError where SUMO refuses the scenario, its step is not `traffic.step_s`, or it does not begin at a whole
-    number of steps.
+    log: receives the states, and can return tracks once the session has ended; closed where it ends before its time.
+    Raises InputError where a simulation runs already, where SUMO refuses the scenario, where its step is not
+    `traffic.step_s`, or where it does not begin at a whole number of steps.
     """
     libsumo = load_libsumo()
+    refuse_a_second(scenario.name)
     with TemporaryFolder(landlock.folder()) as temporary, _guarded(scenario):
         folder = temporary.path
-        handover = Handover(folder)
+        ours = OurDrivers((scenario.name, seed)) if traffic.drivers == "ours" else None
+        handover = Handover(folder, ours.replaced if ours else None)
 
         def handed(*files: Path) -> str:
             with writing_temporary():
                 return ",".join(str(handover.path_of(file)) for file in files)
 
-        def demand(file: Path) -> str:
+        def demand_file(file: Path) -> str:
             with writing_temporary():
                 return str(in_order(file, handover.path_of(file), folder, scenario.begin_s))
 
+        additional = handed(*scenario.additional)  # SUMO reads these first
+        demand = ",".join(map(demand_file, scenario.demand))
+        if ours and (default_type := ours.default_type()):
+            with writing_temporary():
+                path = folder / "default-type.add.xml"
+                path.write_text(default_type, encoding="utf-8")
+            additional = ",".join(filter(None, (str(path), additional)))
         options = {
             **scenario.kept,
+            **({"random-depart-offset": f"{DRAWN_WITHIN_S:g}"} if traffic.demand == "drawn" else {}),
             "net-file": handed(scenario.network),
-            "route-files": ",".join(map(demand, scenario.demand)),
-            "additional-files": handed(*scenario.additional),
+            "route-files": demand,
+            "additional-files": additional,
             "begin": in_full(scenario.begin_s),
             "step-length": in_full(traffic.step_s),
             "default.action-step-length": in_full(traffic.action_step_s),
@@ -242,15 +266,21 @@ def session(
             with reading(f"scenario {scenario.name}, seed {seed}", files), heard(folder) as said:
                 libsumo.start(["sumo", *_arguments(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            libsumo.close()  # what it had loaded by then stays open otherwise
             reason = reason_of(error, said, folders)
             raise InputError(f"SUMO refuses scenario {scenario.name} ({reason}): fix its files") from None
+        held = HeldSimulation.present(libsumo)
         try:
             if log:
                 log.attach()
             _check_times(libsumo, scenario, traffic.step_s)
             yield libsumo
+        except BaseException:  # also where the caller stops before the end
+            if log:
+                log.close()
+            raise
         finally:
-            libsumo.close()
+            held.close()
             if warnings is not None:
                 with (folder / LOG_FILE).open(encoding="utf-8", errors="replace") as lines:
                     warnings += warnings_in(lines, folders)

@@ -11,7 +11,7 @@ import numpy as np
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
-from isac_cosim.base.threads import limited
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.models.data.clips import Clip, load_clips
 from isac_cosim.models.predictors.castformer import CastformerCore

@@ -23,8 +23,8 @@ from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import write_json
 from isac_cosim.base.settings import Settings, read_json
-from isac_cosim.base.threads import limited
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.evaluation.on_windows.predictions import Predictions, predict
 from isac_cosim.evaluation.statistics import Counts

@@ -37,6 +37,19 @@ def test_a_claimed_shape_that_is_not_held_is_refused(tmp_path: Path, shape: tupl
         read_arrays(tmp_path / "claim.npz")
 
 
+def test_a_header_that_is_no_header_is_refused(tmp_path: Path) -> None:
+    """A bracket more, over which numpy's reader stumbles."""
+    claiming(tmp_path / "claim.npz", (1,))
+    content = (tmp_path / "claim.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "claim.npz") as archive:
+        header = archive.read("a.npy")
+    assert header in content
+    with zipfile.ZipFile(tmp_path / "claim.npz", "w") as archive:
+        archive.writestr("a.npy", header.replace(b"(1,)", b"((1,"))
+    with pytest.raises(ValueError, match="a: does not say what it holds"):
+        read_arrays(tmp_path / "claim.npz")
+
+
 def test_objects_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "objects.npz", a=np.array([{}], object))
     with pytest.raises(ValueError, match="a: holds Python objects"):

@@ -105,6 +105,14 @@ def test_whatever_a_file_holds_nothing_of_it_writes(
             assert node.get("key") not in ("device.toc.file", "file")
 
 
+def test_what_lies_within_metadata_does_not_reach_sumo(tmp_path: Path) -> None:
+    """SUMO does not read the element itself, but would read the elements inside it."""
+    (tmp_path / "a.xml").write_text(
+        '<additional><metadata file="m"><edgeData id="e" file="out.xml"/></metadata></additional>'
+    )
+    assert [node.tag for node in given_to_sumo(tmp_path / "a.xml", tmp_path / "copies").iter()] == ["additional"]
+
+
 def test_values_come_through_unchanged(tmp_path: Path) -> None:
     value = "a \"b\" 'c' <&> ü \t\n €  "
     root = ET.Element("additional")

@@ -76,6 +76,10 @@ CHANGES: dict[str, tuple[Callable[[pa.Table], pa.Table], str]] = {
     "labels of 99": (with_column("label", same(99, pa.int8())), "label: is not an intention"),
     "a number for a text": (with_column("label", same(1.5, pa.float64())), "label: the column is of double"),
     "an unknown intention": (with_column("intention", same("loop", pa.string())), "intention: is not an intention"),
+    "other origins": (
+        with_column("origin", same("commanded", pa.string())),
+        "origin: the numbers of samples by origin",
+    ),
     "an unknown origin": (with_column("origin", same("divine", pa.string())), "origin: is not one of"),
     "NaN in tv": (with_column("tv", with_nan), "tv: holds values that are not finite"),
     "shorter records": (with_column("tv", shorter), "tv: the column is of"),

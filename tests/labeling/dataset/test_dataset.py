@@ -124,7 +124,7 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "cause_ttc_s": "float", "t_start": "double",
         "t_onset": "double", "t_commit": "double", "t_end": "double", "pull_out": "string", "t_pass": "double",
         "t_pair_end": "double", "sensor": "string", "snr_db": "float",
-        "n_sites": "int8", "x0": "double", "y0": "double",
+        "n_sites": "int8", "x0": "double", "y0": "double", "tv_departed": "double",
         "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
         "tv_run_in": states.format(20),
     }  # fmt: skip
@@ -139,7 +139,7 @@ def test_every_column_is_documented() -> None:
     documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
     columns = schema(2000, 500, 200)
     assert list(documented) == columns.names
-    units = {"t_": "s", "cause_ttc_s": "s", "snr_db": "dB", "x0": "m", "y0": "m"}
+    units = {"t_": "s", "tv_departed": "s", "cause_ttc_s": "s", "snr_db": "dB", "x0": "m", "y0": "m"}
     units |= dict.fromkeys(("tv", "uv"), "m, m/s, m/s²")
     for field in columns:
         kind, unit, meaning = documented[field.name]
@@ -159,7 +159,7 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
     times = {"t_start", "t_onset", "t_commit", "t_end", "t_pass", "t_pair_end"}
-    assert split == {"cause_ttc_s", *times, "snr_db", "x0", "y0", *ARRAYS}
+    assert split == {"cause_ttc_s", *times, "snr_db", "x0", "y0", "tv_departed", *ARRAYS}
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:

@@ -182,6 +182,8 @@ class TraCIException(Exception): pass
 class FatalTraCIError(Exception): pass
 def start(words): ctypes.string_at(0)
 def close(): pass
+class simulation:
+    isLoaded = staticmethod(lambda: False)
 def getVersion(): return (22, "SUMO 1.28.0")
 """
 

@@ -292,13 +292,13 @@ def test_a_training_in_bfloat16_answers_in_float32(records: Records, tmp_path: P
 @pytest.mark.parametrize("devices", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_training_that_diverges_ends_in_one_line(records: Records, tmp_path: Path, devices: int) -> None:
     """It says where, and what helps; the run is not finished."""
-    wild = {"learning_rate": 1e30, "clip_norm": 0.0, "schedule": "constant", "devices": devices}
+    wild = {"learning_rate": 1e9, "clip_norm": 0.0, "schedule": "constant", "devices": devices}
     content = SMALL_RUN.model_dump()
     settings = TrainSettings.model_validate({**content, "optimiser": {**content["optimiser"], **wild}})
     with pytest.raises(
         RunError,
         match=r"asi-bip: the loss of (validation )?batch \d+ in epoch 1 is (nan|inf): the training stopped; lower "
-        r"training\.optimiser\.learning_rate, now 1e\+30, and clip gradients \(clip_norm = 1\)$",
+        r"training\.optimiser\.learning_rate, now 1000000000\.0, and clip gradients \(clip_norm = 1\)$",
     ):
         train_records(records, MADE_OF, tmp_path / "run", settings)
     with pytest.raises(InputError, match="not finished"):

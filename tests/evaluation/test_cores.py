@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from isac_cosim.evaluation.in_traffic.alarms.background import KeptTrees
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models.runs.run import load_run
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train
-from isac_cosim.models.trees.kept_trees import KeptTrees
 from tests.support.made_up_dataset import write_dataset
 
 QUICK = {"windows": {"window_s": 1.2}, "preludes": {"rounds": 3}, "optimiser": {"epochs": 1}, "trees": {"rounds": 3}}
