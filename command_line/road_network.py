@@ -68,9 +68,10 @@ def network_sites(
     from isac_cosim.isacsim.scenarios.making import add_sites, has_own_demand
     from isac_cosim.isacsim.scenarios.scenario import load_without_sites
 
+    placement = opt.placement_of(spacing, set_back, height, vehicles)
     of_demand = {"--vehicles": vehicles, "--seed": seed}
     given = [option for option, value in of_demand.items() if value is not None]
     if given and has_own_demand(load_without_sites(scenario)):
         raise InputError(f"{given[0]} applies to demand that is made, and {scenario} has its own: remove the option")
-    new_scenario = add_sites(scenario, out, *opt.placement_of(spacing, set_back, height, vehicles), seed or 0)
+    new_scenario = add_sites(scenario, out, *placement, seed or 0)
     output.print_json(as_json, output.show_scenario(new_scenario, scenario, output.console_of(quiet)))

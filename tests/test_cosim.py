@@ -53,6 +53,8 @@ def bad(tmp_path: Path) -> Path:
     (tmp_path / "key.toml").write_text("[dataset]\nsede = 3\n")
     (tmp_path / "range.toml").write_text("[dataset.sensing.channel]\nsnr_range_db = [9, 3]\n")
     (tmp_path / "type.toml").write_text('[training.optimiser]\nepochs = "many"\n')
+    (tmp_path / "wide.toml").write_text("[dataset]\n", encoding="utf-16")
+    (tmp_path / "marked.toml").write_text("[dataset]\nsede = 3\n", encoding="utf-8-sig")
     (tmp_path / "broken.toml").write_text("[dataset\n")
     return tmp_path
 
