@@ -30,7 +30,7 @@ class TrackingSettings(Settings):
     gate: float = Field(
         1000.0,
         gt=0,
-        le=1e6,
+        le=1e15,
         description="A fix whose normalised innovation squared exceeds this is an outlier and is not used; far above "
         "chi-square, so that an unexpected maneuver is never mistaken for an outlier.",
     )

@@ -97,7 +97,7 @@ def test_a_forged_card_is_refused(network: Path, change: str) -> None:
 def test_a_network_of_terabytes_is_refused_without_taking_memory(network: Path) -> None:
     path = network / "run.json"
     content = json.loads(path.read_text())
-    content["settings"]["asi_bip"] |= {"width": 2**20, "hidden": 2**20}
+    content["settings"]["asi_bip"] |= {"width": 2**16, "hidden": 2**16}
     path.write_text(json.dumps(content))
     reseal(path)
     with pytest.raises(InputError, match=r"weights\.pt: .*is float32"):
