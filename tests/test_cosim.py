@@ -76,7 +76,7 @@ BAD = {
     "generate motorway -o new --snr 10:0": "--snr 10:0: is not a range",
     "generate motorway -o new --snr loud": "--snr loud: is not a range",
     "generate motorway -o new --snr 0:nan": "--snr 0:nan: is not a range",
-    "generate motorway -o new --snr 0:900": "snr_range_db 0:900 is no range",
+    "generate motorway -o new --snr 0:900": "snr_range_db.1: must be at most 80, not 900",
     "generate motorway -o new --seeds 5": "--seeds 5: is not a range",
     "generate motorway -o new --seeds=-3:2": "seeds.first",
     "generate motorway -o new --windows 0": "--windows",

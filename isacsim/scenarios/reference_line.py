@@ -11,7 +11,6 @@ by v^2 w^2 / (2 pi A): by 0.1 m for 3 degrees at 30 m/s and 3.5 m/s2, and by 1.2
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Self
@@ -57,8 +56,7 @@ class RoundingSettings(Settings):
         0.2,
         gt=0.0,
         le=9.0,
-        description="acceleration that evening out the largest shift along the road takes, where lengths of lanes and "
-        "of their shapes differ, m/s2",
+        description="largest change of speed where lengths of lanes and of their shapes differ, m/s2",
     )
     max_shift_m: float = Field(
         1.0, ge=0.0, le=5.0, description="neither moves a vehicle by more than this, m; 0 leaves the road as it is"
@@ -208,28 +206,6 @@ def stretches(
         if max(float(stretch.widths.max(initial=0.0)) for stretch in rounded) < enough:
             break
     return [stretch for stretch in rounded if stretch.widths.any()]
-
-
-def evened(surplus: Array, speeds: Array, settings: RoundingSettings) -> Array:
-    """Return how much further along its road than it has driven a vehicle is, m, with steps and kinks smoothed, (n,).
-
-    surplus: that of the road as it is, at every `STEP_M` driven, m, (n,). speeds: of the vehicle there, m/s, (n,).
-    A step of height h that is smoothed with a standard deviation of t (s) takes up to 0.242 h / t^2, a kink of the
-    speed by c takes 0.399 c / t. The kernel is as long as the largest step that may be moved, twice `max_shift_m`,
-    needs to take `along_mps2`: 1.6 s by default, with which a kink of 0.8 m/s takes as much.
-    """
-    time_s = np.sqrt(STEEPEST * 2.0 * settings.max_shift_m / settings.along_mps2)
-    widths = np.minimum(_envelope(time_s * speeds), WIDTHS_M[-1])
-    bends = np.abs(np.diff(surplus, 2)).sum() / STEP_M
-    if bends * widths.max() < UNEVEN_M:
-        return surplus
-    return np.asarray(Smoothing(surplus.astype(np.complex128)).at(widths).real)
-
-
-STEEPEST = 1.0 / math.sqrt(2.0 * math.pi * math.e)
-"""Largest slope of the normal density of standard deviation 1."""
-UNEVEN_M = 0.001
-"""Where smoothing could move no vehicle by as much as this, nothing is smoothed, m."""
 
 
 def is_gentle(values: ComplexArray | Array, speeds: Array, width_s: float, limit_mps2: float) -> BoolArray:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray
 from isac_cosim.isacsim.scenarios.lane import Lane
-from isac_cosim.isacsim.scenarios.reference_line import STEP_M, RoundingSettings, evened, stretches
+from isac_cosim.isacsim.scenarios.reference_line import STEP_M, RoundingSettings, stretches
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 
 CHANGE_S, CHANGE_M = 3.0, 20.0
@@ -26,8 +26,6 @@ CHANGE_S, CHANGE_M = 3.0, 20.0
 and after the vehicle crosses the marking. Its own lateral acceleration is 0.5 m/s2 or less then."""
 SLOWEST_MPS = 3.5
 """Roads are rounded for vehicles of at least this speed, m/s: slower ones do not turn more sharply."""
-UNMOVED_M = 0.001
-"""No vehicle is moved along its road by less than this, m."""
 SHARPEST = 0.1
 """A road turns back at once where the sum of two unit vectors along it is shorter than this."""
 
@@ -170,18 +168,24 @@ def _even_progress(progress: Array, track: Track, step_s: float, settings: Round
     All lanes of an edge have one length in SUMO, whatever that of their shapes is. In the plane, a vehicle is therefore
     faster on some lanes than on others, its speed steps where the lane ends, and a change of lane moves it along the
     road. A rounded corner is shorter than the one on which SUMO measures.
-    progress: that of the positions in the plane, m, shape (n,). It stays as it is where it would hardly change.
+    progress: that of the positions in the plane, m, shape (n,). It stays as it is where the speed in the plane differs
+    little from SUMO's.
     """
     driven = np.concatenate([[0.0], np.cumsum((track.speed[1:] + track.speed[:-1]) / 2.0 * step_s)])
     grid = np.arange(0.0, driven[-1], STEP_M)
-    if len(grid) < 3 or settings.max_shift_m == 0.0:
+    if len(grid) < 3:
         return progress
-    surplus = np.interp(grid, driven, progress - driven)
-    smooth = evened(surplus, np.maximum(np.interp(grid, driven, track.speed), SLOWEST_MPS), settings)
-    # The grid ends up to a step before the track does.
-    wanted = driven + np.interp(driven, grid, smooth)
-    shift = np.where(driven <= grid[-1], np.clip(wanted - progress, -settings.max_shift_m, settings.max_shift_m), 0.0)
-    return np.asarray(progress + shift - np.clip(shift, -UNMOVED_M, UNMOVED_M))
+    surplus = np.interp(grid, driven, progress - driven).astype(np.complex128)
+    speeds = np.maximum(np.interp(grid, driven, track.speed), SLOWEST_MPS)
+    wanted = progress.copy()
+    for stretch in stretches(surplus, speeds, settings.width_s, settings.along_mps2, settings.max_shift_m):
+        widened = np.zeros(len(grid))
+        widened[stretch.span] = stretch.widths
+        smooth = surplus.real.copy()
+        smooth[stretch.span] = stretch.line.at(stretch.widths).real
+        rows = (np.interp(driven, grid, widened) > 0.0) & (driven <= grid[-1])
+        wanted[rows] = driven[rows] + np.interp(driven[rows], grid, smooth)
+    return wanted
 
 
 def lane_headings(lanes: Sequence[Lane], lane: npt.NDArray[np.integer[Any]], lane_pos: Array) -> ComplexArray:
