@@ -58,7 +58,9 @@ def dataset_study(
     scenarios: may be empty where the source has a scenario of its own. source: name of the motion source. natural:
     leave the drivers alone. drivers, demand: as in `TrafficSettings`.
     """
-    _refuse_given({"--natural": natural and source != "sumo"}, "drivers of SUMO's traffic: remove it, or --source")
+    _refuse_given(
+        {"--natural": natural and source != "sumo"}, f"drivers of SUMO's traffic: remove it, or --source {source}"
+    )
     if not scenarios and source not in OWN_SCENARIO:
         raise InputError("Missing argument 'SCENARIO': name a bundled scenario, a folder, a .sumocfg or a .net.xml")
     content: dict[str, Any] = {
