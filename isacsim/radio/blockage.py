@@ -15,7 +15,7 @@ from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.traffic.motion import MotionSettings, positions
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.isacsim.traffic.road_coordinates import lane_headings
 
 CAR_HEIGHT_M = 1.6
@@ -27,11 +27,6 @@ CAR_KINDS = (
     "custom1", "custom2",
 )  # fmt: skip
 """SUMO vehicle classes of cars. All other classes are taken for CAR_HEIGHT_M high, too, for want of a better value."""
-
-
-def height_m(kind: str) -> float:
-    """Return the height of a vehicle of a SUMO vehicle class, m."""
-    return TRUCK_HEIGHT_M if kind in HIGH_KINDS else CAR_HEIGHT_M
 
 
 @dataclass(frozen=True)
@@ -52,6 +47,23 @@ class Blockers:
     width_m: Array
     height_m: Array
     begin_s: float = 0.0
+
+    @classmethod
+    def of(
+        cls, tracks: Sequence[Track], step_s: float, x: Array, y: Array, heading: Array, begin_s: float = 0.0
+    ) -> Blockers:
+        """Return the vehicles of some tracks where they are. tracks: V of them, for names and sizes."""
+        return cls(
+            tuple(track.vehicle for track in tracks),
+            step_s,
+            x,
+            y,
+            heading,
+            length_m=np.array([track.length_m for track in tracks]),
+            width_m=np.array([track.width_m for track in tracks]),
+            height_m=np.array([TRUCK_HEIGHT_M if track.kind in HIGH_KINDS else CAR_HEIGHT_M for track in tracks]),
+            begin_s=begin_s,
+        )
 
 
 def blockers_of(
@@ -85,17 +97,7 @@ def blockers_of(
         x[vehicle, on_road], y[vehicle, on_road] = positions(recording, track, steps[on_road], motion)
         along = lane_headings(recording.lanes, track.lane[rows], track.lane_pos[rows])
         heading[vehicle, on_road] = np.stack([along.real, along.imag], axis=1)
-    return Blockers(
-        ids=tuple(present),
-        step_s=every_steps * recording.step_s,
-        x=x,
-        y=y,
-        heading=heading,
-        length_m=np.array([track.length_m for track in present.values()]),
-        width_m=np.array([track.width_m for track in present.values()]),
-        height_m=np.array([height_m(track.kind) for track in present.values()]),
-        begin_s=-run_in_s,
-    )
+    return Blockers.of(list(present.values()), every_steps * recording.step_s, x, y, heading, -run_in_s)
 
 
 def blockage_db(

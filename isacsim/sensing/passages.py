@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.radio.blockage import Blockers, blockers_of, height_m
+from isac_cosim.isacsim.radio.blockage import Blockers, blockers_of
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.sensing.reports import ReportSettings
 from isac_cosim.isacsim.traffic.motion import MotionSettings
@@ -104,17 +104,9 @@ class Piece:
         known = [name for name in self.names if name not in without]
         middle = self.tv[[self.place[name] for name in known]][:, :, self.tv.shape[2] // 2]
         speed = np.maximum(np.hypot(middle[:, 2], middle[:, 3]), 1e-9)
+        heading = middle[:, 2:4] / speed[:, None]
         tracks = [self.lanes.tracks[name] for name in known]
-        return Blockers(
-            ids=known,
-            step_s=1.0,
-            x=middle[:, :1],
-            y=middle[:, 1:2],
-            heading=(middle[:, 2:4] / speed[:, None])[:, None],
-            length_m=np.array([track.length_m for track in tracks]),
-            width_m=np.array([track.width_m for track in tracks]),
-            height_m=np.array([height_m(track.kind) for track in tracks]),
-        )
+        return Blockers.of(tracks, 1.0, middle[:, :1], middle[:, 1:2], heading[:, None])
 
 
 @dataclass(frozen=True)
