@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,25 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 digest of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def digests_of(files: Iterable[Path]) -> dict[str, str]:
+    """Return the SHA-256 digest of each file, by its path from the folder that all of them lie in.
+
+    Raises InputError if a file cannot be read.
+    """
+    whole = [Path(os.path.abspath(path)) for path in files]
+    common = os.path.commonpath([path.parent for path in whole]) if whole else ""
+    try:
+        return {path.relative_to(common).as_posix(): file_digest(path) for path in whole}
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror}); make it readable") from None
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources import kinematic as kinematics
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.feedback import SILENT
-from isac_cosim.base.settings import checked
+from isac_cosim.base.settings import checked, merged
 from isac_cosim.evaluation.on_windows.metrics import accuracy, confusion, f1_scores, mean_f1
 from isac_cosim.evaluation.statistics import Counts, score
 from isac_cosim.isacsim.sensing.reports import report
@@ -45,7 +45,7 @@ from isac_cosim.models.predictors.protocol import FitTask, Predictor, WindowShap
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies.reproduction.asi_bip.stages import study_of
-from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP, merged
+from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP
 
 FIRST_SEED = 900_001
 """First of the development seeds; no reproduction uses them."""

@@ -21,7 +21,7 @@ from typing import Any
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy

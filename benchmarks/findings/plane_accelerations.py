@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.motion import MotionSettings, across_travel, on_rounded_road, states
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

@@ -29,7 +29,7 @@ from isac_cosim.evaluation.in_traffic.measurement.evaluation import study_of
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import KNOWN

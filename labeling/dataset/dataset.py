@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
+from isac_cosim.base.files import file_digest, replace_file
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.labeling.dataset.meta import (
@@ -46,7 +46,6 @@ from isac_cosim.labeling.dataset.shard import (
     Episode,
     Sample,
     Shard,
-    file_digest,
     pull_outs_digest,
     read_shard,
     read_table,

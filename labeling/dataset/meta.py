@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
+from isac_cosim.base.files import file_digest, replace_file
 from isac_cosim.base.settings import Settings, checked, read_json
-from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE, file_digest
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, SCHEMA_VERSION, STATE
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
 META_FILE = "dataset.json"
+FORGOTTEN = 1
+"""The schema version that is read no longer."""
 
 
 class SiteMeta(Settings):
@@ -29,14 +33,15 @@ class SiteMeta(Settings):
 class ScenarioMeta(Settings):
     """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
 
-    source: the scenario as the user named it. sha256: digest of its input files, and of
-    its begin and its options that shape the traffic. origin: the origin of its plane in
-    SUMO's coordinates, m.
+    source: the scenario as the user named it. inputs: the digest of each file and of what else its recordings depend
+    on, by name; empty in earlier datasets. sha256: digest of all of them. origin: the origin of its plane in SUMO's
+    coordinates, m.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")
     source: str
     sha256: str
+    inputs: dict[str, str] = Field(default_factory=dict)
     origin: tuple[float, float]
     sites: tuple[SiteMeta, ...]
 
@@ -60,7 +65,7 @@ class Meta(Settings):
     that they were sensed anew with (isac_cosim.labeling.generation.resense), None if they were generated.
     """
 
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    schema_version: Literal[2, 3] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES
@@ -132,9 +137,13 @@ def read_description(folder: Path) -> Meta | None:
     """Return a folder's `dataset.json` without the index, None if there is none.
 
     Former versions had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
-    file is damaged.
+    file is damaged, or was written by a version that is read no longer.
     """
-    return read_json(Meta, folder / META_FILE)
+    path = folder / META_FILE
+    with suppress(OSError, ValueError):
+        if json.loads(path.read_bytes())["schema_version"] == FORGOTTEN:
+            raise InputError(f"{path}: was written by version 0.1.0, which is read no longer; generate it anew")
+    return read_json(Meta, path)
 
 
 def read_meta(folder: Path) -> Meta | None:

@@ -6,7 +6,6 @@ bytes, so that the SHA-256 digests of two shards show whether they hold the same
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
+from isac_cosim.base.files import file_digest, replace_file
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
 from isac_cosim.labeling.intentions import Intention
@@ -32,10 +31,10 @@ SCHEMA_VERSION: Literal[3] = 3
 follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
 `tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
 schema 3."""
-READABLE = (1, 2, 3)
+READABLE = (2, 3)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
-"""Origins of schemas 1 and 2, and what they are called now."""
+"""Origins of schema 2, and what they are called now."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
 RUN_IN = "tv_run_in"
@@ -106,7 +105,7 @@ class Episode(Settings):
 
     scenario: str
     seed: int
-    schema_version: Literal[1, 2, 3] = SCHEMA_VERSION
+    schema_version: Literal[2, 3] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -343,12 +342,6 @@ def _describe(path: Path, table: pa.Table, episode: Episode) -> Shard:
         by_origin=_count(table["origin"].to_pylist()),
         episode=episode,
     )
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:

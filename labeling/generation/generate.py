@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -18,8 +16,8 @@ from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
-from isac_cosim.isacsim.scenarios.sumo_files import with_includes
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
+from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, motion_source
 from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
     SHARDS,
@@ -59,12 +57,12 @@ def generate(
     """
     source = source or motion_source(study)
     scenarios = read_scenarios(study, source)
-    started = describe(study, scenarios)
+    started = describe(study, scenarios, source)
+    jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
     with claimed(out, started):
         for name, scenario in scenarios.items():
             if scenario.overridden:
                 feedback.message(overridden(name, scenario.overridden))
-        jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
@@ -132,7 +130,7 @@ def _work(
     try:
         ready()
         scenario = _load(source, job.where)
-        recording = source.record(scenario, job.seed)
+        recording = recorded(source, scenario, job.seed)
         return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
     except (InputError, OutputError) as error:
         return error
@@ -164,16 +162,19 @@ def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> d
     return scenarios
 
 
-def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
+def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: MotionSource | None = None) -> Meta:
     """Return the `dataset.json` of a dataset that has no episodes yet.
 
-    scenarios: as `read_scenarios` returns them. Raises InputError if a scenario's name cannot be part of a file name.
+    scenarios: as `read_scenarios` returns them. source: where motion comes from; by default, the one that the study
+    names. Raises InputError if a scenario's name cannot be part of a file name, or a file cannot be read.
     """
+    source = source or motion_source(study)
     content = study.model_dump(mode="json")
-    installed = versions(OF_DATASETS)
+    package = MOTION_SOURCES.package(study.source)
+    installed = versions(OF_DATASETS if package is None else (*OF_DATASETS, package))
     described = tuple(
-        _describe_scenario(source, scenario)
-        for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
+        _describe_scenario(where, scenario, source.inputs(scenario))
+        for where, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
         complete=False,
@@ -188,25 +189,22 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     )
 
 
-def _describe_scenario(source: str, scenario: Scenario) -> ScenarioMeta:
-    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it."""
-    digest = hashlib.sha256()
-    for path in (scenario.network, *scenario.demand, *scenario.additional):
-        for part in with_includes(path):
-            digest.update(f"{part.name} {part.stat().st_size}\n".encode())
-            digest.update(part.read_bytes())
-    if scenario.begin_s or scenario.kept:
-        digest.update(json.dumps([scenario.begin_s, dict(scenario.kept)], sort_keys=True).encode())
+def _describe_scenario(where: str, scenario: Scenario, inputs: Mapping[str, str]) -> ScenarioMeta:
+    """Return a scenario's entry in `dataset.json`.
+
+    where: the scenario as the study names it. inputs: digests of what its recordings depend on, by name.
+    """
+    digest = fingerprint(dict(inputs))
     sites = tuple(
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
     try:
         return ScenarioMeta(
-            name=scenario.name, source=source, sha256=digest.hexdigest(), origin=scenario.origin, sites=sites
+            name=scenario.name, source=where, sha256=digest, inputs=dict(inputs), origin=scenario.origin, sites=sites
         )
     except ValidationError:
         raise InputError(
-            f"{source}: the scenario's name {scenario.name!r} cannot be part of a file name; "
+            f"{where}: the scenario's name {scenario.name!r} cannot be part of a file name; "
             "use letters, digits, '-', '_' and '.'"
         ) from None

@@ -39,7 +39,7 @@ from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missi
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE
 from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
 from isac_cosim.labeling.generation.folder import fingerprint
 from isac_cosim.labeling.generation.generate import describe

@@ -5,10 +5,8 @@ The states are raw and must not be differentiated. `isacsim.traffic.motion` cond
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -111,59 +109,6 @@ class Recording:
         """Return the simulation time of each row of a track, s, shape (n,)."""
         return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)
 
-    def save(self, path: Path) -> None:
-        """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
-        tracks = list(self.tracks.values())
-        heads = [
-            {name: getattr(t, name) for name in ("vehicle", "kind", "length_m", "width_m", "first_step")}
-            | {"n": len(t)}
-            for t in tracks
-        ]
-        text = json.dumps(
-            {
-                "scenario": self.scenario,
-                "seed": self.seed,
-                "step_s": self.step_s,
-                "lanes": [asdict(lane) | {"shape": lane.shape.tolist()} for lane in self.lanes],
-                "tracks": heads,
-                "commands": [asdict(command) for command in self.commands],
-                "incidents": asdict(self.incidents),
-                "warnings": self.warnings,
-                "lefthand": self.lefthand,
-                "parked": self.parked,
-            }
-        )
-        columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
-        np.savez_compressed(path, head=np.array(text), **columns)
-
-    @classmethod
-    def load(cls, path: Path) -> Recording:
-        """Read a recording that `save` wrote. Nothing in the file is executed."""
-        with np.load(path, allow_pickle=False) as file:
-            head = json.loads(str(file["head"]))
-            columns = {name: file[name] for name in COLUMNS}
-        lanes = tuple(
-            Lane(**(lane | {"shape": np.array(lane["shape"]), "successors": tuple(lane["successors"])}))
-            for lane in head["lanes"]
-        )
-        tracks, start = {}, 0
-        for track in head["tracks"]:
-            end = start + track.pop("n")
-            tracks[track["vehicle"]] = Track(**track, **{name: columns[name][start:end] for name in COLUMNS})
-            start = end
-        return cls(
-            scenario=head["scenario"],
-            seed=head["seed"],
-            step_s=head["step_s"],
-            lanes=lanes,
-            tracks=tracks,
-            commands=tuple(Command(**command) for command in head["commands"]),
-            incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
-            warnings=head.get("warnings", 0),
-            lefthand=head.get("lefthand", False),
-            parked={name: tuple((a, b) for a, b in stays) for name, stays in head.get("parked", {}).items()},
-        )
-
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
 """The columns of a track."""
@@ -192,7 +137,7 @@ class LabelledRecording(Recording):
     """A recording with the maneuvers that its source generated.
 
     Each maneuver becomes one sample with the generated label. The detectors run as well, to be compared with these
-    labels (`labeling.samples.generated_labels`). `save` stores the motion only.
+    labels (`labeling.samples.generated_labels`).
     """
 
     maneuvers: tuple[GeneratedManeuver, ...] = ()

@@ -18,10 +18,11 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import one_line, without_outputs
-from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.director import Director
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import let_stops_last
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording
 from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog, StateLog

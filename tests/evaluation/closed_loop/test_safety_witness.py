@@ -14,7 +14,7 @@ from defusedxml import ElementTree
 
 from isac_cosim.evaluation.closed_loop.safety import driving_of
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle

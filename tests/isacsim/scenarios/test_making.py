@@ -18,7 +18,7 @@ from isac_cosim.isacsim.scenarios.scenario import bundled, load, resolved
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place
 from isac_cosim.isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
 from isac_cosim.isacsim.sensing.chain import LEAST_SITES, ViewSettings, assign
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 

@@ -30,7 +30,7 @@ from isac_cosim.labeling.dataset.dataset import (
     write_shard,
 )
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, file_digest, read_samples, read_shard, schema
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
 from isac_cosim.labeling.intentions import Intention
 from tests.support.former_dataset import without_index
 

@@ -18,8 +18,9 @@ from isac_cosim.isacsim.traffic.drivers.command_settings import (
     StopInLaneCommandSettings,
     SwerveCommandSettings,
 )
-from isac_cosim.isacsim.traffic.drivers.driver_model import DriverSettings, draw_driver
-from isac_cosim.isacsim.traffic.drivers.hazards import Debris, VehicleAhead
+from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings, draw_driver
+from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris, VehicleAhead
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.maneuvers import (
     CutInCommand,
     LaneChangeCommand,
@@ -27,7 +28,6 @@ from isac_cosim.isacsim.traffic.drivers.maneuvers import (
     SlowVehicleCommand,
     StopInLaneCommand,
 )
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView
 
 PEOPLE, EVASION = DriverSettings(), EvasionSettings()
 SEEDS = range(20)

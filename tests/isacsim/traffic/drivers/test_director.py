@@ -13,12 +13,13 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.traffic.drivers import command_draws
 from isac_cosim.isacsim.traffic.drivers.command_settings import BrakeCommandSettings
-from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
-from isac_cosim.isacsim.traffic.drivers.driver_model import DriverSettings
+from isac_cosim.isacsim.traffic.drivers.director import Director
+from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.drivers.maneuvers import ManeuverCommand
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
-from isac_cosim.isacsim.traffic.drivers.vehicle_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Command, Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record, session

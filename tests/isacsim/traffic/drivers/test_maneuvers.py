@@ -12,6 +12,11 @@ from isac_cosim.isacsim.traffic.drivers.command_settings import (
     SlowVehicleCommandSettings,
     StopInLaneCommandSettings,
 )
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import (
+    DEFAULT_LANE_CHANGE_MODE,
+    DEFAULT_SPEED_MODE,
+    ramp_hold_ramp,
+)
 from isac_cosim.isacsim.traffic.drivers.maneuvers import (
     ClosedRampEndCommand,
     CutInCommand,
@@ -21,11 +26,6 @@ from isac_cosim.isacsim.traffic.drivers.maneuvers import (
     SlowVehicleCommand,
     StopInLaneCommand,
     stopping_m,
-)
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import (
-    DEFAULT_LANE_CHANGE_MODE,
-    DEFAULT_SPEED_MODE,
-    ramp_hold_ramp,
 )
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, session

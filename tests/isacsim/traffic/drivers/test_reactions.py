@@ -12,8 +12,9 @@ import pytest
 
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.traffic.drivers.command_settings import BriskStartSettings
-from isac_cosim.isacsim.traffic.drivers.driver_model import Driver, DriverSettings, draw_driver
-from isac_cosim.isacsim.traffic.drivers.hazards import Debris, VehicleAhead
+from isac_cosim.isacsim.traffic.drivers.handling.driver_model import Driver, DriverSettings, draw_driver
+from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris, VehicleAhead
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
 from isac_cosim.isacsim.traffic.drivers.maneuvers import ManeuverCommand
 from isac_cosim.isacsim.traffic.drivers.reactions import (
     BrakeCommand,
@@ -24,7 +25,6 @@ from isac_cosim.isacsim.traffic.drivers.reactions import (
     Surge,
     SwerveCommand,
 )
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, session
 from tests.support.roads import straight_road, vehicle
