@@ -114,7 +114,7 @@ def _annotation_at(annotation: Any, location: tuple[int | str, ...]) -> Any:
         return annotation
     for part in _alternatives(annotation):
         if _is_model(part):
-            return _annotation_at(_keys_of(part).get(location[0]), location[1:])
+            return _annotation_at(_keys_of(part).get(str(location[0])), location[1:])
         if get_origin(part) in (dict, list, tuple):
             # All entries of our lists are of one kind; a dictionary names the kind of its values after its keys'.
             entry = get_args(part)[1 if get_origin(part) is dict else 0]
@@ -122,7 +122,7 @@ def _annotation_at(annotation: Any, location: tuple[int | str, ...]) -> Any:
     return None
 
 
-def _keys_of(model: type[BaseModel]) -> dict[int | str, Any]:
+def _keys_of(model: type[BaseModel]) -> dict[str, Any]:
     """Return the annotation of each key that a settings class may have: its fields, and the sections it knows of."""
     fields = {name: field.annotation for name, field in model.model_fields.items()}
     return {**fields, **getattr(model, "known_sections", dict)()}

@@ -29,7 +29,7 @@ from isac_cosim.evaluation.in_traffic.measurement.evaluation import study_of
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import NATURAL
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import KNOWN
@@ -158,7 +158,7 @@ class AdvisoryEnv(gymnasium.Env[Float32Array, IntArray]):
     def _measured(self, decision: Decision) -> tuple[float, float]:
         """Return the time below 3 s of time to collision in the latest interval, s, and the mean speed, m/s."""
         surroundings = decision.knowledge.surroundings
-        driving = driving_of(surroundings.recording, surroundings, self._study.dataset.traffic.step_s)
+        driving = driving_of(surroundings.recording, surroundings, surroundings.recording.step_s)
         danger_s = float((driving.ttc_s < DANGER_TTC_S).sum()) * self._study.live.streams.decision_s
         return danger_s, float(driving.speed.mean()) if len(driving.speed) else 0.0
 
@@ -213,13 +213,11 @@ def _urgency(features: Array) -> float:
 def _study(scenario: str, infer: Infer | None, duration_s: float, run_in_s: float, natural: bool) -> LiveStudy:
     """Return the traffic of the environment: as the predictor was trained on, or with the defaults."""
     if infer is None:
-        dataset = DatasetStudy().model_dump()
+        dataset = DatasetStudy.model_validate({"world": NATURAL} if natural else {}).model_dump()
         dataset["sensing"]["channel"] |= {"kind": "link"}
         content = {"dataset": dataset | {"scenarios": (scenario,)}, "development": {"first": 2001, "last": 2001}}
     else:
-        content = study_of(infer.run.card, scenario).model_dump()
-    if natural:
-        content["dataset"]["maneuvers"] |= LEFT_ALONE
+        content = study_of(infer.run.card, scenario, natural=natural).model_dump()
     content["dataset"]["traffic"] |= {"duration_s": duration_s, "run_in_s": run_in_s}
     return checked(LiveStudy, content, "environment")
 

@@ -18,7 +18,8 @@ from isac_cosim.isacsim.sensing.running.conditioning import Kernel
 from isac_cosim.isacsim.sensing.running.sensors import IsacSensor, RadarSensor, Sensor, TruthSensor
 from isac_cosim.isacsim.sensing.running.world import World
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.sumo import Moment, record_stepwise
+from isac_cosim.isacsim.traffic.sources.registry import running_source
+from isac_cosim.isacsim.traffic.sources.sumo import Moment
 from isac_cosim.models.predictors.protocol import WindowShape
 
 
@@ -60,15 +61,16 @@ class ClosedLoop:
         Raises InputError where the times of the settings do not fit the simulation's steps.
         """
         dataset, timing = study.dataset, timing_of(study, shape)
+        traffic = running_source(dataset).traffic
         kernel = kernel_of(study, settings)
-        steps = timing.decision_s / dataset.traffic.step_s
+        steps = timing.decision_s / traffic.step_s
         if abs(steps - round(steps)) > 1e-6 or kernel.ahead_rows % round(steps):
             raise InputError(
                 f"decision_s {timing.decision_s:g} s: in a closed loop, it and the conditioning's reach of "
                 f"{kernel.lag_s:g} s have to be multiples of the simulation's step and of each other"
             )
         rates = (shape.tv_rate_hz, shape.uv_rate_hz)
-        world = World(scenario, seed, dataset.traffic, kernel, timing.decision_s, rates)
+        world = World(scenario, seed, traffic, kernel, timing.decision_s, rates)
         sensor: Sensor
         if arm == "radar":
             sensor = RadarSensor(scenario, seed, settings.radar, dataset.report, shape.tv_rate_hz)
@@ -77,13 +79,12 @@ class ClosedLoop:
         else:
             sensor = IsacSensor(scenario, seed, dataset.sensing, shape.tv_rate_hz, world.vehicles)
         network = Network(scenario, seed, dataset, shape, timing, sensor, answering)
-        advisor = Advisor(settings.advisories, (scenario.name, seed), dataset.traffic.step_s)
+        advisor = Advisor(settings.advisories, (scenario.name, seed), traffic.step_s)
         return cls(scenario, seed, study, world, network, advisor)
 
     def decisions(self) -> Generator[Decision, None, Recording]:
         """Simulate, and pause at every decision of the recording; returns the recording. Closing it ends SUMO."""
-        dataset = self.study.dataset
-        moments = record_stepwise(self.scenario, self.seed, dataset.traffic, dataset.maneuvers)
+        moments = running_source(self.study.dataset).run(self.scenario, self.seed)
         try:
             while True:
                 try:
@@ -102,4 +103,5 @@ class ClosedLoop:
 
 def kernel_of(study: LiveStudy, settings: ClosedLoopSettings) -> Kernel:
     """Return the conditioning kernel of a closed loop."""
-    return Kernel(settings.conditioning, study.dataset.motion.width_s, study.dataset.traffic.step_s)
+    step_s = running_source(study.dataset).traffic.step_s
+    return Kernel(settings.conditioning, study.dataset.motion.width_s, step_s)

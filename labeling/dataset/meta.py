@@ -140,7 +140,7 @@ def read_description(folder: Path) -> Meta | None:
     file is damaged, or was written by a version that is read no longer.
     """
     path = folder / META_FILE
-    with suppress(OSError, ValueError):
+    with suppress(KeyError, OSError, TypeError, ValueError):
         if json.loads(path.read_bytes())["schema_version"] == FORGOTTEN:
             raise InputError(f"{path}: was written by version 0.1.0, which is read no longer; generate it anew")
     return read_json(Meta, path)

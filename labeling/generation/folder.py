@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,13 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
     with claim(out, META_FILE, "dataset"):
         before = read_description(out)
         if before is not None and before.fingerprint != started.fingerprint:
+            for scenario in started.scenarios:
+                stored = next((former.inputs for former in before.scenarios if former.name == scenario.name), {})
+                if changed := changed_input(stored, scenario.inputs):
+                    raise InputError(
+                        f"{out}: holds a dataset, and {changed} of {scenario.name} has changed since it "
+                        "was begun; restore it, or choose another folder"
+                    )
             raise InputError(
                 f"{out}: holds the dataset of another study ({_difference(before, started)}); choose another folder"
             )
@@ -48,6 +55,15 @@ def claimed(out: Path, started: Meta) -> Iterator[None]:
         if before is None:
             write_meta(out, started)
         yield
+
+
+def changed_input(before: Mapping[str, str], now: Mapping[str, str]) -> str | None:
+    """Return the first of the inputs of recordings that has another digest now, by its name; None if all are equal.
+
+    Nothing is known to have changed where no digests were stored.
+    """
+    names = [*before, *(name for name in now if name not in before)] if before else ()
+    return next((name for name in names if before.get(name) != now.get(name)), None)
 
 
 def _prepare(out: Path) -> None:

@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import digests_of
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
 from isac_cosim.base.workers.engine import Item, Outcome, Result, describe
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
@@ -33,7 +35,7 @@ SITES = tuple(
 
 
 @dataclass(frozen=True)
-class ScriptedSource:
+class ScriptedSource(MotionSource):
     """A source with two followers in every episode, one that brakes hard and one that changes lane to the left.
 
     empty: seeds without traffic. broken: seeds whose simulation raises an error. wrong: seeds whose scenario is at
@@ -58,6 +60,9 @@ class ScriptedSource:
         network = self.folder / "road.net.xml"
         network.write_text("<net/>")
         return Scenario(Path(where).name, network, (), (), (0.0, 0.0), LANES, SITES)
+
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return digests_of([scenario.network])
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         time.sleep(self.pause_s)

@@ -100,6 +100,12 @@ class Recording:
             by_vehicle.setdefault(command.vehicle, []).append(command)
         return by_vehicle
 
+    @property
+    def lasts_s(self) -> float:
+        """Time from the first state of any vehicle to the last one, a step longer, s."""
+        ends = [(track.first_step, track.first_step + len(track)) for track in self.tracks.values()]
+        return round((max(end for _, end in ends) - min(start for start, _ in ends)) * self.step_s, 6) if ends else 0.0
+
     def is_parked(self, vehicle: str, first_step: int, last_step: int) -> bool:
         """Return whether a vehicle stands beside the road at any of the steps from the first to the last."""
         stays = self.parked.get(vehicle)

@@ -39,6 +39,9 @@ class MotionSource(Protocol):
     default_seeds: ClassVar[tuple[int, int]] = (1, 20)
     duration: ClassVar[tuple[str, str] | None] = None
 
+    def __hash__(self) -> int:
+        return object.__hash__(self)
+
     def load(self, where: str) -> Scenario:
         """Return the road and the sites for what the user named: a scenario, a file or a folder of recordings.
 

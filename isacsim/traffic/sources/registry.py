@@ -9,7 +9,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import Registry
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.sources.kinematic import KinematicSource
-from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, RunningSource
 from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 
 OWN: Mapping[str, type[MotionSource]] = {"sumo": SumoSource, "kinematic": KinematicSource}
@@ -32,14 +32,32 @@ class MotionStudy(Protocol):
 def source_class(name: str) -> type[MotionSource]:
     """Return the class of a source. Raises InputError for an unknown name, or one that is no motion source."""
     kind: Any = MOTION_SOURCES[name]
-    parts = (getattr(kind, part, None) for part in ("load", "inputs", "record", "seeds", "expected_cpu_s"))
-    if not isinstance(kind, type) or not all(map(callable, parts)) or not isinstance(kind.sections, Mapping):
+    if not (isinstance(kind, type) and MotionSource in kind.__mro__):
         raise InputError(f"motion source {name}: is no subclass of MotionSource; fix its package (docs/extending.md)")
     return kind
+
+
+def natural_world(name: str) -> str:
+    """Return the world of a source in which drivers are left alone. Raises InputError where it has none."""
+    world = source_class(name).natural
+    if world is None:
+        raise InputError(f"--natural: source {name} has no world in which drivers are left alone; leave it out")
+    return world
 
 
 def motion_source(study: MotionStudy) -> MotionSource:
     """Return the motion source of a study. Raises InputError for an unknown name."""
     kind: Any = source_class(study.source)
     source: MotionSource = kind(**study.source_settings())
+    return source
+
+
+def running_source(study: MotionStudy) -> RunningSource:
+    """Return the motion source of a study. Raises InputError where it only has recordings."""
+    source = motion_source(study)
+    if not isinstance(source, RunningSource):
+        raise InputError(
+            f"source {study.source}: has recordings only, and a closed loop needs a world that runs: leave out the "
+            "advisories, or name another source"
+        )
     return source

@@ -15,6 +15,7 @@ import pytest
 
 import cosim
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import file_digest
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.labeling.dataset.dataset import (

@@ -106,7 +106,7 @@ class Closures:
         """
         ramp = self.settings.closed_ramp_end
         chance = self.settings.closed_ramp_end_per_lane_hour / 3600.0 * interval_s
-        for number in np.flatnonzero(self.rng.random(len(endings)) < chance):
+        for number in np.flatnonzero(self.rng.random(len(endings)) < chance).tolist():
             lane = endings[number]
             length = sumo.lane.getLength(lane)
             self.due.setdefault(lane, length - self.rng.uniform(*ramp.before_end_share) * min(length, ramp.reach_m))
