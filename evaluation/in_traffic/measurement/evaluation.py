@@ -38,12 +38,15 @@ from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predic
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.questions import with_answers
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.isacsim.traffic.sources.registry import motion_source, natural_world, source_class
 from isac_cosim.labeling.generation.folder import changed_input, fingerprint
 from isac_cosim.labeling.generation.generate import describe
+from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
@@ -51,7 +54,7 @@ from isac_cosim.models.scores import open_set
 
 STUDY_FILE = "study.json"
 SCORED_AFTERWARDS: dict[str, Any] = {
-    "dataset": {"seeds", "selection"},
+    "dataset": {"seeds", "selection", "world"},
     "development": True,
     "live": {"choice", "background", "scoring"},
 }
@@ -166,7 +169,7 @@ def evaluate_traffic(
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
     installed = versions(OF_EPISODES)
-    described = [described.model_dump(mode="json") for described in meta.scenarios]
+    described = [described.identity for described in meta.scenarios]
     digest = fingerprint(answers_rest_on, described, cards, [with_lanes, *FEATURES], installed)
     predictors = Predictors(
         run.path.resolve(),
@@ -174,12 +177,16 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
+    for remark in remarks(scenario):
+        feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, described[0], feedback)
+        evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)

@@ -32,7 +32,7 @@ from isac_cosim.isacsim.traffic.sources.kinematic_scenes import (
 )
 from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
-from isac_cosim.isacsim.traffic.sources.simulated import inputs_of
+from isac_cosim.isacsim.traffic.sources.simulated import digest_of, inputs_of
 
 SCENARIO = "straight_road"
 """The bundled scenario that is made for this source."""
@@ -83,6 +83,9 @@ class KinematicSource(MotionSource):
 
     def inputs(self, scenario: Scenario) -> Mapping[str, str]:
         return inputs_of(scenario)
+
+    def digest(self, scenario: Scenario) -> str:
+        return digest_of(scenario)
 
     def record(self, scenario: Scenario, seed: int) -> LabelledRecording:
         """Return the scenes of one seed, one after the other."""

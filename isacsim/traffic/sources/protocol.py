@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import content_digest
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
@@ -57,6 +58,14 @@ class MotionSource(Protocol):
         with other files is refused by the name of the first that differs.
         """
         ...
+
+    def digest(self, scenario: Scenario) -> str:
+        """Return one digest of all the inputs."""
+        return content_digest(dict(self.inputs(scenario)))
+
+    def notes(self, scenario: Scenario, limits_mps2: Mapping[str, float]) -> Sequence[str]:
+        """Return what is to be said of a scenario's drivers, a line each. limits_mps2: thresholds of the labels."""
+        return ()
 
     def seeds(self, scenario: Scenario) -> Sequence[int] | None:
         """Return the seeds of which there are recordings, ascending, such as the blocks of a file; None: any seed."""

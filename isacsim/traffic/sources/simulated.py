@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import ClassVar
@@ -12,6 +12,7 @@ from isac_cosim.base.files import digests_of
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.traffic.drivers.settings import NATURAL, WORLDS, ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
@@ -38,6 +39,14 @@ class SumoSource(MotionSource):
     def inputs(self, scenario: Scenario) -> Mapping[str, str]:
         return inputs_of(scenario)
 
+    def digest(self, scenario: Scenario) -> str:
+        return digest_of(scenario)
+
+    def notes(self, scenario: Scenario, limits_mps2: Mapping[str, float]) -> Sequence[str]:
+        if self.traffic.drivers == "ours":
+            return ()
+        return limits_at_thresholds((*scenario.demand, *scenario.additional), limits_mps2)
+
     def record(self, scenario: Scenario, seed: int) -> Recording:
         return record(scenario, seed, self.traffic, self.maneuvers)
 
@@ -59,3 +68,15 @@ def inputs_of(scenario: Scenario) -> dict[str, str]:
     read = [[file.name for file in part] for part in (scenario.demand, scenario.additional)]
     configuration = json.dumps([scenario.begin_s, dict(scenario.kept), *read], sort_keys=True)
     return digests | {"the configuration": sha256(configuration.encode()).hexdigest()}
+
+
+def digest_of(scenario: Scenario) -> str:
+    """Return one digest of a scenario's SUMO files, its begin and its options that shape the traffic."""
+    digest = sha256()
+    for path in (scenario.network, *scenario.demand, *scenario.additional):
+        for part in with_includes(path):
+            digest.update(f"{part.name} {part.stat().st_size}\n".encode())
+            digest.update(part.read_bytes())
+    if scenario.begin_s or scenario.kept:
+        digest.update(json.dumps([scenario.begin_s, dict(scenario.kept)], sort_keys=True).encode())
+    return digest.hexdigest()
