@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 ARGS ?=
 
-.PHONY: run test test-slow check typed clean
+.PHONY: run test test-slow fuzz check typed clean
 
 run: $(VENV)/installed
 	$(VENV)/bin/cosim run $(ARGS)
@@ -15,6 +15,9 @@ test: $(VENV)/installed-dev
 
 test-slow: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest -m slow $(ARGS)
+
+fuzz: $(VENV)/installed-dev
+	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py $(ARGS)
 
 check: $(VENV)/installed-dev typed
 	$(VENV)/bin/ruff check .

@@ -5,6 +5,7 @@ The packages are imported inside the commands, so that help and usage errors ans
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -64,7 +65,8 @@ def run(
         output.print_json(as_json, show_cost(content, jobs or opt.cores(), console))
         return
     feedback = output.feedback_of(console, verbose)
-    result = run_and_show(content, out or Path("results") / content.name, opt.engine_of(jobs, cluster), feedback)
+    folder = out or Path("results") / content.name
+    result = run_and_show(content, folder, opt.engine_of(jobs, cluster, folder), feedback)
     output.print_json(as_json, {**result, "seconds": round(time.monotonic() - began, 1)})
     output.fail_if_incomplete(result)
 
@@ -99,6 +101,15 @@ def generate(
     natural: Annotated[
         bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
     ] = False,
+    drivers: Annotated[
+        str, typer.Option(metavar="theirs|ours", help="Who drives: the demand's own vehicle types, or our drivers.")
+    ] = "theirs",
+    demand: Annotated[
+        str,
+        typer.Option(
+            metavar="as-given|drawn", help="Departures: as the demand says, or up to 60 s later, drawn for each seed."
+        ),
+    ] = "as-given",
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -113,9 +124,9 @@ def generate(
     from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural)
+    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand)
     feedback = output.feedback_of(console, verbose)
-    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster), feedback)
+    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))
 
 
@@ -164,7 +175,7 @@ def sense(
     feedback = output.feedback_of(console, verbose)
     arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
     settings = resense_settings(source, arguments)
-    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster), feedback)
+    sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
 
 
@@ -210,16 +221,13 @@ def train(
     Repeat the command to continue an interrupted training.
     """
     from isac_cosim.base.settings import checked
-    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.command_line.training import train_and_show
     from isac_cosim.models.runs.settings import TrainSettings
-    from isac_cosim.models.training.training import train as train_predictor
 
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")
-    console = output.console_of(quiet)
-    trained = train_predictor(Dataset.open(dataset), out, settings, output.feedback_of(console))
-    output.print_json(as_json, output.show_run(trained, console))
+    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet)))
 
 
 @app.command(
@@ -271,19 +279,19 @@ def evaluate(
     from isac_cosim.command_line.live import LiveArguments, evaluate_and_show, source_of
 
     live = LiveArguments(
-        seeds,
-        development,
-        duration,
-        jobs,
-        natural,
-        advisories,
-        conditioning,
-        false_alarms,
-        truth,
-        alone,
-        cluster,
-        lanes,
-        source,
+        seeds=seeds,
+        development=development,
+        duration=duration,
+        jobs=jobs,
+        natural=natural,
+        advisories=advisories,
+        conditioning=conditioning,
+        false_alarms=false_alarms,
+        truth=truth,
+        alone=alone,
+        cluster=cluster,
+        lanes=lanes,
+        source=source,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
@@ -347,7 +355,9 @@ def bench(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
+    """Run the command line. Returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted, 143 terminated."""
+    # Figures have a canvas of their own. A backend that the caller chose for pyplot need not exist here.
+    os.environ["MPLBACKEND"] = "agg"
     return exit_code(lambda: app(arguments, standalone_mode=False))
 
 

@@ -13,8 +13,14 @@ def _numbers(*names: str) -> tuple[int, ...]:
     return tuple(getattr(errno, name) for name in names if hasattr(errno, name))
 
 
-NO_ROOM = _numbers("ENOSPC", "EDQUOT", "EROFS")
+NO_SPACE = _numbers("ENOSPC", "EDQUOT", "EFBIG")
+"""Numbers of the operating system's errors that say that a disk is full, or a file as large as it may be."""
+NO_ROOM = (*NO_SPACE, *_numbers("EROFS"))
 """Numbers of the operating system's errors that say that a disk takes no more data."""
+NO_FILES = _numbers("EMFILE", "ENFILE")
+"""Numbers of the operating system's errors that say that too many files are open."""
+NO_MEMORY = _numbers("ENOMEM")
+"""Number of the operating system's error that says that no memory is left."""
 WRONG_PATH = _numbers("EACCES", "EISDIR", "ELOOP", "ENAMETOOLONG", "ENOTDIR", "EPERM")
 """Numbers of the operating system's errors that say that a path is invalid or may not be used."""
 
@@ -36,6 +42,10 @@ class RunError(RuntimeError):
 
 class OutputError(RunError):
     """A file could not be written: the disk is full, or the folder is read-only or gone. A retry does not help."""
+
+
+class ShortageError(RunError):
+    """The machine has no more memory, or may not open more files. The work itself is right, and can be repeated."""
 
 
 @contextmanager

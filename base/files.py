@@ -1,12 +1,15 @@
-"""Writes files completely or not at all, and only into folders that belong to this project."""
+"""Writes files completely or not at all, only into folders that belong to this project, and tells if one changed."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +19,10 @@ from isac_cosim.base.errors import InputError, writing
 
 LOCK_FILE = ".lock"
 """Name of the file that is locked while a command writes a folder. It stays there, empty."""
+DIGEST = r"^[0-9a-f]{64}$"
+"""A SHA-256 digest, hexadecimal."""
+SETTLED_S = 2.0
+"""A file that was changed more recently may change again without a change of its times, s."""
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -36,8 +43,48 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         partial.unlink(missing_ok=True)
 
 
+def write_json(path: Path, content: Any) -> None:
+    """Write plain values as indented JSON, completely or not at all. Raises OutputError."""
+    replace_file(path, lambda partial: partial.write_text(json_text(content, 1) + "\n", encoding="utf-8"))
+
+
+def json_text(content: Any, indent: int | None = None) -> str:
+    """Return plain values as JSON, in one line if there is no indent.
+
+    JSON has no NaN and no infinity: a number that is not finite is written as null, like all that is undefined.
+
+    >>> json_text({"ratio": float("inf"), "scores": (0.5, float("nan"))})
+    '{"ratio": null, "scores": [0.5, null]}'
+    """
+    return json.dumps(_finite(content), indent=indent, allow_nan=False)
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, float) and not isfinite(content):
+        return None
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    return content
+
+
 def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of a file, hexadecimal."""
+    """Return the SHA-256 digest of a file, hexadecimal. A file that has not changed is read only once."""
+    state = path.stat()
+    if time.time() - max(state.st_mtime, state.st_ctime) < SETTLED_S:
+        return _digest_of(path)
+    marks = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+    return _settled_digest(path, marks)
+
+
+@lru_cache(maxsize=2**16)
+def _settled_digest(path: Path, marks: tuple[int, ...]) -> str:
+    """Return a file's digest, which is kept as long as the marks of its state stay the same."""
+    return _digest_of(path)
+
+
+def _digest_of(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -55,9 +102,10 @@ def digests_of(files: Iterable[Path]) -> dict[str, str]:
         raise InputError(f"{error.filename}: cannot be read ({error.strerror}); make it readable") from None
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write plain values as indented JSON, completely or not at all. Raises OutputError."""
-    replace_file(path, lambda partial: partial.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8"))
+def content_digest(content: Any) -> str:
+    """Return the SHA-256 digest of plain values, hexadecimal, whatever the order of their keys."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def remove_partial(folder: Path, pattern: str) -> None:

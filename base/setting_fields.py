@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field, ValidatorFunctionWrapHandler, WrapValidator
 
@@ -11,6 +11,12 @@ LARGEST_MPS3 = 20.0
 
 Range = tuple[float, float]
 """The low and the high end of a range, in the unit at the end of the setting's name."""
+Instant = Annotated[float, Field(ge=-1e3, le=1e3)]
+"""Time after an instant of a record, s; negative is before."""
+WindowEnds = tuple[Instant, Instant]
+"""The earliest and the latest end of a window after an instant of its record, s."""
+Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
+"""Seed of a random generator: what each of the libraries here takes."""
 
 
 def within(least: float, most: float) -> WrapValidator:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import DIGEST, content_digest, write_json
 from isac_cosim.base.validation import first_fault
 
 MOST_BYTES = 100_000
@@ -28,6 +30,24 @@ class Settings(BaseModel):
     def known_sections(cls) -> Mapping[str, type[Settings]]:
         """Return the sections that this one may have besides its fields, for messages about wrong keys."""
         return {}
+
+
+class Sealed(Settings):
+    """Settings whose file holds a digest of its own content, so that a change to the file is noticed.
+
+    sha256: digest of everything else in the file; None before the file is written, and in files of earlier versions.
+    sealed_since: the schema version from which on a file must have one.
+    """
+
+    sealed_since: ClassVar[int]
+
+    schema_version: int
+    sha256: str | None = Field(None, pattern=DIGEST)
+
+    def sealed(self) -> dict[str, Any]:
+        """Return the content of the file, plain values with their digest."""
+        content = self.model_dump(mode="json", exclude={"sha256"})
+        return {**content, "sha256": content_digest(content)}
 
 
 Section = TypeVar("Section", bound=Settings)
@@ -72,10 +92,14 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_json(kind: type[Section], path: Path) -> Section | None:
     """Return the settings in a JSON file that the tool wrote, or None if there is no such file.
 
-    Raises InputError if the file cannot be read, is damaged or was written by another version.
+    Raises InputError if the file cannot be read, is damaged, was changed or was written by another version.
     """
     try:
-        return kind.model_validate_json(path.read_bytes())
+        stored = path.read_bytes()
+        content = kind.model_validate_json(stored)
+        if isinstance(content, Sealed):
+            _check_seal(content, stored, path)
+        return content
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
@@ -83,3 +107,26 @@ def read_json(kind: type[Section], path: Path) -> Section | None:
     except ValidationError as error:
         fault = first_fault(error, kind)
         raise InputError(f"{path}: {fault}; the file is damaged or was written by another version") from None
+
+
+def write_sealed(path: Path, content: Sealed) -> None:
+    """Write settings with their digest, completely or not at all. Raises OutputError."""
+    write_json(path, content.sealed())
+
+
+def _check_seal(content: Sealed, stored: bytes, path: Path) -> None:
+    """Raise InputError if a file differs from its own digest, or lacks one that it should have."""
+    if content.sha256 is None:
+        if content.schema_version >= content.sealed_since:
+            raise InputError(f"{path}: sha256: is missing; the file was changed: restore it, or make it again")
+        return
+    try:
+        values = json.loads(stored)
+        del values["sha256"]
+        unchanged = content_digest(values) == content.sha256
+    except (RecursionError, ValueError):
+        unchanged = False
+    if not unchanged:
+        raise InputError(
+            f"{path}: sha256: differs from the content; the file was changed: restore it, or make it again"
+        )

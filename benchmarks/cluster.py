@@ -1,6 +1,6 @@
 """Measures what limits generation on a large cluster: the scheduler, the parent, or the list of shards.
 
-- cluster: a dask scheduler and WORKERS workers, single-threaded processes on this machine that communicate over TCP.
+- cluster: a dask scheduler and WORKERS workers, single-threaded processes on this machine that communicate over TLS.
   `labeling.generation.generate` generates the dataset as with `--cluster`, but an episode only waits for PAUSE_S, and
   its shard is empty. The processor time that scheduler and parent spend on an episode limits the rate at which they
   could serve any number of workers. Their memory is reported at the beginning, in the middle and at the end, because
@@ -32,17 +32,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import dask
 import psutil
 from distributed import Client
 
+from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.workers.engine import ClusterEngine
+from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.cluster import ClusterEngine
 from isac_cosim.benchmarks.scaling import MIB, apart, peak_memory
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
-from isac_cosim.labeling.dataset.dataset import CLASS_NAMES, INDEX_FILE, SHARDS, Episode, Shard, read_meta, shard_name
+from isac_cosim.labeling.dataset.dataset import (
+    CLASS_NAMES,
+    INDEX_FILE,
+    SHARDS,
+    Episode,
+    Shard,
+    read_meta,
+    shard_name,
+    write_roads,
+)
 from isac_cosim.labeling.generation.episode_plan import EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import finish
 from isac_cosim.labeling.generation.generate import describe, generate
@@ -125,25 +137,67 @@ def simulated(episodes: int, workers: int) -> dict[str, Any]:
     }
 
 
+@dataclass(frozen=True)
+class Credentials:
+    """A certificate that the processes of one cluster show each other, and its key. Nobody else can connect."""
+
+    certificate: Path
+    key: Path
+
+    @classmethod
+    def new(cls, folder: Path) -> Credentials:
+        """Make credentials in a folder. Raises RunError where the program openssl is missing."""
+        credentials = cls(folder / "certificate.pem", folder / "key.pem")
+        files = ("-out", credentials.certificate, "-keyout", credentials.key)
+        curve = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1")
+        command = ["openssl", "req", "-x509", *curve, "-nodes", "-days", "2", "-subj", "/CN=cosim", *map(str, files)]
+        try:
+            subprocess.run(command, check=True, capture_output=True)
+        except OSError:
+            raise RunError("there is no program openssl, which makes the cluster's certificate; install it") from None
+        return credentials
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The options of `dask scheduler` and `dask worker`."""
+        certificate = str(self.certificate)
+        return ("--tls-ca-file", certificate, "--tls-cert", certificate, "--tls-key", str(self.key))
+
+    @property
+    def configuration(self) -> dict[str, object]:
+        """The part of dask's configuration that a client needs."""
+        certificate = str(self.certificate)
+        return {
+            "distributed.comm.tls.ca-file": certificate,
+            "distributed.comm.tls.client.cert": certificate,
+            "distributed.comm.tls.client.key": str(self.key),
+        }
+
+
+NO_PAGES = {f"DASK_DISTRIBUTED__{role}__HTTP__ROUTES": "[]" for role in ("SCHEDULER", "WORKER")}
+"""Environment variables with which dask's processes offer no web pages, for which nobody needs credentials."""
+LOCAL = ("--host", "127.0.0.1", "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
+"""Options of `dask scheduler` and `dask worker` with which they listen on this machine only."""
+
+
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
     """Run a scheduler and workers on this machine for the block; yield the scheduler's address and process."""
-    file = folder / "scheduler.json"
+    file, credentials = folder / "scheduler.json", Credentials.new(folder)
     running: list[subprocess.Popen[bytes]] = []
     try:
-        running.append(
-            _start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-        )
+        running.append(_start("scheduler", *credentials.words, *LOCAL, "--port", "0", "--scheduler-file", str(file)))
         deadline = time.monotonic() + START_S
         while (address := _address(file)) is None:
             if time.monotonic() > deadline:
                 raise RuntimeError(f"the scheduler did not start within {START_S:.0f} s")
             time.sleep(0.1)
-        local = ("--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder))
-        running.append(_start("worker", address, "--nworkers", str(workers), *local))
-        with Client(address) as client:
-            client.wait_for_workers(workers, START_S)
-        yield address, running[0]
+        local = ("--nthreads", "1", "--local-directory", str(folder))
+        running.append(_start("worker", address, *credentials.words, *LOCAL, "--nworkers", str(workers), *local))
+        with dask.config.set(credentials.configuration):
+            with Client(address) as client:
+                client.wait_for_workers(workers, START_S)
+            yield address, running[0]
     finally:
         for process in running:
             children = psutil.Process(process.pid).children(recursive=True)
@@ -182,6 +236,7 @@ def indexed(episodes: int) -> dict[str, Any]:
             shard = pickle.loads(pickle.dumps(synthetic_shard(job.seed)))
             journal.add(shard)
             plan.add(job, shard.by_intention)
+        write_roads(folder, SCENARIO, [])
         planned = time.process_time()
         finish(folder, started, journal, (shard_name(job.scenario, job.seed) for job in plan.kept()))
         written = time.process_time()
@@ -229,7 +284,7 @@ def _start(*words: str) -> subprocess.Popen[bytes]:
     """Start a dask process in a session of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "dask", *words],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**os.environ, **NO_PAGES, "PYTHONPATH": os.pathsep.join(sys.path)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
@@ -248,6 +303,4 @@ if __name__ == "__main__":
     parser.add_argument("--episodes", type=int, default=EPISODES, help="0 leaves the cluster out")
     parser.add_argument("--shards", type=int, nargs="*", default=LISTED)
     # Imported by name, so that workers find the functions that are sent to them.
-    print(
-        json.dumps(importlib.import_module("isac_cosim.benchmarks.cluster").run(**vars(parser.parse_args())), indent=2)
-    )
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.cluster").run(**vars(parser.parse_args())), 2))

@@ -12,7 +12,6 @@ Run: python -m isac_cosim.benchmarks.echo
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +20,7 @@ import numpy as np
 import torch
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.radio.bounds import cell_bound
 from isac_cosim.isacsim.radio.echo_tensor import observe_tensor
@@ -28,7 +28,9 @@ from isac_cosim.isacsim.radio.estimation import Estimates
 from isac_cosim.isacsim.radio.estimators import ESTIMATORS
 from isac_cosim.isacsim.radio.waveform import Waveform, steering
 from isac_cosim.isacsim.scenarios.scenario import Site
-from isac_cosim.isacsim.sensing.chain import SensingSettings, sense
+from isac_cosim.isacsim.sensing.passages import Passage, WatchedTraffic
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, watch
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 
 SNR_RANGE_DB = (-25.0, -20.0, -10.0, 0.0, 10.0, 20.0)
 RATE_HZ = 400.0
@@ -149,13 +151,14 @@ def record_s(records: int) -> float:
         for azimuth in ((45.0, 315.0), (135.0, 225.0))[mast % 2]
     ]
     snapshots = np.arange(2000) / RATE_HZ
-    truth = np.zeros((records, 6, 2000))
-    truth[:, 0], truth[:, 2] = 20 * snapshots, 20.0
-    settings = SensingSettings()
+    truth = np.zeros((6, 2000))
+    truth[0], truth[2] = 20 * snapshots, 20.0
+    sensor = watch(DEFAULT, WatchedTraffic("bench", 0, sites, RATE_HZ), SensorSettings())
     spent = []
     for attempt in range(3):
+        passages = [Passage("tv", 0.0, truth, ("bench", attempt, k)) for k in range(records)]
         begin = time.process_time()
-        sensed = sense(truth, RATE_HZ, sites, settings, [("bench", attempt, k) for k in range(records)])
+        sensed = sensor.record(passages)
         spent.append((time.process_time() - begin) / records)
         if not all(record.n_sites == 4 for record in sensed):
             raise RuntimeError("the road of the benchmark leaves a record without four sites")
@@ -174,4 +177,4 @@ def _gpu(waveform: Waveform) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

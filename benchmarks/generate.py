@@ -12,7 +12,6 @@ The first two run on one thread. Run: python -m isac_cosim.benchmarks.generate
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks import scaling
 from isac_cosim.benchmarks.echo import record_s
 from isac_cosim.benchmarks.ratios import Ratio
@@ -30,8 +30,10 @@ from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.dataset.dataset import Episode, write_shard
 from isac_cosim.labeling.detectors.events import label
-from isac_cosim.labeling.generation.episode import make_samples, ready, select
+from isac_cosim.labeling.generation.episode import make_samples, ready
+from isac_cosim.labeling.generation.selection import draws
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import candidates
 
@@ -70,8 +72,9 @@ def _one_episode() -> dict[str, Any]:
     with _timed(stages, "candidates"):
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
     with _timed(stages, "motion_and_sensing"):
-        chosen, _ = select(available.samples, study.selection, (scenario.name, SEED))
-        samples, _ = make_samples(study, scenario, recording, chosen)
+        drawn = draws(available.samples, study.selection, (scenario.name, SEED))
+        sensor = watch_episode(study, scenario, SEED, recording)
+        samples = make_samples(study, recording, drawn, sensor).samples
     with _timed(stages, "writing"), tempfile.TemporaryDirectory(prefix="cosim-") as folder:
         rates_hz = (study.record.tv_rate_hz, study.record.uv_rate_hz)
         tv_length, uv_length = (round(study.record.duration_s * rate_hz) for rate_hz in rates_hz)
@@ -99,4 +102,4 @@ def _timed(stages: dict[str, float], name: str) -> Iterator[None]:
 
 if __name__ == "__main__":
     # Imported by name, so that other processes find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.generate").run(), indent=2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.generate").run(), 2))

@@ -8,7 +8,6 @@ Run: python -m isac_cosim.benchmarks.infer
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
 from isac_cosim.models.data.windows import WindowSettings, in_frame
@@ -94,4 +94,4 @@ def _milliseconds(answer: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

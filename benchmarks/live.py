@@ -9,7 +9,6 @@ Run: python -m isac_cosim.benchmarks.live
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     LiveWindows,
@@ -34,6 +34,7 @@ from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, Stret
 from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 from isac_cosim.labeling.road.surroundings import Surroundings
@@ -114,7 +115,8 @@ def measured(folder: Path) -> LiveTime:
     content = DatasetStudy().model_dump()
     content["sensing"]["channel"] |= {"kind": "link"}
     study = DatasetStudy.model_validate(content)
-    sensing = StretchSensing(study, scenario, recording, TIMING.before_decision_s)
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    sensing = StretchSensing(study, recording, sensor, TIMING.before_decision_s)
     driving = watched(recording, Surroundings(recording), study.pairs, TIMING)
     stretches = [stretch for stretch in driving.stretches if stretch.tv.startswith("tv")]
     begin = time.process_time()
@@ -140,7 +142,7 @@ def measured(folder: Path) -> LiveTime:
         rule_answer(LiveWindows(tv, uv, SHAPE.tv_rate_hz, lanes))
     ruled = time.process_time()
     count = sum(len(track.stretch.decision_s) for track in tracks)
-    panels = float(np.mean([track.fixes.n_sites for track in tracks]))
+    panels = float(np.mean([track.n_sites for track in tracks]))
     return LiveTime(sensing_s, cutting_s, predicted - begin, ruled - predicted, count * TIMING.decision_s, panels)
 
 
@@ -161,4 +163,4 @@ def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -27,6 +27,7 @@ import numpy as np
 import psutil
 
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -199,4 +200,4 @@ def _spread(rates: Sequence[float]) -> float:
 
 if __name__ == "__main__":
     # Imported by name, so that workers find the functions that are sent to them.
-    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.scaling").run(), indent=2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.scaling").run(), 2))

@@ -11,7 +11,6 @@ Run: python -m isac_cosim.benchmarks.traffic
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -20,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.scenarios.scenario import load
@@ -113,4 +113,4 @@ def simulate(traffic: TrafficSettings, record: bool) -> SteppingTime:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

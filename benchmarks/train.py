@@ -19,7 +19,6 @@ Run: python -m isac_cosim.benchmarks.train
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any
@@ -28,6 +27,7 @@ import numpy as np
 import pandas as pd
 import torch
 
+from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks import environment
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.models.data.fit_settings import OptimiserSettings
@@ -146,4 +146,4 @@ def _seconds(step: Callable[[], None], count: int) -> float:
 
 
 if __name__ == "__main__":
-    print(json.dumps(run(), indent=2))
+    print(json_text(run(), 2))

@@ -44,11 +44,13 @@ def dataset_study(
     snr: str | None,
     source: str = DEFAULT,
     natural: bool = False,
+    drivers: str = "theirs",
+    demand: str = "as_given",
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
     scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
-    leave the drivers alone.
+    leave the drivers alone. drivers, demand: as in `TrafficSettings`.
     """
     kind = source_class(source)
     if not scenarios and not kind.own_scenarios:
@@ -63,6 +65,7 @@ def dataset_study(
         content["sensing"] = {"channel": channel(snr)}
     if natural:
         content["world"] = natural_world(source)
+    content["traffic"] = {"drivers": drivers, "demand": demand.replace("-", "_")}
     return checked(DatasetStudy, content, WHERE)
 
 

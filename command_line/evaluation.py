@@ -22,7 +22,9 @@ def evaluate_and_show(
 
     loaded, dataset = load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
-    evaluation = evaluate(loaded, dataset, folder, against=[load_run(path) for path in against])
+    others = [load_run(path) for path in against]
+    evaluation = evaluate(loaded, dataset, folder, against=others)
     page = report.write_report(evaluation, dataset, folder)
+    output.note_former([loaded, *others], console)
     output.show_metrics(evaluation.result, page, console)
     return {"report": str(folder), **evaluation.result.model_dump(mode="json")}

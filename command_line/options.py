@@ -5,6 +5,7 @@ The packages are imported inside the functions, so that help and usage errors an
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -45,7 +46,7 @@ Snr = Annotated[
 ]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes. Default: one per core.")]
 Cluster = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a running dask scheduler, tcp://HOST:PORT.")
+    str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a running dask scheduler, tls://HOST:PORT.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object, last on standard output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print only warnings and errors to standard error.")]
@@ -155,16 +156,27 @@ Vehicles = Annotated[
 DemandSeed = Annotated[int, typer.Option("--seed", help="Seed of the demand that is made.")]
 
 
-def engine_of(jobs: int | None, cluster: str | None) -> Engine:
-    """Return what runs episodes: local worker processes, or a running scheduler's workers, which are checked first."""
-    from isac_cosim.base.workers.engine import ClusterEngine, LocalEngine
+def engine_of(jobs: int | None, cluster: str | None, out: Path) -> Engine:
+    """Return what runs episodes: local worker processes, or a running scheduler's workers, which are checked first.
+
+    out: the folder that the command writes.
+    """
+    from isac_cosim.base.workers.engine import LocalEngine
 
     if cluster is None:
-        return LocalEngine(jobs or cores())
+        return LocalEngine(jobs or cores(), out.absolute())
     if jobs is not None:
         raise InputError("--jobs is for local worker processes and --cluster for a scheduler's; give one of them")
-    engine = ClusterEngine(cluster)
+    from isac_cosim.base.workers.cluster import ClusterEngine
+
+    engine = ClusterEngine(cluster, out.absolute())
     engine.check()
+    if not engine.encrypted:
+        print(
+            f"warning: --cluster {cluster}: without TLS, everyone who can connect to this scheduler can run code as "
+            "you; docs/cluster.md says how to use tls://",
+            file=sys.stderr,
+        )
     return engine
 
 
@@ -184,6 +196,6 @@ def placement_of(
 
 def cores() -> int:
     """Return how many processor cores this process may use, its affinity and the container's limit considered."""
-    from dask.system import cpu_count
+    from isac_cosim.base.workers.engine import cpu_count
 
-    return int(cpu_count())
+    return cpu_count()

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Table
 
 from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import output
 from isac_cosim.command_line.options import cores, engine_of
+from isac_cosim.evaluation.report import terminal
+from isac_cosim.evaluation.report.parts import Part, Row
 
 if TYPE_CHECKING:
     from isac_cosim.base.workers.engine import Engine
-    from isac_cosim.studies.reproduction.reproduce import ReproductionResult, Request
+    from isac_cosim.studies.reproduction.reproduce import Request
 
 
 def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine:
@@ -22,7 +23,7 @@ def engine_for(wanted: Request, jobs: int | None, cluster: str | None) -> Engine
 
     if jobs is None and cluster is None:
         jobs = best_workers(wanted, cores())
-    return engine_of(jobs, cluster)
+    return engine_of(jobs, cluster, wanted.out)
 
 
 def show_cost(wanted: Request, engine: Engine, console: Console) -> dict[str, Any]:
@@ -42,22 +43,14 @@ def reproduce_and_show(wanted: Request, engine: Engine, console: Console) -> dic
     from isac_cosim.studies.reproduction.reproduce import reproduce
 
     result = reproduce(wanted, engine, output.feedback_of(console))
-    console.print(table(result))
+    checklist: list[Row] = [
+        {"claim": claim.claim, "verdict": claim.verdict, "ours": claim.measured, "paper": claim.paper}
+        for claim in result.claims
+    ]
+    terminal.show([Part("claims", "What the paper claims", rows=checklist)], console)
     if wanted.size != "full":
         print_line(console, f"size {wanted.size}: these figures say nothing about the paper")
     if result.not_run:
         print_line(console, f"not run: {', '.join(result.not_run)}")
     print_line(console, f"page: {result.page}")
     return result.model_dump(mode="json")
-
-
-def table(result: ReproductionResult) -> Table:
-    """Return the checklist of claims for the terminal."""
-    from isac_cosim.evaluation.report.page import text_of
-
-    drawn = Table(title="What the paper claims", title_justify="left")
-    for name in ("claim", "verdict", "ours", "paper"):
-        drawn.add_column(name)
-    for claim in result.claims:
-        drawn.add_row(claim.claim, claim.verdict, text_of(claim.measured), claim.paper)
-    return drawn

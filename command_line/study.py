@@ -11,7 +11,8 @@ from rich.console import Console
 from isac_cosim.base.progress import ConsoleFeedback, print_line
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.command_line.output import show_dataset, show_metrics
-from isac_cosim.evaluation.report import report
+from isac_cosim.evaluation.report import terminal
+from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.evaluation.report.score_table import headline_scores
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models.training.progress import spoken_time
@@ -21,9 +22,6 @@ from isac_cosim.studies.single import run_study
 from isac_cosim.studies.study import Study
 from isac_cosim.studies.sweep import run_sweep
 from isac_cosim.studies.sweep_results import SweepResult
-
-UNBOUND = 1000
-"""Wider than any table, characters."""
 
 
 def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
@@ -36,7 +34,7 @@ def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFe
 def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
     metrics = run_study(study, folder, engine, feedback)
     show_dataset(Dataset.open(folder / "dataset"), feedback.console)
-    show_metrics(metrics, folder / "report" / report.PAGE, feedback.console)
+    show_metrics(metrics, folder / "report" / PAGE, feedback.console)
     return {
         "dataset": str(folder / "dataset"),
         "run": str(folder / "run"),
@@ -45,16 +43,15 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
         "floor_before_commit": headline_scores(metrics.compared[0]),
         "accuracy": metrics.accuracy,
         "macro_f1": metrics.macro_f1,
+        "macro_f1_over": metrics.macro_f1_over,
         "floor_macro_f1": metrics.compared[0].macro_f1,
     }
 
 
 def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str, Any]:
     """Show the table of a sweep, complete also where the terminal is narrow. Returns what `--json` prints."""
-    width, console.width = console.width, UNBOUND
-    console.print(sweep_table.table(result))
-    console.width = width
-    page = folder / sweep_table.REPORT / report.PAGE
+    terminal.show(sweep_table.parts(result), console, sweep_table.TITLE, whole=True)
+    page = folder / sweep_table.REPORT / PAGE
     print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
     return {
         "table": str(folder / sweep_table.TABLE_JSON),

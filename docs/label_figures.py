@@ -7,12 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
+from isac_cosim.evaluation.report.figures import figure
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -60,22 +57,22 @@ def draw(recording: Recording, path: Path) -> None:
     labels = label(recording, settings, surroundings)
     samples = candidates(recording, labels, PairSettings(), RecordSettings(), surroundings).samples
     sampled = {(sample.tv, sample.t_onset) for sample in samples}
-    figure, axes = plt.subplots(2, 4, figsize=(16, 7), constrained_layout=True)
-    for ax, intention in zip(axes.flat, Intention, strict=False):
-        events = [event for event in labels.of(intention) if (event.vehicle, event.onset) in sampled]
-        events.sort(key=lambda event: abs(event.peak))
-        if not events:
-            ax.set_title(f"{intention.text}: none in this recording")
-            continue
-        event = events[len(events) // 2]
-        view = vehicle_view(recording, event.vehicle, surroundings, settings.width_s)
-        draw_event(ax, event, view.motion, settings)
-    handles = {}
-    for ax in axes.flat[:-1]:
-        handles.update({text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)})
-    axes.flat[-1].axis("off")
-    axes.flat[-1].legend(list(handles.values()), list(handles), loc="center", frameon=False)
-    figure.savefig(path, dpi=90, metadata={"Software": None})
+    with figure(path, 16, 7, style={}, dpi=90) as drawn:
+        axes = drawn.subplots(2, 4)
+        for ax, intention in zip(axes.flat, Intention, strict=False):
+            events = [event for event in labels.of(intention) if (event.vehicle, event.onset) in sampled]
+            events.sort(key=lambda event: abs(event.peak))
+            if not events:
+                ax.set_title(f"{intention.text}: none in this recording")
+                continue
+            event = events[len(events) // 2]
+            view = vehicle_view(recording, event.vehicle, surroundings, settings.width_s)
+            draw_event(ax, event, view.motion, settings)
+        handles = {}
+        for ax in axes.flat[:-1]:
+            handles.update({text: handle for handle, text in zip(*ax.get_legend_handles_labels(), strict=True)})
+        axes.flat[-1].axis("off")
+        axes.flat[-1].legend(list(handles.values()), list(handles), loc="center", frameon=False)
 
 
 def main() -> None:

@@ -19,13 +19,13 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     AlarmResult,
     AloneResult,
     EventScores,
-    Interval,
     LeadTimes,
     RecallLost,
     TrafficResult,
 )
 from isac_cosim.evaluation.in_traffic.settings import Sharing
 from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.models.predictors.registry import PREDICTORS
 
 RATES = (1.0, 3.0, 10.0)

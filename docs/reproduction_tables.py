@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from isac_cosim.base.settings import read_json
-from isac_cosim.evaluation.report.page import Part, text_of
+from isac_cosim.evaluation.report.parts import Part, text_of
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
 from isac_cosim.studies.reproduction.castformer.report import castformer_parts

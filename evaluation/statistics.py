@@ -64,17 +64,30 @@ Statistic = Callable[..., float]
 """Computes one number from the confusion matrix of each condition, (G, G) arrays."""
 
 
+class Interval(Settings):
+    """A t interval of the delete-one jackknife over seeds.
+
+    seeds: their number; None in results of earlier versions, whose intervals are percentiles of a bootstrap.
+    """
+
+    low: float
+    high: float
+    seeds: int | None = None
+
+
 class Estimate(Settings):
     """A number measured on several test seeds, with one or more trainings.
 
     value: mean over the trainings; None where it is undefined. low, high: 95 % interval; None where it cannot be given.
-    sd: sample standard deviation over the trainings; None with a single one.
+    sd: sample standard deviation over the trainings; None with a single one. over: of a mean over classes of which some
+    have no window, the number of those in it and of all; otherwise None.
     """
 
     value: float | None
     low: float | None = None
     high: float | None = None
     sd: float | None = None
+    over: tuple[int, int] | None = None
 
 
 def estimate(statistic: Statistic, *conditions: Trainings) -> Estimate:
@@ -125,6 +138,16 @@ def of_left_out(values: Array, left_out: Array) -> Estimate:
 def score(statistic: Statistic, counts: Trainings) -> Estimate:
     """Return a score of one condition, between 0 and 1, and so its interval."""
     return between_0_and_1(estimate(statistic, counts))
+
+
+def class_mean(statistic: Statistic, counts: Trainings) -> Estimate:
+    """Return a score that is a mean over classes, and over how many of them, where some have no window."""
+    result = score(statistic, counts)
+    if result.value is None:
+        return result
+    true = pooled(counts).sum(axis=1)
+    present = int((true > 0).sum())
+    return result if present == len(true) else result.model_copy(update={"over": (present, len(true))})
 
 
 def between_0_and_1(result: Estimate) -> Estimate:

@@ -9,11 +9,16 @@ torch or scikit-learn. Values that the user has set are kept. docs/performance.m
   slower as soon as anything else runs.
 - PyTorch asks for huge pages. A training step allocates a hundred megabytes anew, and a page fault for every 4 kB of
   them takes a fifth of its time.
+
+It also forgets an MPLBACKEND that names a module which is not installed: a notebook sets the variable for its own
+process, its children inherit it, also those of other environments, and matplotlib then refuses to be imported.
 """
 
 from __future__ import annotations
 
 import os
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +32,9 @@ if not (_HERE / "isacsim").is_dir():
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")
+_KIND, _, _BACKEND = os.environ.get("MPLBACKEND", "").partition("://")
+if _KIND == "module" and "matplotlib" not in sys.modules and find_spec(_BACKEND.partition(".")[0]) is None:
+    del os.environ["MPLBACKEND"]
 
 
 def open(dataset: str | Path) -> Dataset:

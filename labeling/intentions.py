@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -32,6 +33,16 @@ LANE_CHANGES = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE)
 def outward(lefthand: bool) -> Intention:
     """Return the lane change by which an overtake pulls out: to the left, or to the right where traffic keeps left."""
     return Intention.RIGHT_LANE_CHANGE if lefthand else Intention.LEFT_LANE_CHANGE
+
+
+def over_text(over: Collection[object] | None, classes: Collection[object]) -> str:
+    """Return over which share of the intentions a macro-F1 is taken, where it is not taken over all of them.
+
+    over: the intentions in the mean, None where that is not known. classes: all of them.
+    """
+    if over is None or len(over) == len(classes):
+        return ""
+    return f" over {len(over)} of {len(classes)} intentions"
 
 
 @dataclass(frozen=True)

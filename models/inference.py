@@ -60,6 +60,8 @@ class Infer:
         """Answer one window, (6, T) and (6, U), or a batch, (n, 6, T) and (n, 6, U), in the scenario's plane.
 
         Both streams end at the same instant. lanes: those of the road network, for predictors that look at lanes.
+        Without lanes, and unless the frame of the run is absolute, positions may be relative to any point, as datasets
+        store them.
         Raises ValueError if the shapes are not those that the predictor was trained on.
         """
         begin = time.perf_counter()
@@ -75,7 +77,7 @@ class Infer:
         if lanes is not None:
             scenario = np.full(len(tv), "", dtype=object)
             windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
-        outputs = self.run.predictor(windows)
+        outputs = self.run.answer(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         score = self.score(outputs)
         probabilities = softmax(outputs.logits / card.temperature, axis=1)

@@ -13,27 +13,22 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from isac_cosim.base.errors import NO_ROOM, OutputError
+from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.workers.engine import Engine, describe
+from isac_cosim.base.shortages import shortage
+from isac_cosim.base.workers.attempts import describe
+from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.models.data.sides import dependence_of_test
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import load_run, read_card
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train_records
 from isac_cosim.studies.sweep_axes import Cell
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Why a task failed, in one line. error: the error, if no other task would survive it either."""
-
-    reason: str
-    error: OSError | OutputError | None = None
 
 
 class CellTask(Protocol):
@@ -95,7 +90,8 @@ class CellEvaluation:
         records = Records.of(dataset)
         tested = records.take(np.isin(records.groups, self.seeds))
         run, *others = (load_run(folder) for folder in (*self.runs, *self.floors))
-        result = evaluate_records(run, tested, made_of(dataset), self.report, self.evaluation, others)
+        twins = dependence_of_test(dataset, records, run.card.split, run.card.settings.split)
+        result = evaluate_records(run, tested, made_of(dataset), self.report, self.evaluation, others, dependence=twins)
         draw_figures(result, self.report)
         write_page(result.result, self.report)
 
@@ -106,33 +102,27 @@ def run_tasks(
     """Run tasks side by side, and yield those that fail, with the reason.
 
     title, unit: of the progress bar. threads: that a task uses.
-    Raises OutputError or OSError if nothing can be written.
+    Raises OutputError if nothing can be written, ShortageError if the machine lacks something.
     """
     if not tasks:
         return
     with feedback.bar(title, unit) as move, closing(engine.run(attempt, tasks, threads)) as outcomes:
         move(0, len(tasks))
         for done, outcome in enumerate(outcomes, 1):
-            problem = outcome.result
-            if problem is not None and problem.error is not None:
-                raise problem.error
             move(done, len(tasks))
-            reason = outcome.error if problem is None else problem.reason
-            if reason is not None:
-                yield outcome.item, reason
+            if outcome.error is not None:
+                yield outcome.item, outcome.error
 
 
-def attempt(task: CellTask) -> Problem | None:
-    """Run a task in a worker, and return what went wrong: unlike a worker that died, it would go wrong again."""
+def attempt(task: CellTask) -> None:
+    """Run a task in a worker.
+
+    Raises RunError where it fails: unlike a worker that died, it would fail again, but other cells may not.
+    """
     try:
         task.work()
-    except OutputError as error:
-        return Problem(describe(error), error)
-    except OSError as error:
-        return Problem(describe(error), error if error.errno in NO_ROOM else None)
     except Exception as error:
-        return Problem(describe(error))
-    return None
+        raise shortage(error) or RunError(describe(error)) from None
 
 
 def made_of(dataset: Dataset) -> dict[str, object]:

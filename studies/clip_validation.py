@@ -8,7 +8,6 @@ Run: python -m isac_cosim.studies.clip_validation FOLDER
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 
@@ -19,9 +18,12 @@ from sklearn.model_selection import StratifiedKFold
 from torch import Tensor
 
 from isac_cosim.base.arrays import IntArray
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.score_results import Spread
 from isac_cosim.models.data.clips import Clip, ClipBatch, batch, load_clips
@@ -31,17 +33,20 @@ from isac_cosim.models.predictors.castformer import CastformerCore, CastformerSe
 class ClipSettings(Settings):
     """How CaSTFormer is trained and measured on clips; epochs, batch, learning rate and folds are the paper's."""
 
-    classes: int = Field(5, ge=2, description="number of classes; Brain4Cars has 5")
+    classes: int = Field(5, ge=2, le=10_000, description="number of classes; Brain4Cars has 5")
     background: int | None = Field(
-        None, ge=0, description="class that is not a maneuver (driving straight), which Eq. (13) leaves out, if any"
+        None,
+        ge=0,
+        le=1_000_000,
+        description="class that is not a maneuver (driving straight), which Eq. (13) leaves out, if any",
     )
-    frames: int = Field(20, ge=2, description="frames of a clip that the network sees, evenly spaced")
+    frames: int = Field(20, ge=2, le=10_000, description="frames of a clip that the network sees, evenly spaced")
     castformer: CastformerSettings = CastformerSettings(intent_source="out")
-    folds: int = Field(5, ge=2, description="parts, each held out in turn")
-    epochs: int = Field(160, ge=1, description="epochs of each fold")
-    batch: int = Field(16, ge=1, description="clips per training step")
-    learning_rate: float = Field(1e-3, gt=0, description="learning rate of Adam")
-    seed: int = Field(0, description="seed of folds, initial weights, frames and batches")
+    folds: int = Field(5, ge=2, le=1000, description="parts, each held out in turn")
+    epochs: int = Field(160, ge=1, le=1_000_000, description="epochs of each fold")
+    batch: int = Field(16, ge=1, le=1_000_000, description="clips per training step")
+    learning_rate: float = Field(1e-3, gt=0, le=1e9, description="learning rate of Adam")
+    seed: Seed = Field(0, description="seed of folds, initial weights, frames and batches")
 
 
 class FoldScores(Settings):
@@ -79,6 +84,7 @@ class ClipResult(Settings):
     settings: ClipSettings
 
 
+@limited()
 def cross_validate(clips: list[Clip], settings: ClipSettings) -> ClipResult:
     """Predict every clip by a network that was not trained on it, and return the scores.
 
@@ -147,6 +153,11 @@ def _trained(clips: list[Clip], settings: ClipSettings, fold: int) -> Castformer
             drawn = batch(members, settings.frames, settings.seed, fold, epoch)
             outputs = network.training_logits(*_tensors(drawn))
             loss = castformer_loss(outputs, torch.from_numpy(drawn.label), None, settings.castformer.alpha)
+            if not torch.isfinite(loss):
+                raise RunError(
+                    f"clips: a loss in epoch {epoch + 1} of fold {fold + 1} is {loss.item()}, so the training stopped; "
+                    f"lower learning_rate, now {settings.learning_rate}"
+                )
             adam.zero_grad()
             torch.autograd.backward(loss)
             adam.step()
@@ -160,4 +171,4 @@ def _tensors(clips: ClipBatch) -> tuple[Tensor, Tensor, Tensor]:
 if __name__ == "__main__":
     default_settings = ClipSettings()
     result = cross_validate(load_clips(sys.argv[1], default_settings.classes), default_settings)
-    print(json.dumps(result.model_dump(mode="json"), indent=1))
+    print(json_text(result.model_dump(mode="json"), 1))

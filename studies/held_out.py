@@ -37,6 +37,7 @@ class HeldOutRow(Settings):
     n: number of windows of that intention.
     n_known: number of windows of the intentions that were trained.
     macro_f1: on those.
+    macro_f1_over: names of the intentions in that mean; None in files of earlier versions.
     unknown_score: the open-set score chosen on the validation seeds' `following`; the intention takes no part in that.
     unknown_scores: separation of the intention by each open-set score, by the score's name.
     """
@@ -44,6 +45,7 @@ class HeldOutRow(Settings):
     n: int
     n_known: int
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     unknown_score: str
     unknown_scores: dict[str, Separation]
 
@@ -153,6 +155,7 @@ def _row(result: EvaluationResult) -> HeldOutRow:
         n=result.held_out.n,
         n_known=result.n,
         macro_f1=result.macro_f1,
+        macro_f1_over=result.macro_f1_over,
         unknown_score=result.unknown_score,
         unknown_scores=result.held_out.unknown_scores,
     )

@@ -20,6 +20,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.on_windows.coverage import lacking
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report.report import write_report
@@ -38,6 +39,8 @@ def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
     """
     with claim_study(out, study):
         dataset = generate(study.dataset, out / "dataset", engine, feedback)
+        for line in lacking(dataset, study.training, study.evaluation):
+            feedback.message(f"warning: {line}")
         trained = train(dataset, out / "run", study.training, feedback)
         floor = train(dataset, out / "floor", study.floor, feedback)
         evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])

@@ -12,6 +12,7 @@ from isac_cosim.base.parsing import channel
 from isac_cosim.base.settings import Settings, checked, read_toml
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
@@ -79,7 +80,7 @@ class Study(Settings):
     @property
     def first(self) -> WayOfSensing:
         """The way of sensing, by the sites, with which datasets are generated; other ways sense their records anew."""
-        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == "isac"), WayOfSensing("isac"))
+        return next((sensing for sensing in sensings(self.axes) if sensing.sensor == DEFAULT), WayOfSensing(DEFAULT))
 
     @property
     def cells(self) -> list[Cell]:

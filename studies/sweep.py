@@ -17,22 +17,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from isac_cosim.base.errors import InputError, OutputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.base.workers.engine import Engine, describe
+from isac_cosim.base.workers.attempts import describe
+from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.kept_workers import kept_running
+from isac_cosim.evaluation.on_windows.coverage import lacking, records_without_states
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
-from isac_cosim.evaluation.report.report import PAGE
+from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.labeling.dataset.dataset import Dataset, read_description
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import ResenseSettings, resense
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
-from isac_cosim.models.data.windows import COLUMNS, Records, SplitSettings, split
+from isac_cosim.models.data.windows import SplitSettings, split
 from isac_cosim.models.training.progress import Steps
 from isac_cosim.studies.cell_tasks import CellEvaluation, CellTraining, run_tasks
 from isac_cosim.studies.cost_estimate import cell_s, estimate_study
@@ -95,6 +95,8 @@ class Sweep:
                 cells = [cell for cell in self.study.cells if cell.network == network]
                 self._leave_out(cells, self.axes.training_seeds, describe(error))
                 continue
+            for line in lacking(generated, self.study.training, self.study.evaluation, self.sides[network]):
+                self.feedback.message(f"warning: {network}: {line}")
             self._sense(network, study, generated)
 
     def measure_cells(self) -> None:
@@ -255,10 +257,8 @@ def shared_split(dataset: Dataset, settings: SplitSettings) -> dict[str, list[st
 
     Raises RunError where the dataset has too few seeds.
     """
-    table = dataset.frame(COLUMNS)
-    no_states = np.empty((len(table), 6, 0), np.float32)
     try:
-        return split(Records(no_states, no_states, dataset.meta.tv_rate_hz, dataset.meta.uv_rate_hz, table), settings)
+        return split(records_without_states(dataset), settings)
     except InputError as error:
         raise RunError(str(error)) from None
 

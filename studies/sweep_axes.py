@@ -16,11 +16,12 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel
+from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.radio.channel import ChannelSettings
 from isac_cosim.isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
-from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
 from isac_cosim.models.predictors.registry import PREDICTORS
 
 
@@ -43,12 +44,12 @@ class SweepAxes(Settings):
         (), description="per-element SNR of the sites, dB: LO:HI, one value, or link, as `cosim sense --snr` takes it"
     )
     sensors: tuple[Annotated[str, AfterValidator(SENSORS.check)], ...] = Field(
-        ("isac",), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
+        (DEFAULT,), min_length=1, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
     models: tuple[Annotated[str, AfterValidator(PREDICTORS.check)], ...] = Field(
         (), description="predictors; trees are always added, as the floor"
     )
-    training_seeds: tuple[int, ...] = Field(
+    training_seeds: tuple[Seed, ...] = Field(
         (), description="training seeds; the table has mean and standard deviation over them"
     )
     test_on: tuple[str, ...] = Field((), description="networks on which the predictors of the others are tested, too")

@@ -33,6 +33,8 @@ class SweepRow(Settings):
     windows: number of windows of known intentions.
     before_commit_windows: number of those that end before the commit.
     before_commit_macro_f1: macro-F1 of those, mean over the trainings.
+    before_commit_macro_f1_over, macro_f1_over: number of intentions in the two macro-F1s; None in files of earlier
+    versions.
     macro_f1, accuracy, auroc_unknown: of all windows, mean over the trainings; None where none has the score.
     before_commit_macro_f1_sd, macro_f1_sd, accuracy_sd, auroc_unknown_sd: sample standard deviation; None with fewer
     than two trainings.
@@ -55,8 +57,10 @@ class SweepRow(Settings):
     before_commit_windows: int | None
     before_commit_macro_f1: float | None
     before_commit_macro_f1_sd: float | None
+    before_commit_macro_f1_over: int | None = None
     macro_f1: float | None
     macro_f1_sd: float | None
+    macro_f1_over: int | None = None
     accuracy: float | None
     accuracy_sd: float | None
     auroc_unknown: float | None
@@ -74,6 +78,12 @@ class SweepRow(Settings):
     def sensing(self) -> WayOfSensing:
         """What sensed the records."""
         return WayOfSensing(self.sensor, self.snr)
+
+    def over(self, name: ScoreName) -> int | None:
+        """Return over how many intentions a score is a mean; None where it is not one, or that is not known."""
+        return {
+            "before_commit_macro_f1": self.before_commit_macro_f1_over, "macro_f1": self.macro_f1_over
+        }.get(name)  # fmt: skip
 
     def score(self, name: ScoreName) -> tuple[float | None, float | None]:
         """Return mean and standard deviation of a score."""

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import html
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from rich import box
-from rich.table import Table
 
-from isac_cosim.base.files import replace_file, write_json
+from isac_cosim.base.files import json_text, replace_file, write_json
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import (
     ComparedResult,
@@ -21,9 +17,11 @@ from isac_cosim.evaluation.on_windows.results import (
     ScoreName,
 )
 from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDifference
-from isac_cosim.evaluation.report import page as html_page
 from isac_cosim.evaluation.report.figures import CYCLE, figure
-from isac_cosim.evaluation.report.report import PAGE
+from isac_cosim.evaluation.report.page import PAGE, write_page
+from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown
+from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.sweep_axes import Cell
 from isac_cosim.studies.sweep_results import SweepResult, SweepRow, TrainingScores
 
@@ -35,8 +33,14 @@ HEADINGS: dict[ScoreName, str] = {
 """The scores that have a mean and a standard deviation over the training seeds."""
 AHEAD = "over trees before commit (95 %)"
 ON_TERMINAL: tuple[ScoreName, ...] = ("before_commit_macro_f1", "macro_f1", "accuracy")
-
-
+TITLE = "Unseen seeds: mean and standard deviation over training seeds"
+TEXT = (
+    "Measured on scenario seeds that were used neither for training nor for any choice, the same in all cells of a "
+    "network. Scores are means over training seeds, ± their standard deviation. Windows that end before the maneuver "
+    "commits are predicted, the others only recognised. A macro-F1 is the mean over all intentions, or over as many as "
+    "stand beside it. The difference to the macro-F1 of the trees is paired on the "
+    "same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds."
+)
 DRAWN: ScoreName = "before_commit_macro_f1"
 """The score in the figure."""
 
@@ -64,8 +68,10 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
         before_commit_windows=None if result.before_commit is None else result.before_commit.n,
         before_commit_macro_f1=early.mean,
         before_commit_macro_f1_sd=early.sd,
+        before_commit_macro_f1_over=None if result.before_commit is None else len(result.before_commit.macro_f1_over),
         macro_f1=macro_f1.mean,
         macro_f1_sd=macro_f1.sd,
+        macro_f1_over=None if result.macro_f1_over is None else len(result.macro_f1_over),
         accuracy=accuracy.mean,
         accuracy_sd=accuracy.sd,
         auroc_unknown=auroc.mean,
@@ -91,29 +97,37 @@ def write_sweep(result: SweepResult, out: Path) -> None:
     write_json(out / TABLE_JSON, content)
     if result.cells:
         draw(result.cells, report / FIGURE)
-    replace_file(report / PAGE, lambda path: path.write_text(_page(result, report), encoding="utf-8"))
+    shown = [*parts(result), *parts_of(Shown(result, report))]
+    origin = json_text(result.made_by.model_dump(mode="json"), 1)
+    write_page(f"Sweep {result.study}", shown, origin, report)
 
 
-def table(result: SweepResult) -> Table:
-    """Return the table for the terminal."""
-    title = "Unseen seeds: mean and standard deviation over training seeds"
-    drawn = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    names = _names(result.cells)
-    for name in names:
-        drawn.add_column(name, no_wrap=True)
-    for score_name in ON_TERMINAL:
-        drawn.add_column(HEADINGS[score_name], no_wrap=True, justify="right")
-    drawn.add_column(AHEAD, justify="right")
-    for row in result.cells:
-        drawn.add_row(*_labels(row, names), *(_score(row, score_name) for score_name in ON_TERMINAL), _ahead(row))
-    return drawn
+def parts(result: SweepResult) -> list[Part]:
+    """Return what the page and the terminal show."""
+    labels = [_labels(row, result.cells) for row in result.cells]
+    brief: list[Row] = []
+    whole: list[Row] = []
+    for label, row in zip(labels, result.cells, strict=True):
+        brief.append({**label, **{HEADINGS[name]: _score(row, name) for name in ON_TERMINAL}, AHEAD: _ahead(row)})
+        counts = {"trainings": row.trainings, "test seeds": row.test_seeds, "windows": row.windows}
+        scores = {heading: _score(row, name) for name, heading in HEADINGS.items()}
+        report = Link("report", f"../{row.report}/{PAGE}")
+        whole.append(
+            {**label, **counts, "before commit": row.before_commit_windows, **scores, AHEAD: _ahead(row), "": report}
+        )
+    figure = (FIGURE, "Macro-F1 before the commit by cell; whiskers: standard deviation over training seeds.")
+    failed = [f"{failed.cell}, training seed {failed.training_seed}: {failed.reason}" for failed in result.failed]
+    return [
+        Part("cells", rows=brief, on_page=False),
+        Part("cells-in-full", text=TEXT, rows=whole, figures=[figure], on_terminal=False),
+        *([Part("left-out", "Left out", lines=failed, on_terminal=False)] if failed else []),
+    ]
 
 
 def draw(rows: Sequence[SweepRow], path: Path) -> None:
     """Draw mean and deviation of every cell's score DRAWN: a line for each way of sensing, a colour for each model."""
-    names = [name for name in _names(rows) if name != "model"]
     models = list(dict.fromkeys(row.model for row in rows))
-    places = list(dict.fromkeys(", ".join(_labels(row, names)) for row in rows))
+    places = list(dict.fromkeys(_place(row, rows) for row in rows))
     with figure(path, 8, 1.4 + 0.4 * len(places)) as drawn:
         axes = drawn.subplots()
         for k, model in enumerate(models):
@@ -124,7 +138,7 @@ def draw(rows: Sequence[SweepRow], path: Path) -> None:
             points = [(mean, deviation, row) for mean, deviation, row in scores if mean is not None]
             axes.errorbar(
                 [mean for mean, _, _ in points],
-                [places.index(", ".join(_labels(row, names))) + offset for _, _, row in points],
+                [places.index(_place(row, rows)) + offset for _, _, row in points],
                 xerr=[deviation or 0.0 for _, deviation, _ in points],
                 fmt="o", ms=5, capsize=3, color=CYCLE[k % len(CYCLE)], label=model,
             )  # fmt: skip
@@ -159,25 +173,25 @@ def _training_scores(seed: int, run: RunResult) -> TrainingScores:
     )
 
 
-def _names(rows: Sequence[SweepRow]) -> list[str]:
-    """Return the headings of what identifies a row; `tested on` only where that is not always the network itself."""
-    crossed = any(row.tested_on != row.network for row in rows)
-    return ["network", *(["tested on"] if crossed else []), "sensed by", "model"]
+def _labels(row: SweepRow, rows: Sequence[SweepRow]) -> dict[str, str]:
+    """Return what identifies a row; `tested on` only where that is not always the network itself."""
+    crossed = any(other.tested_on != other.network for other in rows)
+    tested_on = {"tested on": row.tested_on} if crossed else {}
+    return {"network": row.network, **tested_on, "sensed by": str(row.sensing), "model": row.model}
 
 
-def _labels(row: SweepRow, names: Sequence[str]) -> list[str]:
-    """Return what identifies a row, a cell for each of the headings of `_names`."""
-    texts = {
-        "network": row.network, "tested on": row.tested_on, "sensed by": str(row.sensing), "model": row.model,
-    }  # fmt: skip
-    return [texts[name] for name in names]
+def _place(row: SweepRow, rows: Sequence[SweepRow]) -> str:
+    """Return what identifies a row's line of the figure."""
+    return ", ".join(text for heading, text in _labels(row, rows).items() if heading != "model")
 
 
 def _score(row: SweepRow, name: ScoreName) -> str:
     mean, deviation = row.score(name)
     if mean is None:
         return "-"
-    return f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}"
+    over = row.over(name)
+    of_fewer = "" if over is None or over == len(KNOWN) else f" over {over} of {len(KNOWN)}"
+    return (f"{mean:.3f}" if deviation is None else f"{mean:.3f} ±{deviation:.3f}") + of_fewer
 
 
 def _ahead(row: SweepRow) -> str:
@@ -186,40 +200,3 @@ def _ahead(row: SweepRow) -> str:
     bounds = row.before_commit_low, row.before_commit_high
     interval = "" if None in bounds else f" ({bounds[0]:+.3f} to {bounds[1]:+.3f})"
     return f"{row.before_commit_ahead_of_floor:+.3f}{interval}"
-
-
-def _count(number: int | None) -> str:
-    return "-" if number is None else str(number)
-
-
-def _page(result: SweepResult, report: Path) -> str:
-    """Return the page as HTML; report: its folder."""
-    rows, names = result.cells, _names(result.cells)
-    head = [*names, "trainings", "test seeds", "windows", "before commit", *HEADINGS.values(), AHEAD, ""]
-    lines = [
-        [
-            *(html.escape(text) for text in _labels(row, names)),
-            *map(_count, (row.trainings, row.test_seeds, row.windows, row.before_commit_windows)),
-            *(_score(row, name) for name in HEADINGS), _ahead(row),
-            f'<a href="../{html.escape(row.report)}/{PAGE}">report</a>',
-        ]
-        for row in rows
-    ]  # fmt: skip
-    body = f"""<p>Measured on scenario seeds that were used neither for training nor for any choice, the same in all
-cells of a network. Scores are means over training seeds, ± their standard deviation. Windows that end before the
-maneuver commits are predicted, the others only recognised. The difference to the macro-F1 of the trees is paired on the
-same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds.</p>
-{html_page.table(head, lines)}
-"""
-    if rows:
-        body += html_page.image(
-            report / FIGURE, "Macro-F1 before the commit by cell; whiskers: standard deviation over training seeds."
-        )
-    if result.failed:
-        reasons = "".join(
-            f"<li>{html.escape(f'{failed.cell}, training seed {failed.training_seed}: {failed.reason}')}</li>"
-            for failed in result.failed
-        )
-        body += f"<h2>Left out</h2><ul>{reasons}</ul>"
-    body += html_page.made_by(json.dumps(result.made_by.model_dump(mode="json"), indent=1))
-    return html_page.document(f"Sweep {result.study}", body)

@@ -15,7 +15,8 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.demand import drivers
 from isac_cosim.isacsim.scenarios.scenario import read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand, write_lines
+from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand
+from isac_cosim.isacsim.scenarios.xml_files import write_lines
 
 LANE_M = 3.6
 MOTORWAY_OPTIONS = ("--default.junctions.radius=1",)
@@ -177,7 +178,7 @@ def write_scenario(
     write_lines(network, re.sub(r"<!-- generated on.*?-->\s*", "", text, flags=re.DOTALL))
     routes = [*drivers(np.random.default_rng(20250101)), *demand]
     write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
-    lanes, _ = read_network(network)
+    lanes = read_network(network).lanes
     sites = place(lanes, covered, PlacementSettings(), is_lefthand(network))
     write_lines(folder / "sites.add.xml", sites_file(sites))
     additional = "sites.add.xml"

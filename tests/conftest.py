@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 import pytest
-from distributed import Client
 
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.kept_workers import KeptWorkers
+from isac_cosim.base.workers.pool import WorkerPool
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
@@ -44,17 +44,17 @@ def one_thread() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def client() -> Iterator[Client]:
-    """Two worker processes, for tests that are not about how these start and end."""
-    with LocalEngine(2).started() as client:
-        yield client
+def pool() -> Iterator[WorkerPool]:
+    """Worker processes for tests that are not about how these start and end."""
+    with LocalEngine(2).started() as pool:
+        yield pool
 
 
 @pytest.fixture
-def one_worker(client: Client) -> KeptWorkers:
-    return KeptWorkers(lambda: client, 1, 1)
+def one_worker(pool: WorkerPool) -> KeptWorkers:
+    return KeptWorkers(lambda: pool, 1, 1)
 
 
 @pytest.fixture
-def two_workers(client: Client) -> KeptWorkers:
-    return KeptWorkers(lambda: client, 2, 2)
+def two_workers(pool: WorkerPool) -> KeptWorkers:
+    return KeptWorkers(lambda: pool, 2, 2)

@@ -144,7 +144,8 @@ import contextlib, io, json, sys
 from pathlib import Path
 
 import cosim
-from isac_cosim.base.workers.engine import LocalEngine, run_on
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.studies.study import read_study
 
@@ -158,8 +159,8 @@ def printed_by(command):
 
 
 if __name__ == "__main__":
-    with LocalEngine(1).started() as client:  # one worker process for all
-        LocalEngine.run = lambda engine, task, items: run_on(client, task, items, lambda: engine.jobs)
+    with kept_running(LocalEngine(1)) as kept:  # one worker process for all
+        LocalEngine.run = lambda engine, *arguments, **named: kept.run(*arguments, **named)
         generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
         print(json.dumps({command: printed_by(command) for command in sys.argv[1:]}))
 """
@@ -188,6 +189,11 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
     metrics = json.loads(output[COMMANDS[-1]].splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
+    sure = metrics["answers"]["sureness"]
+    assert 0 < sure["wrong"] <= 1
+    page = (folder / "nearest" / "evaluation" / "index.html").read_text()
+    assert "<h2>How sure is the run?</h2>" in page
+    assert f"<td>right</td><td>{sure['right']:.4g}</td>" in page
 
 
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(

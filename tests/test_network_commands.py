@@ -61,7 +61,9 @@ def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert cosim.main([*command, "-o", str(tmp_path / "road"), "--box", "9.9,51.9,10.1,52.1"]) == 0
     printed = capfd.readouterr()
     result = json.loads(printed.out)
-    assert set(result) == {"folder", "sites", "edges", "made_demand", "overridden", "corners"}
+    assert set(result) == {
+        "folder", "sites", "edges", "made_demand", "overridden", "corners", "removed", "remarks", "drivers",
+    }  # fmt: skip
     assert result["made_demand"] is True
     assert len(load(tmp_path / "road").sites) == result["sites"] > 4
     assert "demand was made" in printed.err

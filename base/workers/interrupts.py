@@ -1,60 +1,92 @@
-"""Ctrl-C is handled by the command alone, which then ends its worker processes; nobody else prints anything.
+"""Signals that end a command: the command alone handles them, and ends its worker processes. One line is printed.
 
-A terminal sends the interrupt to every process of a command. Each worker that received it would print a traceback.
+A terminal and a batch system send such signals to every process of a command. Each worker that received Ctrl-C would
+print a traceback.
 """
 
 from __future__ import annotations
 
-import logging
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Ctrl-C; what `kill` and batch systems send; what a terminal sends when it is closed."""
+_received: list[int] = []
+
+
+@contextmanager
+def raised_alike() -> Iterator[None]:
+    """Let each of these signals raise KeyboardInterrupt inside the block, as Ctrl-C does.
+
+    A signal that is ignored stays so, as SIGHUP is under `nohup`.
+    """
+    _received.clear()
+    if not _in_main_thread():
+        yield
+        return
+    # None stands for a handler that is not Python's own.
+    taken = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, _interrupt) for number in taken}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def received() -> int | None:
+    """Return the signal that arrived first since the last `raised_alike` began, None if there was none."""
+    return _received[0] if _received else None
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Delay Ctrl-C until the block ends, and hide it from the threads and processes that are started inside."""
-    if threading.current_thread() is not threading.main_thread():  # which alone receives it
+    """Delay these signals until the block ends, and hide Ctrl-C from the processes that are started inside."""
+    if not _in_main_thread():
         yield
         return
     arrived: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: arrived.append(number))
+    taken = [number for number in ENDING if signal.getsignal(number) is not None]
+    before = {number: signal.signal(number, lambda number, _: arrived.append(number)) for number in taken}
     try:
         with _blocked():
             yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     if arrived:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(arrived[0])
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
+    _received.append(number)
+    raise KeyboardInterrupt
+
+
+def _in_main_thread() -> bool:
+    """Whether this is the thread that receives signals."""
+    return threading.current_thread() is threading.main_thread()
 
 
 @contextmanager
 def _blocked() -> Iterator[None]:
-    """Block the signal in this thread and in the threads and processes that are started inside, for all their life.
+    """Block Ctrl-C in this thread and in the processes that are started inside, until they ignore it themselves.
 
-    On Windows, which has no signal masks, `dask_setup` alone protects the worker processes.
+    Windows has no signal masks.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     from multiprocessing import resource_tracker  # of POSIX
 
-    # A thread that has to start multiprocessing's resource tracker would unblock the signal for itself.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
+        # Multiprocessing's own process inherits the blocked signals; when it starts, it unblocks some of them here.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_SETMASK, {*before, signal.SIGINT})
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def silence_asyncio() -> None:
-    """Keep asyncio from printing the errors of tasks that dask abandons when it shuts down."""
-    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
-
-
-def dask_setup(worker: object) -> None:
-    """Make a worker process ignore Ctrl-C. dask calls this function because the module is a worker's preload."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    silence_asyncio()

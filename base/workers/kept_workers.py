@@ -6,14 +6,14 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 
-from distributed import Client
-
-from isac_cosim.base.workers.engine import Engine, Item, LocalEngine, Outcome, Result, run_on
+from isac_cosim.base.workers.attempts import Item, Outcome, Result
+from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.pool import WorkerPool
 
 
 @contextmanager
 def kept_running(engine: Engine) -> Iterator[Engine]:
-    """Yield an engine like the given one, whose worker processes run from its first use until the block ends.
+    """Yield an engine like the given one, whose worker processes run from their first use until the block ends.
 
     A worker of a `LocalEngine` takes seconds to start, most of them for imports; other engines are yielded unchanged.
     """
@@ -27,11 +27,11 @@ def kept_running(engine: Engine) -> Iterator[Engine]:
 class KeptWorkers:
     """An engine on worker processes that somebody else ends.
 
-    start: returns a client of the processes; called with the first tasks. workers: how many tasks run at a time.
-    cores: how many processor cores they share.
+    start: returns the processes; called with the first tasks. workers: how many tasks run at a time. cores: how many
+    processor cores they share.
     """
 
-    def __init__(self, start: Callable[[], Client], workers: int, cores: int) -> None:
+    def __init__(self, start: Callable[[], WorkerPool], workers: int, cores: int) -> None:
         self._start, self._workers, self._cores = start, workers, cores
 
     @property
@@ -45,8 +45,8 @@ class KeptWorkers:
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
-        yield from run_on(self._client, task, items, lambda: self.workers // threads)
+        yield from self._pool.run(task, items, self.workers // threads)
 
     @cached_property
-    def _client(self) -> Client:
+    def _pool(self) -> WorkerPool:
         return self._start()

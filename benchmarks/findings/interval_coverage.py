@@ -8,11 +8,10 @@ Run: python -m isac_cosim.benchmarks.findings.interval_coverage
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.files import json_text
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.statistics import jackknife_half_width
 
@@ -96,7 +95,7 @@ def main() -> None:
             "jackknife_of_difference": coverage_of_difference(groups, 4000),
             "bootstrap": coverage_of_bootstrap(groups, 2000),
         }
-        print(json.dumps({"seeds": groups, **{name: round(share, 3) for name, share in shares.items()}}))
+        print(json_text({"seeds": groups, **{name: round(share, 3) for name, share in shares.items()}}))
 
 
 if __name__ == "__main__":

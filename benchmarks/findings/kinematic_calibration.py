@@ -12,7 +12,6 @@ Run: python -m isac_cosim.benchmarks.findings.kinematic_calibration [--episodes 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -27,6 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.feedback import SILENT
+from isac_cosim.base.files import json_text
 from isac_cosim.base.settings import checked, merged
 from isac_cosim.evaluation.on_windows.metrics import accuracy, confusion, f1_scores, mean_f1
 from isac_cosim.evaluation.statistics import Counts, score
@@ -70,7 +70,7 @@ def true_records(study: DatasetStudy, seeds: Sequence[int]) -> Records:
                 for vehicle, rate_hz in zip((candidate.tv, candidate.uv), rates, strict=True)
             )
             tv.append(tv_truth.astype(np.float32))
-            uv.append(report(uv_truth, study.report, key))
+            uv.append(report(uv_truth, study.report, key).astype(np.float32))
             rows.append(
                 {
                     "sample_id": f"{scenario.name}-{seed}-{len(rows)}",
@@ -182,7 +182,7 @@ def main() -> None:
     study, settings = checked(DatasetStudy, content, "arguments"), checked(TrainSettings, training, "arguments")
     with threadpool_limits(1):
         result = run(study, settings, arguments.episodes, arguments.test_episodes, arguments.folder)
-        print(json.dumps(result), flush=True)
+        print(json_text(result), flush=True)
 
 
 if __name__ == "__main__":

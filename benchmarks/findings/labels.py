@@ -8,7 +8,6 @@ Run: python -m isac_cosim.benchmarks.findings.labels [SECONDS ...]
 
 from __future__ import annotations
 
-import json
 import resource
 import sys
 import time
@@ -17,6 +16,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from isac_cosim.base.files import json_text
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
@@ -68,4 +68,4 @@ def _peak_mb() -> int:
 
 if __name__ == "__main__":
     for duration in [float(word) for word in sys.argv[1:]] or DURATIONS_S:
-        print(json.dumps(run([duration])[0]), flush=True)
+        print(json_text(run([duration])[0]), flush=True)

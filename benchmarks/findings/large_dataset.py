@@ -14,7 +14,6 @@ Run: python -m isac_cosim.benchmarks.findings.large_dataset [SAMPLES, 4000 if no
 from __future__ import annotations
 
 import importlib
-import json
 import multiprocessing
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
 from isac_cosim.benchmarks.findings.memory import QUANTITIES, peaks, sampled
 from isac_cosim.labeling.dataset.dataset import (
@@ -137,4 +137,4 @@ if __name__ == "__main__":
     kinds = ("disk",) if "--disk-only" in sys.argv else ("memory", "disk")
     # Imported by name, so that other processes find the functions that are sent to them.
     module = importlib.import_module("isac_cosim.benchmarks.findings.large_dataset")
-    print(json.dumps(module.run(*map(int, words[:1]), kinds=kinds), indent=2))
+    print(json_text(module.run(*map(int, words[:1]), kinds=kinds), 2))

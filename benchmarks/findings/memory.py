@@ -10,7 +10,6 @@ Run: python -m isac_cosim.benchmarks.findings.memory [SIMULATED SECONDS, 3600 if
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 import time
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import json_text
 from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
@@ -87,4 +87,4 @@ def peaks(samples: list[dict[str, float]]) -> dict[str, float]:
 if __name__ == "__main__":
     began = time.monotonic()
     results = run(*map(float, sys.argv[1:2]))
-    print(json.dumps({**results, "wall_s": round(time.monotonic() - began)}, indent=2))
+    print(json_text({**results, "wall_s": round(time.monotonic() - began)}, 2))

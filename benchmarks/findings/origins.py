@@ -10,7 +10,6 @@ Run: python -m isac_cosim.benchmarks.findings.origins DATASET OUT [--model trees
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from rich.table import Table
 
 from isac_cosim.base.arrays import BoolArray, IntArray
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.files import write_json
+from isac_cosim.base.files import json_text, write_json
 from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
@@ -158,7 +157,7 @@ def main() -> None:
     feedback = ConsoleFeedback(Console(stderr=True))
     result = run(Records.of(opened), made_of, arguments.out, settings, arguments.folds, feedback)
     write_json(arguments.out / "origins.json", result)
-    Console(width=140).print(table(result), json.dumps(result["intentions"]))
+    Console(width=140).print(table(result), json_text(result["intentions"]))
 
 
 if __name__ == "__main__":

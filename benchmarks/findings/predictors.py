@@ -32,7 +32,7 @@ from rich.console import Console
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import write_json
+from isac_cosim.base.files import json_text, write_json
 from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
@@ -44,7 +44,8 @@ from isac_cosim.evaluation.on_windows.repeats import summary
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
-from isac_cosim.evaluation.report.report import PAGE, write_page
+from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.data.windows import Records
@@ -360,7 +361,7 @@ def main() -> None:
         LocalEngine(arguments.jobs),
         ConsoleFeedback(Console(stderr=True)),
     )
-    print(json.dumps(result, indent=1))
+    print(json_text(result, 1))
 
 
 if __name__ == "__main__":

@@ -11,14 +11,14 @@ Run: python -m isac_cosim.benchmarks.findings.task_sizes
 from __future__ import annotations
 
 import importlib
-import json
 import tempfile
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
 from distributed.protocol.pickle import dumps
 
-from isac_cosim.base.workers.engine import Item, Outcome, Result, _Attempt, _try
+from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.attempts import Attempt, Item, Outcome, Result, try_task
 from isac_cosim.benchmarks.cluster import SCENARIO, synthetic_shard
 from isac_cosim.benchmarks.findings.large_dataset import write_made_up
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
@@ -48,7 +48,7 @@ class Measuring:
     def run(
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
-        raise MeasuredError(size(_try, task, next(iter(items))))
+        raise MeasuredError(size(try_task, task, next(iter(items))))
         yield
 
 
@@ -82,11 +82,11 @@ def run() -> dict[str, dict[str, int]]:
         windows={measure.name: 5000 for measure in measures},
     )  # fmt: skip
     return {
-        "generate": _sizes(generated, EpisodeResult(shard, 0)),
+        "generate": _sizes(generated, EpisodeResult(shard, None)),
         "sense": _sizes(sensed, shard),
-        "run, a training of a sweep": _sizes(size(_try, attempt, swept), None),
-        "evaluate --traffic": _sizes(size(_try, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),
-        "reproduce, a training": _sizes(size(_try, train_and_measure, reproduced), scores),
+        "run, a training of a sweep": _sizes(size(try_task, attempt, swept), None),
+        "evaluate --traffic": _sizes(size(try_task, live, 1), ProcessorTime(1, *(1.5 for _ in range(7)))),
+        "reproduce, a training": _sizes(size(try_task, train_and_measure, reproduced), scores),
     }
 
 
@@ -105,7 +105,7 @@ def size(*parts: object) -> int:
 
 
 def _sizes(task_bytes: int, result: object) -> dict[str, int]:
-    return {"task_bytes": task_bytes, "result_bytes": size(_Attempt(result, None, 1.0))}
+    return {"task_bytes": task_bytes, "result_bytes": size(Attempt(result, None, 1.0))}
 
 
 def made_up(folder: Path) -> Dataset:
@@ -121,4 +121,4 @@ def made_up(folder: Path) -> Dataset:
 
 
 if __name__ == "__main__":
-    print(json.dumps(importlib.import_module("isac_cosim.benchmarks.findings.task_sizes").run(), indent=2))
+    print(json_text(importlib.import_module("isac_cosim.benchmarks.findings.task_sizes").run(), 2))

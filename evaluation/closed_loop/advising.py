@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from isac_cosim.base.seeding import stream
-from isac_cosim.evaluation.closed_loop.policy import Advisory
+from isac_cosim.evaluation.closed_loop.policy import Advisory, Instruction
 from isac_cosim.evaluation.closed_loop.settings import AdvisorySettings
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import (
     COMMANDED_LANE_CHANGE_MODE,
@@ -53,6 +53,12 @@ class Advisor:
     _due: list[tuple[float, Sent]] = field(default_factory=list)
     _active: dict[str, tuple[Sent, Steps]] = field(default_factory=dict)
     _rested: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def under_way(self) -> dict[str, Instruction]:
+        """The instruction of each vehicle that follows one, or will."""
+        sent = [sent for _, sent in self._due] + [sent for sent, _ in self._active.values()]
+        return {one.advisory.vehicle: one.advisory.instruction for one in sent}
 
     def send(self, advisory: Advisory) -> None:
         """Send an advisory; it takes effect after the network's delay and the driver's reaction time."""

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.base import landlock
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
 from isac_cosim.evaluation.closed_loop.policy import advisories
 from isac_cosim.evaluation.closed_loop.safety import driving_of, encroachments
-from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings
+from isac_cosim.evaluation.closed_loop.settings import NOT_OF_A_SENSOR, Arm, ClosedLoopSettings
 from isac_cosim.evaluation.closed_loop.store import (
     AdvisoryFacts,
     AlarmFacts,
@@ -68,17 +69,19 @@ class ArmTask:
     fingerprints: Mapping[Arm, str]
     folder: Path
 
-    def __call__(self, item: tuple[int, Arm]) -> str | InputError | OutputError:
-        """Run one arm and write it. An error that a retry would not fix is returned, not raised."""
+    @limited()
+    def __call__(self, item: tuple[int, Arm]) -> str:
+        """Run one arm and write it."""
         seed, arm = item
-        try:
-            scenario = self.source.load(self.where)
-            episode = run_arm(self.study, self.settings, scenario, seed, arm, _load(self.run), self.alarming)
-            facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
-            write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
-            return arm
-        except (InputError, OutputError) as error:
-            return error
+        scenario = self.source.load(self.where)
+        infer = _load(self.run)
+        # SUMO runs in between the other work, all of which is therefore kept from writing files.
+        episode = landlock.confined(
+            lambda: run_arm(self.study, self.settings, scenario, seed, arm, infer, self.alarming)
+        )
+        facts = episode.facts.model_copy(update={"fingerprint": self.fingerprints[arm]})
+        write_arm(self.folder / file_name(scenario.name, seed, arm), ArmEpisode(facts, episode.driving))
+        return arm
 
 
 @lru_cache(maxsize=4)
@@ -100,7 +103,8 @@ def run_arm(
         return measured(recorded(running_source(study.dataset), scenario, seed), arm)
     silent = arm == "random" or alarming.settings is None
     answering = None if silent else run_answering(infer, study.live.background.lanes)
-    loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, arm, answering)
+    sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm
+    loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, sensor, answering)
     source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _Alarms(alarming, study)
     alarms: list[AlarmFacts] = []
     predicted = 0

@@ -17,6 +17,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, remove_partial, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.closed_loop.episode import Alarming, ArmTask
 from isac_cosim.evaluation.closed_loop.loop import kernel_of
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult
@@ -84,7 +85,8 @@ def evaluate_advisories(
     opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
     where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where).name
-    arms = [arm for arm in ARMS if arm in settings.arms or arm in (REFERENCE, ALARMING)]
+    chosen = dict.fromkeys((REFERENCE, ALARMING, *settings.arms))
+    arms = [*(arm for arm in ARMS if arm in chosen), *(arm for arm in chosen if arm not in ARMS)]
     settings = settings.model_copy(update={"arms": tuple(arms)})
     begun = read_json(Begun, out / STUDY_FILE)
     assert begun is not None, "the open loop marks its folder"
@@ -104,6 +106,7 @@ def evaluate_advisories(
     return ClosedLoopEvaluation(result, opened)
 
 
+@limited()
 def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out: Path) -> Alarming:
     """Return how the closed loop raises alarms: as the open loop chose on the development seeds.
 
@@ -147,7 +150,7 @@ def _fingerprints(begun: Begun, settings: ClosedLoopSettings, alarming: Alarming
     )
     raised = fingerprint(base, chosen, background, study.development.model_dump(mode="json"))
     special = {"none": base, "random": fingerprint(base, dict(alarming.random_per_hour))}
-    return {arm: special.get(arm, raised) for arm in ARMS}
+    return {arm: special.get(arm, raised) for arm in settings.arms}
 
 
 def _begin(out: Path, begun: _Begun) -> None:
@@ -170,6 +173,7 @@ def _run_missing(
     run_missing(task, arms, engine, feedback)
 
 
+@limited()
 def _result(
     opened: TrafficEvaluation, study: LiveStudy, settings: ClosedLoopSettings, scenario: str, out: Path
 ) -> ClosedLoopResult:
@@ -178,7 +182,7 @@ def _result(
         arm: [read_arm(out / ARMS_FOLDER / file_name(scenario, seed, arm)) for seed in study.dataset.seeds]
         for arm in settings.arms
     }
-    arms, hours = arm_results(episodes, settings)
+    arms, hours = arm_results(episodes, settings, study.live.streams.sensor)
     pairs = zip(episodes[REFERENCE], episodes[ALARMING], strict=True)
     latency = ClosedLoopLatency(
         sensing_s=round(kernel_of(study, settings).age_s, 6),

@@ -9,17 +9,17 @@ from typing import cast
 from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.closed_loop.advising import Advisor
 from isac_cosim.evaluation.closed_loop.mobile_network import Knowledge, Network
-from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings
+from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import timing_of
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answering
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.running.conditioning import Kernel
-from isac_cosim.isacsim.sensing.running.sensors import IsacSensor, RadarSensor, Sensor, TruthSensor
 from isac_cosim.isacsim.sensing.running.world import World
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.registry import running_source
 from isac_cosim.isacsim.traffic.sources.sumo import Moment
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.models.predictors.protocol import WindowShape
 
 
@@ -53,12 +53,12 @@ class ClosedLoop:
         study: LiveStudy,
         settings: ClosedLoopSettings,
         shape: WindowShape,
-        arm: Arm,
+        sensor: str,
         answering: Answering | None,
     ) -> ClosedLoop:
-        """Return the loop of an arm. answering: how the predictor answers; None: nothing is predicted.
+        """Return the loop of a sensor. answering: how the predictor answers; None: nothing is predicted.
 
-        Raises InputError where the times of the settings do not fit the simulation's steps.
+        Raises InputError for an unknown sensor, or where the times of the settings do not fit the simulation's steps.
         """
         dataset, timing = study.dataset, timing_of(study, shape)
         traffic = running_source(dataset).traffic
@@ -71,20 +71,21 @@ class ClosedLoop:
             )
         rates = (shape.tv_rate_hz, shape.uv_rate_hz)
         world = World(scenario, seed, traffic, kernel, timing.decision_s, rates)
-        sensor: Sensor
-        if arm == "radar":
-            sensor = RadarSensor(scenario, seed, settings.radar, dataset.report, shape.tv_rate_hz)
-        elif arm == "truth":
-            sensor = TruthSensor()
-        else:
-            sensor = IsacSensor(scenario, seed, dataset.sensing, shape.tv_rate_hz, world.vehicles)
-        network = Network(scenario, seed, dataset, shape, timing, sensor, answering)
+        of_sensor = study.sensor_settings
+        if sensor != study.live.streams.sensor:
+            of_sensor = of_sensor.model_copy(update={"radar": settings.radar})
+        watch = watch_episode(dataset, scenario, seed, sensor=sensor, settings=of_sensor)
+        network = Network(scenario, seed, dataset, shape, timing, watch, answering)
         advisor = Advisor(settings.advisories, (scenario.name, seed), traffic.step_s)
         return cls(scenario, seed, study, world, network, advisor)
 
     def decisions(self) -> Generator[Decision, None, Recording]:
-        """Simulate, and pause at every decision of the recording; returns the recording. Closing it ends SUMO."""
-        moments = running_source(self.study.dataset).run(self.scenario, self.seed)
+        """Simulate, and pause at every decision of the recording; returns the recording. Closing it ends SUMO.
+
+        Raises TrafficError where other code has ended or stepped the simulation meanwhile.
+        """
+        source = running_source(self.study.dataset)
+        moments = source.run(self.scenario, self.seed)
         try:
             while True:
                 try:
@@ -96,6 +97,7 @@ class ClosedLoop:
                 piece = self.world.read(moment)
                 if piece is not None:
                     yield Decision(moment, self.network.learn(piece))
+                    moment.held.check(moment.time_s, source.traffic.step_s)
                 self.advisor.step(moment)
         finally:
             moments.close()

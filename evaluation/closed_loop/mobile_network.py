@@ -12,9 +12,9 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answering, Answers, LiveWindows
 from isac_cosim.evaluation.in_traffic.streams.stretches import Timing
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.passages import Piece
 from isac_cosim.isacsim.sensing.reports import report
-from isac_cosim.isacsim.sensing.running.sensors import Sensor
-from isac_cosim.isacsim.sensing.running.world import Piece
+from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.road.lane_graph import LaneGraph
 from isac_cosim.labeling.road.surroundings import Surroundings
@@ -56,7 +56,7 @@ class Network:
     study: DatasetStudy
     shape: WindowShape
     timing: Timing
-    sensor: Sensor
+    sensor: Watch
     answering: Answering | None
     _tv: dict[str, Array] = field(default_factory=dict)
     _uv: dict[str, Array] = field(default_factory=dict)
@@ -77,7 +77,7 @@ class Network:
         pairs = self._paired(surroundings, piece)
         self._pairs.append({tv: pair.uv for tv, pair in pairs.items()})
         self._listen(piece)
-        sensed = self.sensor.sense(piece, self._watched(piece.end_s))
+        sensed = self.sensor.step(piece, self._watched(piece.end_s))
         self._tv = {
             name: _joined(self._tv.get(name), state, self._enough + 1)
             for name, state in zip(sensed.names, sensed.state, strict=True)
@@ -122,7 +122,7 @@ class Network:
 
     def _report(self, state: Array, key: tuple[str | int, ...]) -> Array:
         """Return what a vehicle reports over a piece, (6, m)."""
-        return report(state, self.study.report, ("live", *key)).astype(np.float64)
+        return report(state, self.study.report, ("live", *key))
 
     def _ready(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the TVs that have been sensed long enough, and the UV of each."""
@@ -145,7 +145,7 @@ class Network:
             return np.empty((0, 6, shape.tv_length)), np.empty((0, 6, shape.uv_length))
         tv_windows = np.stack([self._tv[name][:, -shape.tv_length :] for name in tv])
         uv_windows = np.stack([self._uv[name][:, : shape.uv_length] for name in uv])
-        return tv_windows.astype(np.float32).astype(np.float64), uv_windows.astype(np.float64)
+        return tv_windows, uv_windows
 
 
 def _joined(before: Array | None, state: Array, most: int) -> Array:

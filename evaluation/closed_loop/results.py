@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from isac_cosim.base.settings import Settings
 from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings
-from isac_cosim.evaluation.in_traffic.scores.results import Interval, TrafficResult
+from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
+from isac_cosim.evaluation.statistics import Interval
 
 
 class Difference(Settings):

@@ -15,10 +15,10 @@ import numpy as np
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.evaluation.closed_loop.results import ArmResult, Difference
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, Totals, figures
-from isac_cosim.evaluation.closed_loop.settings import ARMS, Arm, ClosedLoopSettings
+from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings, what
 from isac_cosim.evaluation.closed_loop.store import ArmEpisode
-from isac_cosim.evaluation.in_traffic.scores.results import Interval
-from isac_cosim.evaluation.statistics import jackknife_half_width
+from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 
 REFERENCE: Arm = "none"
 """The arm that the others are compared with."""
@@ -75,9 +75,12 @@ def totals_of(episode: ArmEpisode, spans: Spans | None) -> Totals:
 
 
 def arm_results(
-    episodes: Mapping[Arm, Sequence[ArmEpisode]], settings: ClosedLoopSettings
+    episodes: Mapping[Arm, Sequence[ArmEpisode]], settings: ClosedLoopSettings, sensor: str = DEFAULT
 ) -> tuple[dict[Arm, ArmResult], float]:
-    """Return the results of the arms, and the vehicle-hours that are scored. episodes: by arm, seed by seed."""
+    """Return the results of the arms, and the vehicle-hours that are scored.
+
+    episodes: by arm, seed by seed. sensor: of the open loop.
+    """
     spans = [spans_of(episode, settings) for episode in episodes[ALARMING]]
     scored = {arm: [totals_of(e, s) for e, s in zip(rows, spans, strict=True)] for arm, rows in episodes.items()}
     everything = {arm: [totals_of(episode, None) for episode in rows] for arm, rows in episodes.items()}
@@ -90,7 +93,7 @@ def arm_results(
             if episode.facts.advisories
         }
         results[arm] = ArmResult(
-            what=ARMS[arm],
+            what=what(arm, sensor),
             alarms=sum(len(episode.facts.alarms) for episode in rows),
             advisories=sum(fates.values()),
             fates=dict(sorted(fates.items())),

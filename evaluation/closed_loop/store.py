@@ -10,10 +10,12 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import Field
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, VehicleMotions
 from isac_cosim.evaluation.closed_loop.settings import Arm
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
@@ -21,6 +23,8 @@ from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 FACTS_KEY = b"isac_cosim.closed_loop_arm"
 NUMBERS = ("time_s", "x", "y", "speed", "acceleration", "ttc_s", "drac_mps2")
 """The numeric columns of a file, as in `VehicleMotions`."""
+MAY_BE_INFINITE = ("ttc_s",)
+"""Those of them that are infinite where there is nothing to collide with."""
 
 
 class AlarmFacts(Settings):
@@ -66,11 +70,11 @@ class ArmFacts(Settings):
     seed: int
     arm: Arm
     traffic: str
-    vehicles: int
+    vehicles: int = Field(ge=0)
     collided: tuple[str, ...]
     teleported: tuple[str, ...]
-    predicted_hours: float
-    every_s: float
+    predicted_hours: float = Field(ge=0)
+    every_s: float = Field(gt=0)
     alarms: tuple[AlarmFacts, ...]
     advisories: tuple[AdvisoryFacts, ...]
     encroachments: tuple[EncroachmentFacts, ...]
@@ -129,7 +133,7 @@ def write_arm(path: Path, episode: ArmEpisode) -> None:
     names = pa.DictionaryArray.from_arrays(pa.array(driving.vehicle, pa.int32()), pa.array(driving.names, pa.string()))
     columns = {"vehicle": names, **{name: pa.array(getattr(driving, name)) for name in NUMBERS}}
     table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
-    replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd"))
+    replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd", write_page_checksum=True))
 
 
 def read_facts(path: Path) -> ArmFacts | None:
@@ -140,13 +144,27 @@ def read_facts(path: Path) -> ArmFacts | None:
         return None
 
 
+def _check(table: pa.Table) -> None:
+    """Raise ValueError, which names the column, unless a table holds what `write_arm` writes."""
+    check_types(table, pa.schema([("vehicle", pa.dictionary(pa.int32(), pa.string()))]))
+    for name in NUMBERS:
+        if name not in table.column_names or not pa.types.is_floating(table.schema.field(name).type):
+            raise ValueError(f"{name}: is not a column of numbers")
+        values = table[name].to_numpy()
+        if np.isnan(values).any() or (name not in MAY_BE_INFINITE and np.isinf(values).any()):
+            raise ValueError(f"{name}: is not a number in every row")
+
+
 def read_arm(path: Path) -> ArmEpisode:
-    """Read an arm. Raises InputError if the file is damaged."""
+    """Read an arm. Raises InputError if the file is damaged, or that of another arm."""
     facts = read_facts(path)
     try:
         if facts is None:
             raise ValueError("it says nothing of its arm")
-        table = pq.ParquetFile(path).read()
+        if path.name != file_name(facts.scenario, facts.seed, facts.arm):
+            raise ValueError(f"it is that of {facts.scenario}, seed {facts.seed}, arm {facts.arm}")
+        table = read_columns(open_parquet(path))
+        _check(table)
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: not a whole episode ({' '.join(str(error).split())}); delete it and run the same command again"

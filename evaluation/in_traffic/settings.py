@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import ceil
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.trees.boosting import BoostingSettings
 
 Method = Literal["reject", "background"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
@@ -31,6 +43,10 @@ def _whole(seconds: float, *rates_hz: float) -> float:
     return next((t for t in times if all(abs(t * rate - round(t * rate)) < 1e-6 for rate in rates_hz)), seconds)
 
 
+Confirmation = Annotated[int, Field(ge=1, le=10_000)]
+"""Number of windows."""
+
+
 class StreamSettings(Settings):
     """How vehicles are watched."""
 
@@ -44,17 +60,31 @@ class StreamSettings(Settings):
     outcome_s: float = Field(
         6.0,
         ge=0.0,
+        le=1e5,
         description="no prediction is made this close to the end of a vehicle's track, s: whether an alarm is right "
         "would not be known",
     )
     longest_stretch_s: float = Field(
         120.0,
         ge=10.0,
+        le=1e5,
         description="longest stretch that is sensed without acquiring the vehicle anew, s; limits the use of memory",
     )
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
+    sensor: Annotated[str, AfterValidator(SENSORS.check)] = Field(DEFAULT, description="what senses the TVs")
+    radar: RadarSettings = Field(RadarSettings(), description="the UV's own radar, where that is the sensor")
+    options: dict[str, JsonValue] = Field({}, description="settings of an installed sensor, which checks them itself")
+
+    @model_serializer(mode="wrap")
+    def _without_unused_sensors(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Settings of sensors are stored where they are not the default."""
+        content: dict[str, Any] = serialize(self)
+        for name in ("sensor", "radar", "options"):
+            if getattr(self, name) == type(self).model_fields[name].default:
+                content.pop(name, None)
+        return content
 
     def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
         """Return these settings with times that are whole numbers of samples, as little longer as possible."""
@@ -83,7 +113,7 @@ class AlarmSettings(Settings):
     k: int = Field(1, ge=1)
     n: int = Field(1, ge=1)
     least_probability: float = Field(0.0, ge=0.0, le=1.0)
-    refractory_s: float = Field(2.0, ge=0.0)
+    refractory_s: float = Field(2.0, ge=0.0, le=1e5)
 
     @field_validator("threshold")
     @classmethod
@@ -117,25 +147,31 @@ class ChoiceSettings(Settings):
     """The alarm settings among which the development seeds choose."""
 
     false_alarms_per_vehicle_hour: float = Field(
-        1.0, gt=0.0, description="choose the highest recall at this many false alarms per vehicle-hour"
+        1.0, gt=0.0, le=1e6, description="choose the highest recall at this many false alarms per vehicle-hour"
     )
     threshold: Sharing = Field("separate", description="whether all intentions share a threshold, or each has its own")
     least_events: int = Field(
-        20, ge=1, description="fewest development events for a separate threshold; rarer intentions share one"
+        20,
+        ge=1,
+        le=1_000_000,
+        description="fewest development events for a separate threshold; rarer intentions share one",
     )
-    confirmations: tuple[tuple[int, int], ...] = Field(
+    confirmations: tuple[tuple[Confirmation, Confirmation], ...] = Field(
         ((1, 1), (2, 3), (4, 5)), min_length=1, description="pairs (k, n): k of the last n windows reach the threshold"
     )
-    least_probabilities: tuple[float, ...] = Field(
+    least_probabilities: tuple[Annotated[float, Field(ge=0, le=1)], ...] = Field(
         (0.0, 0.5, 0.8), min_length=1, description="least probabilities of the likeliest intention, for `reject`"
     )
     refractory_s: float = Field(
         5.0,
         ge=0.0,
+        le=1e5,
         description="time between two alarms of one intention and vehicle, s; 5 is the mean duration of a lane change, "
         "which should raise no second alarm",
     )
-    thresholds: int = Field(80, ge=2, description="thresholds tried for each combination of the other settings")
+    thresholds: int = Field(
+        80, ge=2, le=100_000, description="thresholds tried for each combination of the other settings"
+    )
 
     @model_validator(mode="after")
     def _confirmable(self) -> Self:
@@ -145,7 +181,7 @@ class ChoiceSettings(Settings):
         return self
 
 
-class BackgroundSettings(Settings):
+class BackgroundSettings(BoostingSettings):
     """How the trees with the answer "none" are trained on the streams of the development seeds."""
 
     lanes: bool = Field(
@@ -160,16 +196,18 @@ class BackgroundSettings(Settings):
         "out of the training, because an alarm then comes too late to predict",
     )
     background_every_s: float = Field(
-        1.0, gt=0.0, description="interval between training windows outside events, s; they get the weight of all"
+        1.0,
+        gt=0.0,
+        le=1e5,
+        description="interval between training windows outside events, s; they get the weight of all",
     )
     before_onset_s: float = Field(
-        0.5, ge=0.0, description="how early before onset a window already counts as the maneuver, s"
+        0.5, ge=0.0, le=1e5, description="how early before onset a window already counts as the maneuver, s"
     )
-    rounds: int = Field(100, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
-    folds: int = Field(4, ge=2, description="parts of the development seeds; trees of the others answer a part")
+    rounds: int = Field(100, ge=1, le=100_000, description="boosting rounds")
+    folds: int = Field(
+        4, ge=2, le=1000, description="parts of the development seeds; trees of the others answer a part"
+    )
 
 
 class ScoringSettings(Settings):
@@ -178,7 +216,7 @@ class ScoringSettings(Settings):
     before_onset_s: float = Field(
         2.0, ge=0.0, le=10.0, description="an alarm may come this long before the onset of its event, s"
     )
-    false_alarms_per_vehicle_hour: tuple[float, ...] = Field(
+    false_alarms_per_vehicle_hour: tuple[Annotated[float, Field(gt=0, le=1e6)], ...] = Field(
         (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
     )
     confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
@@ -242,6 +280,12 @@ class LiveStudy(Settings):
         if len(self.dataset.scenarios) != 1:
             raise ValueError("evaluate one scenario at a time")
         return self
+
+    @property
+    def sensor_settings(self) -> SensorSettings:
+        """The settings of what senses the TVs."""
+        streams = self.live.streams
+        return SensorSettings(sensing=self.dataset.sensing, radar=streams.radar, options=streams.options)
 
     @property
     def seeds(self) -> list[int]:

@@ -92,7 +92,10 @@ def five_classes(predictions: Predictions, classes: tuple[str, ...]) -> FiveClas
     summary = metrics.summary(label[known], predicted[known], names)
     scores = metrics.classified(label[early], predicted[early], predictions.group[early], names)
     return FiveClassScores(
-        classes=list(names), **summary.model_dump(exclude={"confusion"}), before_commit_macro_f1=scores.macro_f1
+        classes=list(names),
+        **summary.model_dump(exclude={"confusion"}),
+        before_commit_macro_f1=scores.macro_f1,
+        before_commit_macro_f1_over=scores.macro_f1_over,
     )
 
 

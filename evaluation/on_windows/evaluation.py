@@ -14,6 +14,7 @@ from scipy.special import softmax
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
@@ -31,6 +32,9 @@ from isac_cosim.evaluation.on_windows.results import (
 )
 from isac_cosim.evaluation.on_windows.score_results import Calibration, ManeuverScores, WindowEndScores
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
+from isac_cosim.evaluation.questions import with_answers
+from isac_cosim.labeling.dataset.dependence import Dependence
+from isac_cosim.models.data.sides import dependence_of_test
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, draw_ends, end_bounds
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
@@ -76,10 +80,13 @@ def evaluate(
     Raises InputError where no unseen seed is left, the sampling rates differ, or `out` holds something else.
     """
     origin = {"digest": dataset.digest, "study": dataset.meta.study}
+    records, card = Records.of(dataset), run.card
+    twins = dependence_of_test(dataset, records, card.split, card.settings.split)
     pull_outs = PullOuts.of(dataset)
-    return evaluate_records(run, Records.of(dataset), origin, out, settings or EvaluateSettings(), against, pull_outs)
+    return evaluate_records(run, records, origin, out, settings or EvaluateSettings(), against, pull_outs, twins)
 
 
+@limited()
 def evaluate_records(
     run: Run,
     records: Records,
@@ -88,15 +95,16 @@ def evaluate_records(
     settings: EvaluateSettings,
     against: Sequence[Run] = (),
     pull_outs: PullOuts | None = None,
+    dependence: Dependence | None = None,
 ) -> Evaluation:
     """Measure a run on records in memory; otherwise as `evaluate`.
 
     made_of: `digest` and `study` of the dataset that the records come from. pull_outs: of that dataset; without them,
-    it is not asked whether the TV passes the UV.
+    it is not asked whether the TV passes the UV. dependence: of the test samples on those that the run was trained on.
     """
     with claim(Path(out), METRICS_FILE, "evaluation"):
         origin = DatasetOrigin.model_validate(made_of)
-        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs)
+        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence)
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
         write_predictions(evaluation.measured, Path(out), evaluation.passing)
     return evaluation
@@ -108,6 +116,7 @@ def _evaluate(
     origin: DatasetOrigin,
     settings: EvaluateSettings,
     pull_outs: PullOuts | None,
+    dependence: Dependence | None,
 ) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
     records = unseen(all_records, runs)
@@ -135,6 +144,7 @@ def _evaluate(
         ],
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
         passing=None if passing is None else pass_scores(passing, measured),
+        dependence=dependence,
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,
@@ -149,7 +159,7 @@ def _evaluate(
             versions=versions(OF_RUNS),
         ),
     )
-    return Evaluation(result, tuple(measured), passing)
+    return with_answers(Evaluation(result, tuple(measured), passing))
 
 
 def _dropped_ends(
@@ -212,10 +222,10 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
             predictions.lead_s[known],
             label,
             predicted,
-            len(classes),
+            classes,
             unknown.separation_of_rows(chosen[known], chosen[predictions.unknown]),
         ),
-        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, len(classes)),
+        by_snr=metrics.by_snr(predictions.snr_db[known], label, predicted, classes),
     )
 
 

@@ -7,6 +7,7 @@ is undefined, reported as None; a macro-F1 is the mean over the classes that hav
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -67,6 +68,14 @@ def macro_f1(counts: Counts, least: int = 1) -> Array:
     return _mean_f1(counts, counts.sum(axis=-1) >= least)
 
 
+def in_mean(counts: Counts, classes: Sequence[str], least: int = 1) -> list[str]:
+    """Return the names of the classes in the macro-F1 of a confusion matrix (G, G): those with enough true samples.
+
+    classes: names of the G classes. least: as in `macro_f1`.
+    """
+    return [name for name, true in zip(classes, counts.sum(axis=1), strict=True) if true >= least]
+
+
 def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> Summary:
     """Return accuracy, F1 and confusion of predictions.
 
@@ -77,6 +86,7 @@ def summary(label: IntArray, predicted: IntArray, classes: tuple[str, ...]) -> S
         n=len(label),
         accuracy=_accuracy(label, predicted),
         macro_f1=_number(macro_f1(counts)),
+        macro_f1_over=in_mean(counts, classes),
         per_class_f1=dict(zip(classes, map(_number, f1_scores(counts)), strict=True)),
         confusion=counts.tolist(),
     )
@@ -92,7 +102,6 @@ def classified(
     """
     counts = _by_group(label, predicted[None], groups, len(classes))[0]
     total = counts.sum(axis=0)
-    kept = total.sum(axis=1) >= LEAST_IN_BIN
     value, low, high = macro_f1_interval(counts, LEAST_IN_BIN)
     f1 = f1_scores(total)
     return ClassifiedWindows(
@@ -102,7 +111,7 @@ def classified(
         macro_f1=value,
         macro_f1_low=low,
         macro_f1_high=high,
-        macro_f1_over=[name for name, in_mean in zip(classes, kept, strict=True) if in_mean],
+        macro_f1_over=in_mean(total, classes, LEAST_IN_BIN),
         per_class={
             name: ClassScores(n=int(n), recall=float(hit / n) if n else None, f1=_number(f1[k]))
             for k, (name, n, hit) in enumerate(zip(classes, total.sum(axis=1), np.diagonal(total), strict=True))
@@ -189,12 +198,13 @@ def by_lead_time(
     lead_s: Array,
     label: IntArray,
     predicted: IntArray,
-    n_classes: int,
+    classes: Sequence[str],
     separation: Callable[[BoolArray], Separation] | None = None,
 ) -> list[LeadTimeBin]:
     """Return scores against lead time, in bins of LEAD_BIN_S.
 
-    lead_s: commit minus end of each window, s, (n,). label, predicted: class numbers, (n,).
+    lead_s: commit minus end of each window, s, (n,). label, predicted: class numbers, (n,). classes: names of the
+    classes.
     separation: returns how well some of the windows, given as a mask, are separated from the unknown.
     """
     rows = []
@@ -205,8 +215,7 @@ def by_lead_time(
                 from_s=from_s,
                 to_s=to_s,
                 n=int(in_bin.sum()),
-                accuracy=_accuracy(label[in_bin], predicted[in_bin]),
-                macro_f1=_binned_macro_f1(label[in_bin], predicted[in_bin], n_classes),
+                **_of_bin(label[in_bin], predicted[in_bin], classes),
                 auroc_unknown=unknown.auroc,
                 fpr_at_95_recall=unknown.fpr_at_95_recall,
             )
@@ -214,11 +223,11 @@ def by_lead_time(
     return rows
 
 
-def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, n_classes: int) -> list[SnrBin]:
+def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, classes: Sequence[str]) -> list[SnrBin]:
     """Return scores against the records' mean per-element SNR, in bins of SNR_BIN_DB.
 
     snr_db: of each window's record, dB, (n,); windows where it is not finite are left out.
-    label, predicted: class numbers, (n,).
+    label, predicted: class numbers, (n,). classes: names of the classes.
     """
     finite = np.isfinite(snr_db)
     label, predicted = label[finite], predicted[finite]
@@ -227,8 +236,7 @@ def by_snr(snr_db: Array, label: IntArray, predicted: IntArray, n_classes: int) 
             from_db=from_db,
             to_db=to_db,
             n=int(in_bin.sum()),
-            accuracy=_accuracy(label[in_bin], predicted[in_bin]),
-            macro_f1=_binned_macro_f1(label[in_bin], predicted[in_bin], n_classes),
+            **_of_bin(label[in_bin], predicted[in_bin], classes),
         )
         for from_db, to_db, in_bin in bins(snr_db[finite], SNR_BIN_DB)
     ]
@@ -277,6 +285,7 @@ def paired_difference(
             difference(lambda c: _mean_f1(c, kept), without=False),
             difference(lambda c: _mean_f1(c, kept), without=True),
         ),
+        macro_f1_over=in_mean(totals[0][0], classes, least),
         per_class_f1={name: of_class(name, k) for k, name in enumerate(classes)},
     )
 
@@ -295,8 +304,14 @@ def _accuracy(label: IntArray, predicted: IntArray) -> float | None:
     return _number(np.mean(label == predicted)) if len(label) else None
 
 
-def _binned_macro_f1(label: IntArray, predicted: IntArray, n_classes: int) -> float | None:
-    return _number(macro_f1(confusion(label, predicted, n_classes), LEAST_IN_BIN))
+def _of_bin(label: IntArray, predicted: IntArray, classes: Sequence[str]) -> dict[str, Any]:
+    """Return accuracy and macro-F1 of the windows of a bin, by their names in its result."""
+    counts = confusion(label, predicted, len(classes))
+    return {
+        "accuracy": _accuracy(label, predicted),
+        "macro_f1": _number(macro_f1(counts, LEAST_IN_BIN)),
+        "macro_f1_over": in_mean(counts, classes, LEAST_IN_BIN),
+    }
 
 
 def _by_group(

@@ -28,7 +28,7 @@ from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.labeling.intentions import Intention, outward
 from isac_cosim.models.data.statistics import statistics
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, batches, draw_ends, end_bounds
-from isac_cosim.models.predictors.trees import TreesSettings
+from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
 
 WITHIN_S = (5.0, 10.0)
 """Times after the end of the window within which the TV may pass, s."""
@@ -280,7 +280,7 @@ def ends_of(records: Records, windows: WindowSettings, seed: int, per_record: in
     return draw_ends(records, windows, "evaluate", seed, per_record=per_record)
 
 
-TREES = TreesSettings(rounds=100)
+TREES = BoostingSettings(rounds=100)
 """Settings of the trees. There are fewer windows than a predictor of intentions has, and two answers."""
 LEAST_OF_EACH = 5
 """With fewer windows of either answer, on the training or on the validation side, nothing is trained."""
@@ -352,10 +352,7 @@ def fit_pass_model(training: PassFeatures, validation: PassFeatures, within_s: f
     if any(min(answer.sum(), (~answer).sum()) < LEAST_OF_EACH for _, answer in sides):
         return None
     (features, answer), (held_features, held_answer) = sides
-    trees = HistGradientBoostingClassifier(
-        max_iter=TREES.rounds, learning_rate=TREES.learning_rate, max_leaf_nodes=TREES.leaves,
-        l2_regularization=TREES.l2, early_stopping=False, random_state=0,
-    ).fit(features, answer)  # fmt: skip
+    trees = boosted_trees(TREES).fit(features, answer)
     scale, shift = fit_calibration(np.asarray(trees.decision_function(held_features)), held_answer)
     return PassModel(trees, scale, shift, len(answer), len(held_answer))
 

@@ -122,7 +122,7 @@ def predict(run: Run, records: Records, ends: Ends) -> Predictions:
             f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, but the dataset has "
             f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset with the same rates"
         )
-    parts = [run.predictor(windows) for windows in batches(records, ends, run.card.settings.windows, BATCH)]
+    parts = [run.answer(windows) for windows in batches(records, ends, run.card.settings.windows, BATCH)]
     table, end_s = records.table.iloc[ends.row], ends.times(records)
     return Predictions(
         outputs=Outputs(

@@ -33,6 +33,7 @@ from isac_cosim.evaluation.on_windows.score_results import (
     WindowEndScores,
 )
 from isac_cosim.evaluation.on_windows.settings import WindowEndCurveSettings, with_current_key
+from isac_cosim.labeling.dataset.dependence import Dependence
 from isac_cosim.models.data.windows import WindowSettings
 from isac_cosim.models.runs.run import RunCard
 
@@ -80,7 +81,7 @@ class RunResult(ResultWithOptionalParts):
     model: the predictor, as `training.model` names it.
     name: of the run in tables and figures; unique among the runs that are compared.
     classes: names of the known intentions, in the order of the confusion matrix.
-    n, accuracy, macro_f1, per_class_f1, confusion: as in `Summary`.
+    n, accuracy, macro_f1, macro_f1_over, per_class_f1, confusion: as in `Summary`.
     groups: number of scenario seeds that the windows come from.
     macro_f1_low, macro_f1_high: 95 % interval of `macro_f1` over scenario seeds; absent with fewer than two.
     before_commit: prediction: scores of the windows that end before the commit, and at fixed times before it.
@@ -105,7 +106,7 @@ class RunResult(ResultWithOptionalParts):
     optional_parts: ClassVar[frozenset[str]] = frozenset(
         {
             "held_out", "by_window_end", "groups", "macro_f1_low", "macro_f1_high", "before_commit", "after_commit",
-            "five_classes",
+            "five_classes", "macro_f1_over",
         }
     )  # fmt: skip
 
@@ -115,6 +116,7 @@ class RunResult(ResultWithOptionalParts):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, float | None]
     confusion: list[list[int]]
     groups: int | None = None
@@ -228,15 +230,22 @@ class EvaluationResult(RunResult):
     over_training_seeds: runs that differ in the training seed alone, summed up; absent where there are none.
     passing: whether the TV passes the UV soon after the window, for pull-outs of every outcome; absent where the
     dataset does not say, and in files of earlier versions.
+    dependence: how many test samples have a twin, the same vehicle or a near copy, among the samples that the evaluated
+    run was trained or chosen on; absent where the dataset holds none of these, and in files of earlier versions.
+    answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {"over_training_seeds", "passing"}
+    optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {
+        "over_training_seeds", "passing", "dependence", "answers",
+    }  # fmt: skip
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
     passing: list[PassScores] | None = None
+    dependence: Dependence | None = None
+    answers: dict[str, JsonValue] | None = None
     windows: MeasuredWindows
     made_by: MadeBy
 

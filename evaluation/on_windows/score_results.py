@@ -33,6 +33,7 @@ class Summary(Settings):
     n: number of windows.
     accuracy: share of windows classified correctly.
     macro_f1: mean F1 over the classes that have a true window.
+    macro_f1_over: names of the classes in that mean; None in files of earlier versions.
     per_class_f1: F1 of each class, by its name.
     confusion: number of windows, G x G, rows true and columns predicted.
     """
@@ -40,6 +41,7 @@ class Summary(Settings):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, float | None]
     confusion: list[list[int]]
 
@@ -141,16 +143,20 @@ class FiveClassScores(Settings):
     Where traffic keeps left, an overtake begins like a right lane change, and these two are one.
 
     classes: names of the five intentions.
-    n, accuracy, macro_f1, per_class_f1: as in `Summary`, with predictions of either intention counted as the joint one.
-    before_commit_macro_f1: the same mean over the windows before the commit.
+    n, accuracy, macro_f1, macro_f1_over, per_class_f1: as in `Summary`, with predictions of either intention counted as
+    the joint one.
+    before_commit_macro_f1, before_commit_macro_f1_over: the macro-F1 of the windows before the commit, as in
+    `ClassifiedWindows`.
     """
 
     classes: list[str]
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, float | None]
     before_commit_macro_f1: float | None
+    before_commit_macro_f1_over: list[str] | None = None
 
 
 class PairScores(Settings):
@@ -213,6 +219,7 @@ class LeadTimeBin(Settings):
     from_s, to_s: bounds of the bin, s, the lower one included.
     n: number of known windows.
     accuracy, macro_f1: on those windows.
+    macro_f1_over: names of the intentions in that mean; None in files of earlier versions.
     auroc_unknown, fpr_at_95_recall: separation of those windows from all windows of `following`, which has no commit.
     """
 
@@ -221,6 +228,7 @@ class LeadTimeBin(Settings):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     auroc_unknown: float | None
     fpr_at_95_recall: float | None
 
@@ -236,6 +244,7 @@ class SnrBin(Settings):
     from_db, to_db: bounds of the bin, dB, the lower one included.
     n: number of windows.
     accuracy, macro_f1: on those windows.
+    macro_f1_over: names of the intentions in that mean; None in files of earlier versions.
     """
 
     from_db: float
@@ -243,6 +252,7 @@ class SnrBin(Settings):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
 
 
 class WindowEndScores(Settings):
@@ -250,7 +260,7 @@ class WindowEndScores(Settings):
 
     end_s: end of the windows, s after that instant.
     n: number of known windows; records that cannot hold such a window take no part.
-    accuracy, macro_f1, per_class_f1: on those windows.
+    accuracy, macro_f1, macro_f1_over, per_class_f1: on those windows, as in `Summary`.
     auroc_unknown, fpr_at_95_recall: separation of those windows from windows of `following` with the same end.
     """
 
@@ -258,6 +268,7 @@ class WindowEndScores(Settings):
     n: int
     accuracy: float | None
     macro_f1: float | None
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, float | None]
     auroc_unknown: float | None
     fpr_at_95_recall: float | None
@@ -276,11 +287,13 @@ class PairedDifference(Settings):
 
     groups: number of scenario seeds behind the intervals.
     macro_f1: difference in macro-F1.
+    macro_f1_over: names of the intentions in both means; None in files of earlier versions.
     per_class_f1: difference in F1 of each intention, by its name.
     """
 
     groups: int
     macro_f1: Difference
+    macro_f1_over: list[str] | None = None
     per_class_f1: dict[str, Difference]
 
     @property

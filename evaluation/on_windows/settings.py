@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from isac_cosim.base.setting_fields import Seed, WindowEnds
 from isac_cosim.base.settings import Settings
 
 
@@ -15,9 +16,9 @@ class WindowEndCurveSettings(Settings):
     """Fixed window ends at which a predictor is measured, one after the other."""
 
     relative_to: Literal["onset", "commit"] = Field("onset", description="instant from which the ends are counted")
-    first_s: float = Field(-0.5, description="first end after that instant, s; negative is before it")
-    last_s: float = Field(2.2, description="no end is later than this, s")
-    step_s: float = Field(0.2, gt=0, description="time between ends, s")
+    first_s: float = Field(-0.5, ge=-1e3, le=1e3, description="first end after that instant, s; negative is before it")
+    last_s: float = Field(2.2, ge=-1e3, le=1e3, description="no end is later than this, s")
+    step_s: float = Field(0.2, ge=0.001, le=1e3, description="time between ends, s")
 
     @property
     def ends_s(self) -> list[float]:
@@ -29,12 +30,12 @@ class WindowEndCurveSettings(Settings):
 class EvaluateSettings(Settings):
     """Which windows a predictor is measured on."""
 
-    ends_per_record: int = Field(4, ge=1, description="fixed windows of each record")
-    leads_s: tuple[Annotated[float, Field(gt=0)], ...] = Field(
+    ends_per_record: int = Field(4, ge=1, le=10_000, description="fixed windows of each record")
+    leads_s: tuple[Annotated[float, Field(gt=0, le=1e3)], ...] = Field(
         (0.25, 0.5, 1.0, 1.5, 2.0), description="measure windows that end at exactly these times before the commit, s"
     )
-    seed: int = Field(0, description="seed of the window ends")
-    end_after_s: tuple[float, float] | None = Field(
+    seed: Seed = Field(0, description="seed of the window ends")
+    end_after_s: WindowEnds | None = Field(
         None, description="range of window ends, s; when absent, the range used in training"
     )
     window_end_curve: WindowEndCurveSettings | None = Field(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -28,6 +28,7 @@ from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import ReliabilityBin
 from isac_cosim.evaluation.on_windows.score_results import LeadTimeBin, WindowEndScores
 from isac_cosim.evaluation.report import figures
+from isac_cosim.labeling.intentions import KNOWN, over_text
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.scores import open_set
 
@@ -37,10 +38,14 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW, GREY = (
 CYCLE = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, "#000000")
 BY_PREDICTOR = cycler(linestyle=["-", "--"]) * cycler(color=CYCLE)
 """Lines of figures with a line for each predictor, of which there can be more than colours."""
+HOLLOW = f"; hollow: over fewer than {len(KNOWN)} intentions"
+"""What a title says where some points are a macro-F1 that lacks intentions."""
 LEAST_WINDOWS = 20
 """Bins of lead time with fewer windows are not drawn."""
 BESIDE: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 """Place of a legend with any number of predictors: beside the axes."""
+BACKEND = ("backend", "backend_fallback")
+"""Settings of matplotlib that choose a backend for pyplot; a figure has a canvas of its own."""
 STYLE: Any = {
     "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#9ca3af", "axes.labelcolor": "#1f2937",
@@ -51,13 +56,20 @@ STYLE: Any = {
 
 
 @contextmanager
-def figure(path: Path, width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure of that size, inches, and write it to `path` at the end."""
-    with mpl.rc_context(STYLE):
+def figure(
+    path: Path, width: float, height: float, style: Mapping[str, Any] = STYLE, dpi: float = 140
+) -> Iterator[Figure]:
+    """Yield an empty figure of that size, inches, and write it to `path` at the end.
+
+    style: what is not matplotlib's default. What the user has set (matplotlibrc, MPLBACKEND, rcParams) has no part in
+    the figure, and holds again afterwards. dpi: pixels per inch.
+    """
+    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in BACKEND}
+    with mpl.rc_context(cast(Any, {**defaults, **style})):
         drawn = Figure(figsize=(width, height), layout="constrained")
         FigureCanvasAgg(drawn)
         yield drawn
-        replace_file(path, lambda partial: drawn.savefig(partial, dpi=140, metadata={"Software": None}))
+        replace_file(path, lambda partial: drawn.savefig(partial, dpi=dpi, metadata={"Software": None}))
 
 
 def spoken(name: str) -> str:
@@ -90,8 +102,11 @@ def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> N
         bar.outline.set_visible(False)
 
 
-def loss_curves(history: pd.DataFrame, path: Path) -> None:
-    """Draw loss and validation scores against epochs; history: the columns of a run's history.csv."""
+def loss_curves(history: pd.DataFrame, path: Path, over: str = "") -> None:
+    """Draw loss and validation scores against epochs.
+
+    history: the columns of a run's history.csv. over: over which intentions the macro-F1 is, if not all.
+    """
     epoch = history["epoch"] + 1
     best = int(history["validation_macro_f1"].to_numpy().argmax())
     with figure(path, 9, 3.6) as drawn:
@@ -100,7 +115,7 @@ def loss_curves(history: pd.DataFrame, path: Path) -> None:
         left.plot(epoch, history["validation_loss"], label="validation")
         left.set(xlabel="epoch", ylabel="loss", ylim=(0, None))
         left.set_title("Loss")
-        right.plot(epoch, history["validation_macro_f1"], color=GREEN, label="macro-F1")
+        right.plot(epoch, history["validation_macro_f1"], color=GREEN, label=f"macro-F1{over}")
         right.plot(epoch, history["validation_accuracy"], color=PURPLE, label="accuracy", alpha=0.8)
         score = history["validation_macro_f1"].iloc[best]
         right.plot(
@@ -154,16 +169,17 @@ def lead_time(rows: Mapping[str, Sequence[LeadTimeBin]], path: Path) -> None:
     with figure(path, 8, 4.2) as drawn:
         axes, below = drawn.subplots(2, 1, sharex=True, height_ratios=[4, 1])
         axes.set_prop_cycle(BY_PREDICTOR)
+        partly = False
         for name, bins in rows.items():
             kept = [row for row in bins if row.n >= LEAST_WINDOWS and row.macro_f1 is not None]
-            axes.plot([row.middle_s for row in kept], [row.macro_f1 for row in kept], marker="o", ms=4, label=name)
+            partly |= _macro_f1_line(axes, [row.middle_s for row in kept], kept, name)
         bins = next(iter(rows.values()))
         width = bins[0].to_s - bins[0].from_s if bins else 0.2
         below.bar([row.middle_s for row in bins], [row.n for row in bins], 0.9 * width, color="#cbd5e1")
         axes.axvline(0, color=GREY, lw=1, ls="--")
         axes.text(0, 0.04, " commit ", color=GREY, transform=axes.get_xaxis_transform(), ha="left", fontsize=9)
         axes.set(ylabel="macro-F1", ylim=(0, 1.02))
-        axes.set_title("Score against lead time")
+        axes.set_title("Score against lead time" + (HOLLOW if partly else ""))
         axes.legend(**BESIDE)
         below.set(xlabel="lead time: commit minus end of window, s", ylabel="windows")
         # Time runs to the right: windows that end long before the commit come first.
@@ -178,13 +194,29 @@ def window_end(rows: Mapping[str, Sequence[WindowEndScores]], relative_to: str, 
     with figure(path, 8, 3.8) as drawn:
         axes = drawn.subplots()
         axes.set_prop_cycle(BY_PREDICTOR)
+        partly = False
         for name, points in rows.items():
-            scores = [_or_nan(point.macro_f1) for point in points]
-            axes.plot([point.end_s for point in points], scores, marker="o", ms=4, label=name)
+            partly |= _macro_f1_line(axes, [point.end_s for point in points], points, name)
         axes.axvline(0, color=GREY, lw=1, ls="--")
         axes.set(xlabel=f"end of window after {relative_to}, s", ylabel="macro-F1", ylim=(0, 1.02))
-        axes.set_title("Score against the end of the window")
+        axes.set_title("Score against the end of the window" + (HOLLOW if partly else ""))
         axes.legend(**BESIDE)
+
+
+def _macro_f1_line(axes: Axes, x: Sequence[float], rows: Sequence[LeadTimeBin | WindowEndScores], name: str) -> bool:
+    """Draw a predictor's macro-F1 against a quantity, with hollow points where it is not over all intentions.
+
+    x: the quantity at each of the rows. Returns whether there is such a point.
+    """
+    (line,) = axes.plot(x, [_or_nan(row.macro_f1) for row in rows], marker="o", ms=4, label=name)
+    partly = [
+        (at, row.macro_f1)
+        for at, row in zip(x, rows, strict=True)
+        if row.macro_f1 is not None and row.macro_f1_over is not None and len(row.macro_f1_over) < len(KNOWN)
+    ]
+    for at, score in partly:
+        axes.plot(at, score, linestyle="", marker="o", ms=4, color=line.get_color(), mfc="white")
+    return bool(partly)
 
 
 def unknown_lead_time(rows: Mapping[str, Sequence[LeadTimeBin]], path: Path) -> None:
@@ -275,7 +307,8 @@ def draw_figures(evaluation: Evaluation, folder: Path) -> None:
     if curves := {name: answer.reliability for name, answer in trained.items() if answer is not None}:
         figures.reliability(curves, folder / "passing.png")
     if (run.path / HISTORY_FILE).exists():
-        figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png")
+        over = over_text(run.card.validated, run.card.classes)
+        figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png", over)
 
 
 def read_history(path: Path) -> pd.DataFrame:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from isac_cosim.evaluation.on_windows.results import ComparedResult, EvaluationResult, PredictorResult
 from isac_cosim.evaluation.on_windows.score_results import LEAST_FOR_VERDICT, Difference, PairedDifference
+from isac_cosim.labeling.intentions import over_text
 
 SINGLE_SEED = "All scores are of a single test seed: nothing can be said about other traffic."
 
@@ -18,7 +19,7 @@ def verdict(result: EvaluationResult) -> list[str]:
     return [
         *([SINGLE_SEED] if result.groups == 1 else []),
         *(_comparison(result.name, other) for other in result.compared),
-        *(_group_sentence(groups[0].name, group) for group in groups),
+        *(_group_sentence(groups[0].name, group, result) for group in groups),
     ]
 
 
@@ -45,6 +46,7 @@ def _comparison(name: str, other: ComparedResult) -> str:
     """Return which of two runs is ahead; name: of the evaluated one."""
     paired = headline_difference(other)
     score = "macro-F1" if other.paired_difference_before_commit is None else "macro-F1 before the commit"
+    score += over_text(None if paired is None else paired.macro_f1_over, other.classes)
     if paired is None or paired.macro_f1.difference is None:
         return f"{name} and {other.name} cannot be compared: {score} is undefined."
     gap, seeds = paired.macro_f1, seeds_text(paired.groups)
@@ -66,11 +68,16 @@ def _comparison(name: str, other: ComparedResult) -> str:
     return f"{ahead} is ahead of {behind} by {size} ({seeds}){doubt}."
 
 
-def _group_sentence(first_name: str, group: PredictorResult) -> str:
-    """Return mean and spread of a predictor over its training seeds; first_name: of the first predictor."""
+def _group_sentence(first_name: str, group: PredictorResult, result: EvaluationResult) -> str:
+    """Return mean and spread of a predictor over its training seeds.
+
+    first_name: of the first predictor. result: of the evaluation, whose windows are those of all predictors.
+    """
     score, name = group.before_commit_macro_f1, "macro-F1 before the commit"
+    over = None if result.before_commit is None else result.before_commit.macro_f1_over
     if score is None:
-        score, name = group.macro_f1, "macro-F1"
+        score, name, over = group.macro_f1, "macro-F1", result.macro_f1_over
+    name += over_text(over, result.classes)
     mean = "-" if score.mean is None else f"{score.mean:.3f}"
     spread = "" if score.sd is None else f", standard deviation {score.sd:.3f}"
     paired = headline_difference(group)

@@ -22,6 +22,16 @@ CAR_HEIGHT_M = 1.6
 TRUCK_HEIGHT_M = 3.0
 HIGH_KINDS = ("truck", "trailer", "bus", "coach", "delivery")
 """SUMO vehicle classes that are TRUCK_HEIGHT_M high."""
+CAR_KINDS = (
+    "passenger", "private", "taxi", "hov", "evehicle", "emergency", "authority", "army", "vip", "ignoring",
+    "custom1", "custom2",
+)  # fmt: skip
+"""SUMO vehicle classes of cars. All other classes are taken for CAR_HEIGHT_M high, too, for want of a better value."""
+
+
+def height_m(kind: str) -> float:
+    """Return the height of a vehicle of a SUMO vehicle class, m."""
+    return TRUCK_HEIGHT_M if kind in HIGH_KINDS else CAR_HEIGHT_M
 
 
 @dataclass(frozen=True)
@@ -83,7 +93,7 @@ def blockers_of(
         heading=heading,
         length_m=np.array([track.length_m for track in present.values()]),
         width_m=np.array([track.width_m for track in present.values()]),
-        height_m=np.array([TRUCK_HEIGHT_M if t.kind in HIGH_KINDS else CAR_HEIGHT_M for t in present.values()]),
+        height_m=np.array([height_m(track.kind) for track in present.values()]),
         begin_s=-run_in_s,
     )
 

@@ -12,7 +12,7 @@ Rain and blocking vehicles (`isacsim.radio.blockage`) lower the SNR of all three
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -29,14 +29,20 @@ from isac_cosim.isacsim.radio.waveform import Waveform
 _THERMAL_DBM_PER_HZ = -173.98
 
 
+Decibels = Annotated[float, Field(ge=-60, le=80)]
+"""SNR per antenna element, dB."""
+
+
 class LinkBudget(Settings):
     """Transmit and receive chain of one panel, and the vehicle's radar cross-section."""
 
-    power_dbm: float = Field(29.8, description="Transmit power over the sensing bandwidth.")
-    transmit_gain_db: float = Field(8.0, description="Gain of the transmitting panel toward the vehicle.")
-    element_gain_db: float = Field(8.0, description="Gain of one receiving element.")
-    noise_figure_db: float = Field(5.0, ge=0, description="Receiver noise figure.")
-    loss_db: float = Field(3.0, ge=0, description="Losses of the chain, both ways.")
+    power_dbm: float = Field(29.8, ge=-200, le=200, description="Transmit power over the sensing bandwidth.")
+    transmit_gain_db: float = Field(
+        8.0, ge=-200, le=200, description="Gain of the transmitting panel toward the vehicle."
+    )
+    element_gain_db: float = Field(8.0, ge=-200, le=200, description="Gain of one receiving element.")
+    noise_figure_db: float = Field(5.0, ge=0, le=300, description="Receiver noise figure.")
+    loss_db: float = Field(3.0, ge=0, le=300, description="Losses of the chain, both ways.")
     cross_section: Literal["aspect", "constant"] = Field(
         "aspect",
         description="Mean radar cross-section: by the angle at which the panel sees the vehicle (TR 38.901, 7.9.2.1), "
@@ -44,12 +50,15 @@ class LinkBudget(Settings):
     )
     cross_section_dbsm: float = Field(
         11.25,
+        ge=-200,
+        le=200,
         description="Linear mean of the `constant` cross-section, in dBsm (TR 38.901, 7.9.2.1); also used for a "
         "vehicle that never moves, whose heading is unknown.",
     )
     cross_section_sd_db: float = Field(
         3.41,
         ge=0,
+        le=100,
         description="Standard deviation of the log-normal part, drawn once for each record and site; its linear mean "
         "is one (TR 38.901, 7.9.2.1).",
     )
@@ -64,7 +73,7 @@ class ChannelSettings(Settings):
         "link: the link budget.",
     )
     snr_db: float = Field(5.0, ge=-60, le=80, description="Per-element SNR of `fixed`.")
-    snr_range_db: tuple[float, float] = Field((0.0, 10.0), description="Range of `uniform`: lowest, highest.")
+    snr_range_db: tuple[Decibels, Decibels] = Field((0.0, 10.0), description="Range of `uniform`: lowest, highest.")
     link: LinkBudget = Field(default_factory=LinkBudget, description="Budget of `link`.")
     rain_mm_per_h: float = Field(0.0, ge=0, le=300, description="Rain, which attenuates both ways (ITU-R P.838-3).")
     blockage: bool = Field(False, description="Whether vehicles between site and target attenuate (3GPP TR 37.885).")
@@ -72,7 +81,7 @@ class ChannelSettings(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> ChannelSettings:
         low, high = self.snr_range_db
-        if not -60 <= low <= high <= 80:
+        if low > high:
             raise ValueError(f"snr_range_db {low:g}:{high:g} is no range: give LOW:HIGH in dB with LOW <= HIGH")
         return self
 

@@ -20,20 +20,24 @@ LIGHT_SPEED_MPS = 299_792_458.0
 class Waveform(Settings):
     """The sensing waveform and the receiving array. The defaults are those of Section IV-A of ASI-BIP."""
 
-    carrier_hz: float = Field(3.5e9, gt=0, description="Carrier frequency.")
-    subcarrier_spacing_hz: float = Field(30e3, gt=0, description="Subcarrier spacing.")
+    carrier_hz: float = Field(3.5e9, gt=0, le=1e13, description="Carrier frequency.")
+    subcarrier_spacing_hz: float = Field(30e3, gt=0, le=1e9, description="Subcarrier spacing.")
     symbol_s: float = Field(
-        0.5e-3 / 14, gt=0, description="OFDM symbol with its cyclic prefix (3GPP TS 38.211: 14 in a slot of 0.5 ms)."
+        0.5e-3 / 14,
+        gt=0,
+        le=1,
+        description="OFDM symbol with its cyclic prefix (3GPP TS 38.211: 14 in a slot of 0.5 ms).",
     )
     cyclic_prefix_s: float | None = Field(
         144 / 61.44e6,
         gt=0,
+        le=1,
         description="Cyclic prefix of a symbol, which limits the longest range (3GPP TS 38.211, 5.3.1: 144 samples at "
         "61.44 MHz, the normal prefix at 30 kHz; the first symbol of a slot has more). Absent: no limit.",
     )
-    subcarriers: int = Field(128, ge=4, description="Subcarriers used for sensing.")
-    symbols: int = Field(42, ge=4, description="OFDM symbols of one snapshot.")
-    antennas: int = Field(8, ge=4, description="Antennas of the linear receiving array.")
+    subcarriers: int = Field(128, ge=4, le=65_536, description="Subcarriers used for sensing.")
+    symbols: int = Field(42, ge=4, le=65_536, description="OFDM symbols of one snapshot.")
+    antennas: int = Field(8, ge=4, le=1024, description="Antennas of the linear receiving array.")
     spacing_wavelengths: float = Field(0.5, gt=0, le=0.5, description="Antenna spacing over the wavelength.")
 
     @property

@@ -17,7 +17,7 @@ from isac_cosim.isacsim.scenarios.reference_line import (
     acceleration,
     rounding_widths,
 )
-from isac_cosim.isacsim.scenarios.sumo_files import parse
+from isac_cosim.isacsim.scenarios.xml_files import elements
 
 CORNER_SHIFT_M = 0.5
 """Corners that are rounded by more than this are reported by default, m."""
@@ -26,6 +26,8 @@ BEYOND_M = 100.0
 
 EASE_MPS2 = 3.0
 """How hard vehicles brake and accelerate where the speed limit changes, m/s2."""
+JUNCTION = ":"
+"""The beginning of the ids of edges inside junctions."""
 TURNAROUND = -0.9
 """The cosine of the angle between two lanes of which one leads back from the other."""
 
@@ -34,12 +36,14 @@ TURNAROUND = -0.9
 class SharpCorners:
     """The edges with corners that are rounded by more than `threshold_m`, and the worst of these corners.
 
-    edges: their number. worst_edge: where the corner is. speed_mps: of a vehicle there. shift_m: how far rounding
-    moves the corner. acceleration_mps2: what the rounded corner takes at that speed.
+    edges: their number, of the `of` edges that were looked at; a corner inside a junction counts for the edge that
+    leads into it. worst_edge: where the corner is. speed_mps: of a vehicle there. shift_m: how far rounding moves the
+    corner. acceleration_mps2: what the rounded corner takes at that speed.
     """
 
     threshold_m: float
     edges: int
+    of: int
     worst_edge: str
     speed_mps: float
     shift_m: float
@@ -47,16 +51,16 @@ class SharpCorners:
 
     def __str__(self) -> str:
         return (
-            f"{self.edges} edges bend too sharply for their speed limit; their corners are rounded by more than "
-            f"{self.threshold_m:g} m. The worst is edge {self.worst_edge}: rounded by {self.shift_m:.1f} m, it still "
-            f"takes {self.acceleration_mps2:.0f} m/s2 at {self.speed_mps:.1f} m/s. Smooth the road or "
-            "lower the limit"
+            f"{self.edges} of {self.of} edges bend too sharply for their speed limit; their corners are rounded by "
+            f"more than {self.threshold_m:g} m. The worst is edge {self.worst_edge}: rounded by {self.shift_m:.1f} m, "
+            f"it still takes {self.acceleration_mps2:.0f} m/s2 at {self.speed_mps:.1f} m/s. Smooth the road or lower "
+            "the limit"
         )
 
 
 def speed_limits(network: Path) -> dict[str, float]:
     """Return the speed limit of each lane of a network, m/s, by the lane's id."""
-    return {lane.attrib["id"]: float(lane.attrib["speed"]) for lane in parse(network).iter("lane")}
+    return {lane.attributes["id"]: float(lane.attributes["speed"]) for lane in elements(network) if lane.name == "lane"}
 
 
 def sharp_corners(
@@ -82,16 +86,23 @@ def sharp_corners(
         speeds = _driven(np.array([limits[lane.id] for lane in path])[owner])
         widths = rounding_widths(line, speeds, settings.width_s, settings.lateral_mps2, settings.max_shift_m)
         shift = np.abs(line.at(widths) - points)
-        beyond = np.flatnonzero(shift > threshold_m)
+        leading = [_leading(path, k) for k in range(len(path))]
+        counted = np.array([edge in edges for edge in leading])[owner]
+        beyond = np.flatnonzero((shift > threshold_m) & counted)
         if not len(beyond):
             continue
-        sharp |= {path[k].edge for k in np.unique(owner[beyond])}
+        sharp |= {leading[k] for k in np.unique(owner[beyond])}
         left = acceleration(line, widths, speeds, settings.width_s)
         k = int(beyond[np.argmax(left[beyond])])
         if worst is None or left[k] > worst.acceleration_mps2:
             edge = path[int(owner[k])].edge
-            worst = SharpCorners(threshold_m, 0, edge, float(speeds[k]), float(shift[k]), float(left[k]))
+            worst = SharpCorners(threshold_m, 0, len(edges), edge, float(speeds[k]), float(shift[k]), float(left[k]))
     return worst and replace(worst, edges=len(sharp))
+
+
+def _leading(path: Sequence[Lane], k: int) -> str:
+    """Return the edge of a path's k-th lane, of a lane inside a junction the one that leads into it."""
+    return next(lane.edge for lane in reversed(path[: k + 1]) if not lane.edge.startswith(JUNCTION) or lane is path[0])
 
 
 def _paths(lanes: Sequence[Lane], by_id: Mapping[str, Lane]) -> Iterator[list[Lane]]:

@@ -16,7 +16,8 @@ from pydantic import Field
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
-from isac_cosim.isacsim.scenarios.sumo_files import one_line
+from isac_cosim.isacsim.scenarios.sumo_files import cleaned
+from isac_cosim.isacsim.scenarios.xml_files import one_line
 
 IMPATIENT_SHARE = 0.2
 """Share of drivers who accelerate by more than 2.5 m/s2."""
@@ -41,10 +42,14 @@ class DemandSettings(Settings):
         5000.0, ge=500.0, le=50_000.0, description="longest corridor that traffic is made along, m"
     )
     motorway_per_lane_h: float = Field(
-        900.0, gt=0.0, description="vehicles per hour and lane where the speed limit is 25 m/s or more"
+        900.0, gt=0.0, le=3600, description="vehicles per hour and lane where the speed limit is 25 m/s or more"
     )
-    arterial_per_lane_h: float = Field(500.0, gt=0.0, description="vehicles per hour and lane where it is 16 to 25 m/s")
-    street_per_lane_h: float = Field(300.0, gt=0.0, description="vehicles per hour and lane where it is below 16 m/s")
+    arterial_per_lane_h: float = Field(
+        500.0, gt=0.0, le=3600, description="vehicles per hour and lane where it is 16 to 25 m/s"
+    )
+    street_per_lane_h: float = Field(
+        300.0, gt=0.0, le=3600, description="vehicles per hour and lane where it is below 16 m/s"
+    )
     ramp_share: float = Field(
         0.1, ge=0.0, le=1.0, description="traffic on each side road, as a share of that on the corridor"
     )
@@ -116,7 +121,10 @@ def make_demand(network: Path, settings: DemandSettings, seed: int) -> str:
     Raises InputError where the network cannot be read or has no road for cars.
     """
     try:
-        net = sumolib.net.readNet(str(network))
+        with cleaned(network) as readable:
+            net = sumolib.net.readNet(str(readable))
+    except InputError:
+        raise
     except Exception as error:  # the reader raises whatever its parser meets
         raise InputError(f"{network} cannot be read as a SUMO network ({one_line(error)}): fix the file") from None
     rng = stream("demand", seed)

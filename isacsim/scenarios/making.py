@@ -12,20 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
+from isac_cosim.isacsim.scenarios.naming import check_name, name_of
 from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import NoRoadsError, Scenario, load_without_sites, read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import (
-    has_demand,
-    is_lefthand,
-    one_line,
-    parse,
-    refuse_document_type,
-    write_lines,
-)
+from isac_cosim.isacsim.scenarios.sumo_config import encoded
+from isac_cosim.isacsim.scenarios.sumo_files import has_demand, is_lefthand, option_path, with_includes
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
+from isac_cosim.isacsim.scenarios.xml_files import elements, one_line, read_through, write_lines
 
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
@@ -51,7 +51,8 @@ class NewScenario:
 
     sites, edges: how many sites it has, and along how many edges. made_demand: whether its demand was made too.
     overridden: options of the user's configuration that are not passed to SUMO. corners: the places on these edges at
-    which the road bends too sharply for its speed limit; None where there are none.
+    which the road bends too sharply for its speed limit; None where there are none. removed: what SUMO does not get of
+    the user's files. remarks: what else their author should know (`isacsim.scenarios.remarks`).
     """
 
     folder: Path
@@ -60,6 +61,8 @@ class NewScenario:
     made_demand: bool
     overridden: tuple[str, ...] = ()
     corners: SharpCorners | None = None
+    removed: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def add_sites(
@@ -104,18 +107,21 @@ def import_map(
         raise InputError(f"there is no file {source}: give an OpenStreetMap file ({', '.join(MAP_ENDINGS)})")
     if not source.name.endswith(MAP_ENDINGS):
         raise InputError(f"{source} is not an OpenStreetMap file: give one that ends in {', '.join(MAP_ENDINGS)}")
-    refuse_document_type(source)
+    read_through(source)
     with _new_folder(out) as folder:
-        network = folder / f"{out.name}.net.xml"
+        network = folder / f"{name_of(out)}.net.xml"
         _netconvert(source, network, box, lefthand)
         try:
-            lanes, origin = read_network(network)
+            roads = read_network(network)
         except NoRoadsError:
             where = " within the box" if box else ""
             raise InputError(
                 f"{source} has no connected roads for cars{where}: give another {'box' if box else 'map'}"
             ) from None
-        bare = Scenario(out.name, network, (), (), origin, lanes, (), lefthand=is_lefthand(network))
+        bare = Scenario(
+            name_of(out), network, (), (), roads.origin, roads.lanes, (), lefthand=is_lefthand(network),
+            elevation=roads.elevation,
+        )  # fmt: skip
         return _complete(bare, folder, out, placement, demand, seed, corner_shift_m)
 
 
@@ -132,7 +138,7 @@ def _complete(
     routes = [*scenario.demand]
     lacks_demand = not any(map(has_demand, (*scenario.demand, *scenario.additional)))
     if lacks_demand:
-        routes = [folder / f"{out.name}.rou.xml"]
+        routes = [folder / f"{name_of(out)}.rou.xml"]
         write_lines(routes[0], make_demand(scenario.network, demand, seed))
     edges = _used_edges((*routes, *scenario.additional)) or {
         lane.edge for lane in scenario.lanes if not lane.edge.startswith(":")
@@ -144,20 +150,22 @@ def _complete(
     write_lines(additional, sites_file(sites, scenario.origin))
 
     def named(files: list[Path]) -> str:
-        return ",".join(file.name if file.parent == folder else _relative(file, out.resolve()) for file in files)
+        names = (file.name if file.parent == folder else _relative(file, out.resolve()) for file in files)
+        return ",".join(map(encoded, names))
 
     options = {
         "net-file": named([scenario.network]),
         "route-files": named(routes),
         "additional-files": named([*scenario.additional, additional]),
-        "begin": f"{scenario.begin_s:g}",
+        "begin": in_full(scenario.begin_s),
         **scenario.kept,
     }
     lines = [f"    <{name} value={quoteattr(value)}/>" for name, value in options.items() if value]
-    write_lines(folder / f"{out.name}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
+    write_lines(folder / f"{name_of(out)}.sumocfg", "\n".join(["<configuration>", *lines, "</configuration>", ""]))
     limits = speed_limits(scenario.network)
     corners = sharp_corners(scenario.lanes, edges, limits, RoundingSettings(), corner_shift_m)
-    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners)
+    said = tuple(remarks(scenario))
+    return NewScenario(out, len(sites), len(edges), lacks_demand, scenario.overridden, corners, scenario.removed, said)
 
 
 def _relative(file: Path, folder: Path) -> str:
@@ -171,49 +179,70 @@ def _relative(file: Path, folder: Path) -> str:
 def _used_edges(files: tuple[Path, ...]) -> set[str]:
     """The edges of all routes in these files. Empty where SUMO's router chooses some of the routes."""
     used: set[str] = set()
-    for file in files:
-        for node in parse(file).iter():
-            if node.tag == "trip" or (node.tag == "flow" and "route" not in node.attrib and "from" in node.attrib):
+    for file in (part for named in files for part in with_includes(named)):
+        for _, name, attributes in elements(file):
+            if name == "trip" or (name == "flow" and "route" not in attributes and "from" in attributes):
                 return set()
-            if node.tag == "route":
-                used.update(node.get("edges", "").split())
+            if name == "route":
+                used.update(attributes.get("edges", "").split())
     return used
 
 
 def _netconvert(source: Path, network: Path, box: tuple[float, float, float, float] | None, lefthand: bool) -> None:
     """Write the network of a map. Raises InputError with netconvert's reason."""
-    import sumo
-
-    # netconvert finds projections and the types of OpenStreetMap's roads through SUMO_HOME.
-    environment = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
-    types = Path(sumo.SUMO_HOME) / "data" / "typemap" / "osmNetconvert.typ.xml"
-    options = [*NETCONVERT_OPTIONS, f"--type-files={types}"]
+    options = [*NETCONVERT_OPTIONS]
     if box is not None:
         options.append(f"--keep-edges.in-geo-boundary={','.join(map(str, box))}")
     if lefthand:
         options.append("--lefthand")
-    command = [str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), f"--osm-files={source}", f"--output-file={network}"]
-    process = subprocess.run(
-        [*command, *options], env=environment, capture_output=True, encoding="utf-8", errors="replace", check=False
-    )
-    if process.returncode != 0 or not network.is_file():
-        errors = [line for line in process.stderr.splitlines() if line.startswith("Error")]
-        reason = one_line(" ".join(errors) or process.stderr)
+    # netconvert too can write in its temporary folder alone.
+    made, errors = landlock.confined(lambda: _converted(source, options))
+    if made is None:
+        reason = one_line(" ".join(line for line in errors.splitlines() if line.startswith("Error")) or errors)
         raise InputError(f"netconvert cannot make a network of {source} ({reason}): fix the map or give another")
+    network.write_bytes(made)
+
+
+def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:
+    """Return the network that netconvert makes of a map, None where it fails, and what it says."""
+    import sumo
+
+    # netconvert finds projections and the types of OpenStreetMap's roads through SUMO_HOME.
+    home = Path(sumo.SUMO_HOME)
+    with TemporaryFolder(landlock.folder()) as temporary:
+        folder = temporary.path
+        types = option_path(home / "data" / "typemap" / "osmNetconvert.typ.xml", folder)
+        network = folder / "made.net.xml"
+        files = [
+            f"--osm-files={option_path(source, folder)}", f"--type-files={types}", f"--output-file={network}"
+        ]  # fmt: skip
+        process = subprocess.run(
+            [str(home / "bin" / "netconvert"), *files, *options],
+            env={**os.environ, "SUMO_HOME": sumo.SUMO_HOME},
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+        )
+        made = network.read_bytes() if process.returncode == 0 and network.is_file() else None
+        return made, process.stderr
 
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out`, which is renamed to it if all goes well, and removed otherwise."""
+    """A temporary folder beside `out`, which becomes it if all goes well, and is removed otherwise."""
+    check_name(name_of(out), out)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out} exists and is not an empty folder: give another folder with -o")
     out.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    folder = Path(tempfile.mkdtemp(prefix=f".{name_of(out)}-", dir=out.parent))
     try:
         yield folder
-        if out.exists():
-            out.rmdir()
-        folder.chmod(0o755)
-        folder.rename(out)
+        if out.exists():  # it may be the current folder, which cannot be replaced
+            for file in sorted(folder.iterdir()):
+                file.rename(out / file.name)
+        else:
+            folder.chmod(0o755)
+            folder.rename(out)
     finally:
         shutil.rmtree(folder, ignore_errors=True)

@@ -53,7 +53,7 @@ class RoundingSettings(Settings):
         description="corners of the road that take more acceleration than this are rounded, m/s2",
     )
     along_mps2: float = Field(
-        0.5,
+        0.2,
         gt=0.0,
         le=9.0,
         description="largest change of speed where lengths of lanes and of their shapes differ, m/s2",

@@ -12,6 +12,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import SITE_TYPE, Site
+from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 
 STATION_STEP_M = 5.0
 """Distance between the points of a lane at which a pole may stand, m."""
@@ -77,7 +78,7 @@ def sites_file(sites: Iterable[Site], origin: tuple[float, float] = (0.0, 0.0)) 
     """Return an additional file with the sites as POIs, which sumo-gui and netedit show. origin: of their plane, m."""
     lines = [
         f'<poi id="{site.id}" x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
-        f'color="red" layer="100">\n    <param key="height" value="{site.height_m:g}"/>\n'
+        f'color="red" layer="100">\n    <param key="height" value="{in_full(site.height_m)}"/>\n'
         f'    <param key="azimuth" value="{site.azimuth_deg:.1f}"/>\n  </poi>'
         for site in sites
     ]

@@ -1,256 +1,339 @@
-"""Reading SUMO's input files: configurations, and additional files made safe to load.
+"""SUMO's networks, routes and additional files: what they hold, and how they are handed to SUMO without danger.
 
-Input files may come from anyone. A file with a document type is refused, so that no entity is expanded. Files that a
-file includes are read as SUMO reads them. Whatever would make SUMO write a file is removed or refused.
+Input files may come from anyone, and many elements make SUMO write a file. SUMO gets what its own schemas name, and of
+that nothing that names an output. A file that holds anything else is handed over as a temporary copy without it.
 """
 
 from __future__ import annotations
 
-import gzip
 import os
 import re
-import xml.etree.ElementTree as ET
-import zlib
-from collections.abc import Iterator
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
 from pathlib import Path
-from typing import IO, cast
+from typing import TextIO
+from xml.sax.saxutils import quoteattr
 
-import defusedxml.ElementTree
-from defusedxml import DTDForbidden
-
+from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import TemporaryFolder
+from isac_cosim.isacsim.scenarios import sumo_schemas
+from isac_cosim.isacsim.scenarios.sumo_schemas import TRUE
+from isac_cosim.isacsim.scenarios.xml_files import Element, XmlReader, elements
 
 CONFIG_ENDINGS = (".sumocfg", ".sumo.cfg")
 NETWORK_ENDINGS = (".net.xml", ".net.xml.gz")
 
-SYNONYMS = {
-    "net": "net-file", "n": "net-file", "routes": "route-files", "r": "route-files",
-    "additional": "additional-files", "a": "additional-files", "b": "begin",
-}  # fmt: skip
-KEPT = (
-    "scale",
-    "ignore-route-errors",
-    "no-internal-links",
-    "ignore-junction-blocker",
-    "max-depart-delay",
-    "extrapolate-departpos",
-    "pedestrian.model",
-    "default.carfollowmodel",
-    "default.departlane",
-    "default.departspeed",
-    "default.emergencydecel",
-    "default.speeddev",
-    "device.rerouting.probability",
-    "device.rerouting.explicit",
-    "device.rerouting.deterministic",
-    "device.rerouting.period",
-    "device.rerouting.pre-period",
-    "device.rerouting.adaptation-interval",
-    "device.rerouting.adaptation-steps",
-    "device.rerouting.adaptation-weight",
-    "lanechange.overtake-right",
-    "max-num-vehicles",
-    "routing-algorithm",
-    "time-to-impatience",
-    "tls.actuated.detector-length",
-    "tls.actuated.jam-threshold",
-    "tls.yellow.min-decel",
-    "weights.minor-penalty",
-    "weights.priority-factor",
-    "weights.random-factor",
-    "weights.tls-penalty",
-    "eager-insert",
-    "emergency-insert",
-    "sloppy-insert",
-    "random-depart-offset",
-    "emergencydecel.warning-threshold",
-    "collision.mingap-factor",
-)
-"""Options of a user's configuration that shape the traffic, and are passed to SUMO."""
-XML_FAULTS = (ET.ParseError, EOFError, LookupError, OSError, ValueError, zlib.error)
-"""What the readers of XML and gzip raise on other files."""
-OUTPUT_ATTRIBUTES = ("file", "output", "dest", "outputFile")
-PURE_OUTPUTS = (
-    "edgeData", "laneData", "edgedata", "lanedata", "meandata-edge", "meandata-lane", "vTypeProbe", "timedEvent",
-)  # fmt: skip
-"""Elements that do nothing else than make SUMO write a file."""
-OUTPUT_ELEMENTS = (
-    *PURE_OUTPUTS, "e1Detector", "inductionLoop", "instantInductionLoop", "e2Detector", "laneAreaDetector",
-    "e3Detector", "entryExitDetector", "routeProbe", "calibrator",
-)  # fmt: skip
-"""Elements that make SUMO write a file. Traffic lights and calibrators may need the others for what they measure."""
-NOWHERE = "NUL"
-"""A file name with which SUMO writes nothing, on every system."""
-INPUT_ATTRIBUTES = ("file", "href", "imgFile")
-"""Attributes that may name a file that SUMO reads; its place is relative to the file that names it."""
-INCLUDE = "include"
-OUTPUT_PARAMS = ("has.ssm.device", "has.toc.device", "file")
-"""Parameters of vehicles and traffic lights that make SUMO write a file."""
-TRUE = ("1", "true", "yes", "on", "x", "t")
-"""What SUMO reads as true."""
-NO_OUTPUT = ("", "0", "false", "no", "off", "f", "-", "nul", "null")
-MAY_WRITE = re.compile(rb"(ssm|toc)\.device|[\"']file[\"']|\s(file|output|dest|outputFile)\s*=|&#|\x00")
-"""Found in every file that makes SUMO write another. Character references and wide encodings may hide the words."""
-MAY_INCLUDE = re.compile(rb"<\s*include|\x00")
-"""Found in every file that includes another."""
-STEMS = (b"ssm", b"toc", b"file", b"output", b"dest", b"&#", b"\x00")
-"""Each match of MAY_WRITE contains one of them. They are searched first, because that is ten times as fast."""
-BLOCK, OVERLAP = 1 << 20, 64
-"""Bytes read at once, and how many of the bytes before are searched again with them."""
+ONLY_WRITE = ("edgeData", "laneData", "vTypeProbe", "timedEvent")
+"""Elements that do nothing else than make SUMO write a file. Traffic lights and calibrators may need the others."""
+OUTPUT_ATTRIBUTES = frozenset({"file", "output", "dest", "outputFile"})
+"""Attributes that name a file that SUMO writes, save for those below."""
+INPUT_ATTRIBUTES = {"include": "href", "variableSpeedSign": "file", "calibrator": "file"}
+"""Attributes that name a file that SUMO reads, by their elements; its place is relative to the file that names it."""
+OUTPUT_DEVICES = ("has.ssm.device", "has.toc.device")
+"""Parameters that equip a vehicle with a device that writes a file."""
+OUTPUT_PARAMETER = re.compile(r"(?:.*\.)?(?:files?|outputs?)", re.DOTALL)
+"""Parameters that name a file."""
+NOWHERE, ALSO_NOWHERE = "NUL", ("NUL", "/DEV/NULL")
+"""File names with which SUMO writes nothing: the first on every system, and in capitals."""
+DEMAND = frozenset({"vehicle", "flow", "trip"})
+TYPES = frozenset({"vType", "vTypeDistribution"})
+Rewrite = Callable[[Iterable[Element]], Iterator[Element]]
+"""Changes the elements of a file that SUMO gets."""
+SCHEMA_ATTRIBUTES = frozenset({"xmlns:xsi", "xsi:noNamespaceSchemaLocation", "xsi:schemaLocation"})
+"""Attributes of root elements that name a schema. SUMO is told not to look for it."""
+UNREAD = ("metadata",)
+"""Elements of SUMO's own writing that it does not read."""
+MOST_INCLUDED, DEEPEST_INCLUDE = 10_000, 100
+"""How many files SUMO may be made to read for one, each as often as it is included, and within each other."""
+MOST_REMOVED = 1000
+"""Kinds of things left out of a file that are told apart."""
+MISREAD = re.compile(r"^\s|\s$|,|\$\{|(?<!^[A-Za-z]):|[^\x00-\x7f]")
+"""What SUMO reads differently in an option than in the name of a file, or by the environment's variables or language:
+spaces at the ends, commas, `${`, colons other than a drive's, and letters that are not ASCII."""
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """What is read from a configuration.
+class Content:
+    """What a file holds.
 
-    begin_s: simulation time at which the scenario starts, s. kept: options that are passed to SUMO, by name.
-    overridden: names of options that are set otherwise or left out.
+    names: of its elements. inputs: paths of the files that it makes SUMO read, in order, as often as it does. removed:
+    what SUMO does not get of it, with the number of occurrences. as_it_is: whether SUMO may get the file itself.
     """
 
-    network: Path
-    demand: tuple[Path, ...]
-    additional: tuple[Path, ...]
-    begin_s: float
-    kept: dict[str, str]
-    overridden: tuple[str, ...]
+    names: frozenset[str]
+    inputs: tuple[Path, ...]
+    removed: tuple[tuple[str, int], ...]
+    as_it_is: bool
 
 
-def read_config(config: Path) -> Inputs:
-    """Read a SUMO configuration. Raises InputError where it names no network, or a file that does not exist."""
-    options = {SYNONYMS.get(node.tag, node.tag): node.get("value", node.get("v", "")) for node in parse(config).iter()}
-    options = {name: value for name, value in options.items() if value}
+def content(file: Path) -> Content:
+    """Return what a file holds. It is read once, as long as it does not change.
 
-    def files(option: str) -> tuple[Path, ...]:
-        names = [name.strip() for name in options.pop(option, "").split(",")]
-        paths = tuple(config.parent / os.path.expandvars(name) for name in names if name)
-        for path in paths:
-            if not path.is_file():
-                raise InputError(f"{config} names {path.name}, which does not exist: add the file or remove its name")
-        return paths
-
-    networks, demand, additional = files("net-file"), files("route-files"), files("additional-files")
-    if len(networks) != 1:
-        raise InputError(f"{config} names {len(networks)} networks: give it exactly one <net-file value=…/>")
-    begin = options.pop("begin", "0")
+    Raises InputError where it cannot be read, or makes SUMO read a file that does not exist.
+    """
     try:
-        begin_s = float(begin)
-    except ValueError:
-        raise InputError(f"{config}: begin = {begin!r} is not a number: give it in seconds") from None
-    kept = {name: options.pop(name) for name in KEPT if name in options}
-    return Inputs(networks[0], demand, additional, begin_s, kept, tuple(sorted(options)))
+        state = file.stat()
+    except OSError as error:
+        raise InputError(f"{file} cannot be read ({error.strerror}): fix that") from None
+    held = _content(file, state.st_ino, state.st_size, state.st_mtime_ns)
+    for path in held.inputs:
+        if not path.is_file():
+            name = os.path.relpath(path, file.parent)
+            raise InputError(f"{file} includes {name!r}, which does not exist: add the file or remove the element")
+    return held
+
+
+@lru_cache(maxsize=256)
+def _content(file: Path, *_: int) -> Content:
+    names: set[str] = set()
+    inputs: list[Path] = []
+    removed: Counter[str] = Counter()
+    reader, rewritten, unread = XmlReader(file), False, Counter[str]()
+
+    def begun() -> Iterator[Element]:
+        for element in reader.elements():
+            # SUMO does not read them, but it reads what lies within them.
+            unread[element.name] += element.name in UNREAD
+            yield element
+
+    for element, passed in _filtered(begun(), removed):
+        names.add(passed.name)
+        rewritten |= passed is not element
+        reads = INPUT_ATTRIBUTES.get(passed.name)
+        if reads and (name := passed.attributes.get(reads)):
+            inputs.append(file.parent / name)  # SUMO expands nothing in it
+            # SUMO takes a name with a colon or a backslash for an absolute one.
+            rewritten |= MISREAD.search(name) is not None or "\\" in name
+    as_it_is = reader.plain and not rewritten and not removed and not unread.total()
+    return Content(frozenset(names), tuple(inputs), tuple(sorted(removed.items())), as_it_is)
+
+
+@cache
+def _harmless() -> Mapping[str, frozenset[str]]:
+    """The elements that neither write nor read files nor set parameters, with their attributes."""
+    special = {*ONLY_WRITE, *INPUT_ATTRIBUTES, *UNREAD, "param"}
+    known = sumo_schemas.elements().items()
+    return {name: attributes - OUTPUT_ATTRIBUTES for name, attributes in known if name not in special}
+
+
+def _filtered(begun: Iterable[Element], removed: Counter[str]) -> Iterator[tuple[Element, Element]]:
+    """Yield the elements of a file that SUMO gets, each as it stands and as SUMO gets it.
+
+    Both are the same object where nothing is changed. removed: counts what is left out.
+    """
+    harmless, roots, none = _harmless(), sumo_schemas.root_names(), frozenset[str]()
+    left_out: int | None = None  # the depth of an element that is left out with everything inside
+    for element in begun:
+        depth, name, attributes = element
+        if left_out is not None and depth > left_out:
+            continue
+        left_out = None
+        if attributes.keys() <= harmless.get(name, none) and name in harmless:
+            yield element, element
+        elif depth == 0 and (name in roots or name not in sumo_schemas.elements()):
+            yield element, _root(element)
+        elif (passed := _passed(element, removed)) is not None:
+            yield element, passed
+        else:
+            left_out = depth
+
+
+def _root(element: Element) -> Element:
+    """A root that only holds the others, as SUMO gets it."""
+    allowed = sumo_schemas.elements().get(element.name)
+    if allowed is None:
+        return Element(0, "additional", {})
+    if element.attributes.keys() <= allowed | SCHEMA_ATTRIBUTES:
+        return element
+    return Element(0, element.name, {name: text for name, text in element.attributes.items() if name in allowed})
+
+
+def _passed(element: Element, removed: Counter[str]) -> Element | None:
+    """Return an element as SUMO gets it, None where it gets nothing of it."""
+    depth, name, attributes = element
+    known = sumo_schemas.elements().get(name)
+    if known is None or name in ONLY_WRITE:
+        _note(removed, name)
+        return None
+    if name in UNREAD:
+        return None
+    if name == "param" and _writes(attributes):
+        _note(removed, f"param {attributes['key']}")
+        return None
+    passed = {}
+    for attribute, text in attributes.items():
+        if attribute not in known:
+            if attribute != "xmlns":
+                _note(removed, f"{name} {attribute}")
+        elif (
+            attribute in OUTPUT_ATTRIBUTES
+            and attribute != INPUT_ATTRIBUTES.get(name)
+            and text.upper() not in ALSO_NOWHERE
+        ):
+            _note(removed, f"{name} {attribute}")
+            passed[attribute] = NOWHERE
+        else:
+            passed[attribute] = text
+    return element if passed == attributes else Element(depth, name, passed)
+
+
+def _note(removed: Counter[str], what: str) -> None:
+    """Count something that is left out, under a name that can be shown."""
+    what = "".join(letter if letter.isprintable() else "?" for letter in what[:60])
+    removed[what if what in removed or len(removed) < MOST_REMOVED else "others"] += 1
+
+
+def _writes(parameter: dict[str, str]) -> bool:
+    """Whether a parameter, by its key and value, makes SUMO write a file."""
+    key = parameter.get("key", "").strip()
+    if key in OUTPUT_DEVICES:
+        return parameter.get("value", "").strip().lower() in TRUE
+    return OUTPUT_PARAMETER.fullmatch(key) is not None
 
 
 def has_demand(file: Path) -> bool:
-    """Whether a file, or one that it includes, puts vehicles on the road. It is read up to the first one."""
-    for path in with_includes(file):
-        with _reading(path) as stream:
-            if any(node.tag in ("vehicle", "flow", "trip") for node in _elements(stream)):
-                return True
-    return False
+    """Whether a file, or one that it includes, puts vehicles on the road."""
+    return any(content(path).names & DEMAND for path in with_includes(file))
 
 
 def with_includes(file: Path) -> list[Path]:
-    """Return a file and the files that it includes, and those that they include, each once.
+    """Return a file and the files that it includes or reads otherwise, and those that they do, each once.
 
-    Raises InputError where one of them does not exist or cannot be read.
+    Raises InputError where one of them does not exist or cannot be read, or where they include each other.
     """
-    files = [file]
+    files, known = [file], {file.resolve()}
     for path in files:  # grows while it is read
-        with _reading(path) as stream:
-            if not _holds(stream, (INCLUDE.encode(), b"\x00"), MAY_INCLUDE):
-                continue
-            stream.seek(0)
-            names = [node.get("href", "") for node in _elements(stream) if node.tag == INCLUDE]
-        for name in names:
-            included = path.parent / os.path.expandvars(name)
-            if not included.is_file():
-                raise InputError(f"{path} includes {name!r}, which does not exist: add the file or remove the element")
-            if included.resolve() not in [known.resolve() for known in files]:
-                files.append(included)
+        for named in content(path).inputs:
+            if named.resolve() not in known:
+                known.add(named.resolve())
+                files.append(named)
+        if len(files) > MOST_INCLUDED:
+            raise InputError(f"{file} includes more than {MOST_INCLUDED} files: join them")
+    _count(file, {}, 0)
     return files
 
 
-def without_outputs(file: Path, folder: Path) -> Path:
-    """Return the path of an additional file with which SUMO writes no file.
-
-    That is the file itself where SUMO writes none, and a copy in the folder otherwise, with what it includes.
-    """
-    files = with_includes(file)
-    roots = [parse(path) for path in files]
-    if not any(_makes_output(node) for root in roots for node in root.iter()):
-        return file
-    first = len(list(folder.iterdir()))
-    copies = {path.resolve(): folder / f"{first + k}-{path.name.removesuffix('.gz')}" for k, path in enumerate(files)}
-    for path, root in zip(files, roots, strict=True):
-        _silence(root)
-        for node in root.iter():
-            for name in INPUT_ATTRIBUTES:
-                read = (path.parent / os.path.expandvars(node.get(name, ""))).resolve()
-                if read.is_file():
-                    node.set(name, str(copies.get(read, read)))
-        ET.ElementTree(root).write(copies[path.resolve()], encoding="utf-8")
-    return copies[file.resolve()]
+def _count(file: Path, counts: dict[Path, int], depth: int) -> int:
+    """Return how many files SUMO reads for one. counts: of those already counted, 0 while they are."""
+    place = file.resolve()
+    if counts.get(place) == 0 or depth > DEEPEST_INCLUDE:
+        fault = "includes itself" if place in counts else f"is included at depth {depth}"
+        raise InputError(f"{file} {fault}: remove the element")
+    if place not in counts:
+        counts[place] = 0
+        counts[place] = 1 + sum(_count(named, counts, depth + 1) for named in content(file).inputs)
+    if counts[place] > MOST_INCLUDED:
+        raise InputError(f"{file} makes SUMO read more than {MOST_INCLUDED} files: include each once")
+    return counts[place]
 
 
-def _silence(root: ET.Element) -> None:
-    """Remove the elements and parameters that do nothing but write a file; the others write nowhere."""
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if not _makes_output(child):
-                continue
-            if child.tag == "param" or child.tag in PURE_OUTPUTS:
-                parent.remove(child)
-            for name in OUTPUT_ATTRIBUTES:
-                if name in child.attrib:
-                    child.set(name, NOWHERE)
-
-
-def refuse_outputs(file: Path) -> None:
-    """Raise InputError where a network or route file, or one that it includes, would make SUMO write a file."""
-    for path in with_includes(file):
-        with _reading(path) as stream:
-            if not _holds(stream, STEMS, MAY_WRITE):
-                continue
-            stream.seek(0)
-            for node in _elements(stream):
-                if _makes_output(node):
-                    name = node.get("key", node.get("id", ""))
-                    raise InputError(f"{path}: {node.tag} {name!r} makes SUMO write a file: remove it")
-
-
-def _holds(stream: IO[bytes], stems: tuple[bytes, ...], pattern: re.Pattern[bytes]) -> bool:
-    """Whether a file has to be read as XML, because a pattern is in it. Each match contains one of the stems."""
-    before = b""
-    while block := stream.read(BLOCK):
-        text = before + block
-        if any(stem in text for stem in stems) and pattern.search(text):
-            return True
-        before = block[-OVERLAP:]
-    return False
-
-
-def _makes_output(node: ET.Element) -> bool:
-    """Whether an element, by its own attributes, makes SUMO write a file."""
-    if node.tag == "param":
-        return node.get("key") in OUTPUT_PARAMS and node.get("value", "").strip().lower() not in NO_OUTPUT
-    return node.tag in OUTPUT_ELEMENTS and any(
-        node.get(name, "").strip().lower() not in NO_OUTPUT for name in OUTPUT_ATTRIBUTES
+def removed_from(files: Iterable[Path]) -> tuple[str, ...]:
+    """Return what SUMO does not get of files and of those that they include: what, how often, and of which file."""
+    parts = dict.fromkeys(part.resolve() for file in files for part in with_includes(file))
+    return tuple(
+        f"{what}{f' ({number} times)' if number > 1 else ''} in {part.name}"
+        for part in parts
+        for what, number in content(part).removed
     )
 
 
-def parse(file: Path) -> ET.Element:
-    """Return the root of an XML file. Raises InputError where it cannot be read."""
-    with _reading(file) as stream:
-        root: ET.Element = defusedxml.ElementTree.parse(stream, forbid_dtd=True).getroot()
-        return root
+@contextmanager
+def cleaned(file: Path) -> Iterator[Path]:
+    """Yield the path of a file that any reader of XML reads as SUMO does: its own, or that of a temporary copy."""
+    if content(file).as_it_is:
+        yield file
+    else:
+        with TemporaryFolder(landlock.folder()) as temporary:
+            yield Handover(temporary.path).path_of(file)
 
 
-def refuse_document_type(file: Path) -> None:
-    """Raise InputError where an XML file declares a document type. It is read up to the first element."""
-    with _reading(file) as stream:
-        next(_elements(stream), None)
+@dataclass(frozen=True)
+class Handover:
+    """Hands files to SUMO: those that are safe themselves, and of the others copies or links in a temporary folder.
+
+    types: changes the elements of files with vehicle types.
+    """
+
+    folder: Path
+    types: Rewrite | None = None
+    _done: dict[Path, Path] = field(default_factory=dict)
+
+    def path_of(self, file: Path) -> Path:
+        """Return the path by which SUMO gets a file.
+
+        Raises InputError as `with_includes` does, and where SUMO would misread the path of the temporary folder.
+        """
+        clean = not any(map(self._changes, with_includes(file)))
+        if clean and not MISREAD.search(str(file)):
+            return file
+        place = file.resolve()
+        if place not in self._done:
+            if re.search(r",|\$\{", str(self.folder)):
+                raise InputError(f"SUMO misreads the path {self.folder}: set TMPDIR to a folder without , and $ in it")
+            name = re.sub(r"[^\w.-]", "_", file.name.removesuffix(".gz"), flags=re.ASCII)
+            self._done[place] = self.folder / f"{len(self._done)}-{name}"
+            if clean and not content(file).inputs:
+                _alias(self._done[place], place)
+            else:
+                with self._done[place].open("x", encoding="utf-8", newline="\n") as copy:
+                    self._write(copy, file)
+        return self._done[place]
+
+    def _changes(self, file: Path) -> bool:
+        """Whether SUMO gets a file, but not those that it includes, otherwise than it is."""
+        held = content(file)
+        return not held.as_it_is or (self.types is not None and bool(held.names & TYPES))
+
+    def _write(self, copy: TextIO, file: Path) -> None:
+        """Write what SUMO gets of a file. Every file that it names is named by its absolute path."""
+        copy.write('<?xml version="1.0" encoding="UTF-8"?>\n')
+        begun: list[str] = []
+        empty = False  # whether the last element may yet turn out to be empty
+        passed: Iterable[Element] = (after for _, after in _filtered(elements(file), Counter()))
+        for depth, name, attributes in passed if self.types is None else self.types(passed):
+            empty = _end(copy, begun, depth, empty)
+            copy.write(">\n" if empty else "")
+            copy.write(f"<{name}")
+            for attribute, text in attributes.items():
+                if attribute in SCHEMA_ATTRIBUTES:
+                    continue
+                if text and attribute == INPUT_ATTRIBUTES.get(name):
+                    text = os.path.abspath(self.path_of(file.parent / text))
+                copy.write(f" {attribute}={quoteattr(text)}")
+            begun.append(name)
+            empty = True
+        _end(copy, begun, 0, empty)
+
+
+def _end(copy: TextIO, begun: list[str], depth: int, empty: bool) -> bool:
+    """End the elements that were begun at a depth or below. empty: whether the last one is. Returns that afterwards."""
+    while len(begun) > depth:
+        name = begun.pop()
+        copy.write("/>\n" if empty else f"</{name}>\n")
+        empty = False
+    return empty
+
+
+def option_path(file: Path, folder: Path) -> Path:
+    """Return a path by which an option of SUMO's programs can name a file: its own, or a link's in a folder."""
+    if not MISREAD.search(str(file)):
+        return file
+    place = folder / f"{len(list(folder.iterdir()))}{file.suffix}"
+    _alias(place, file.resolve())
+    return place
+
+
+def _alias(place: Path, file: Path) -> None:
+    """Make a link to a file; where the system does not let us, a copy."""
+    try:
+        place.symlink_to(file)
+    except OSError:  # Windows asks for a privilege
+        shutil.copyfile(file, place)
 
 
 def is_lefthand(network: Path) -> bool:
@@ -258,35 +341,5 @@ def is_lefthand(network: Path) -> bool:
 
     Raises InputError where the file cannot be read.
     """
-    with _reading(network) as stream:
-        root = next(_elements(stream), None)
-        return root is not None and root.get("lefthand", "").strip().lower() in TRUE
-
-
-def _elements(stream: IO[bytes]) -> Iterator[ET.Element]:
-    """The elements of an XML file, each as soon as it begins."""
-    return (node for _, node in defusedxml.ElementTree.iterparse(stream, ("start",), forbid_dtd=True))
-
-
-@contextmanager
-def _reading(file: Path) -> Iterator[IO[bytes]]:
-    """An XML file, possibly gzipped, open for reading. Errors of reading it become an InputError."""
-    try:
-        with cast(IO[bytes], gzip.open(file)) if file.name.endswith(".gz") else file.open("rb") as stream:
-            yield stream
-    except DTDForbidden:
-        raise InputError(
-            f"{file} declares a document type (DTD), which can read other files or expand without end: remove the DTD"
-        ) from None
-    except XML_FAULTS as error:
-        raise InputError(f"{file} cannot be read as XML ({one_line(error)}): fix the file") from None
-
-
-def write_lines(file: Path, text: str) -> None:
-    """Write a text file with the same bytes on every system: UTF-8, and line feeds alone."""
-    file.write_text(text, encoding="utf-8", newline="\n")
-
-
-def one_line(error: object) -> str:
-    """Return an error's text without line breaks."""
-    return " ".join(str(error).split()) or type(error).__name__
+    root = next(elements(network), None)
+    return root is not None and root.attributes.get("lefthand", "").strip().lower() in TRUE

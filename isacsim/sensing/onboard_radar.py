@@ -11,7 +11,6 @@ azimuth 0.1 to 1 degree, depending on direction).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,9 +25,10 @@ from isac_cosim.isacsim.heading import heading_rad
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.radio.blockage import Blockers, hides
 from isac_cosim.isacsim.radio.channel import rain_db_per_km
-from isac_cosim.isacsim.sensing.chain import SensedRecord, before, filled, run_in, run_in_snapshots
+from isac_cosim.isacsim.sensing.following import before
+from isac_cosim.isacsim.sensing.passages import Carrier
 from isac_cosim.isacsim.tracking.fusion import Fixes, checked
-from isac_cosim.isacsim.tracking.kalman import TrackingSettings, track
+from isac_cosim.isacsim.tracking.kalman import TrackingSettings
 
 UNKNOWN_SPEED_MPS = 60.0
 """Standard deviation given to the speed across the line of sight, which no cycle measures."""
@@ -37,20 +37,27 @@ UNKNOWN_SPEED_MPS = 60.0
 class RadarSettings(Settings):
     """The onboard radar, and what hinders it."""
 
-    carrier_hz: float = Field(77e9, gt=0, description="Carrier frequency.")
-    cycle_s: float = Field(0.072, gt=0, description="Time between measurements.")
-    range_m: float = Field(250.0, gt=0, description="Range at which detection succeeds half the time in clear air.")
+    carrier_hz: float = Field(77e9, gt=0, le=1e13, description="Carrier frequency.")
+    cycle_s: float = Field(0.072, gt=0, le=1e3, description="Time between measurements.")
+    range_m: float = Field(
+        250.0, gt=0, le=1e5, description="Range at which detection succeeds half the time in clear air."
+    )
     half_width_deg: float = Field(
         180.0,
         gt=0,
         le=180,
         description="Field of view to either side of the UV's heading; 180: radars all round.",
     )
-    range_sd_m: float = Field(0.4, gt=0, description="Standard deviation of the range of a strong echo.")
-    speed_sd_mps: float = Field(0.1 / 3.6, gt=0, description="Standard deviation of the radial speed of a strong echo.")
-    azimuth_sd_deg: float = Field(0.3, gt=0, description="Standard deviation of the azimuth of a strong echo.")
+    range_sd_m: float = Field(0.4, gt=0, le=1e3, description="Standard deviation of the range of a strong echo.")
+    speed_sd_mps: float = Field(
+        0.1 / 3.6, gt=0, le=1e3, description="Standard deviation of the radial speed of a strong echo."
+    )
+    azimuth_sd_deg: float = Field(0.3, gt=0, le=180, description="Standard deviation of the azimuth of a strong echo.")
     strong_snr_db: float = Field(
-        25.0, description="SNR above which these deviations hold; below, they grow with the square root of the noise."
+        25.0,
+        ge=-60,
+        le=200,
+        description="SNR above which these deviations hold; below, they grow with the square root of the noise.",
     )
     false_alarm: float = Field(
         1e-6, gt=0, lt=1, description="False alarm probability that sets the detection threshold."
@@ -65,10 +72,10 @@ class RadarSettings(Settings):
         "random",
         description="Which cycles `nlos` loses: random ones, one stretch, or those in which a vehicle is in between.",
     )
-    weather_loss_db: float = Field(20.0, ge=0, description="Loss of the echo under `weather`.")
+    weather_loss_db: float = Field(20.0, ge=0, le=300, description="Loss of the echo under `weather`.")
     rain_mm_per_h: float = Field(0.0, ge=0, le=300, description="Rain, under any condition (ITU-R P.838-3).")
-    height_m: float = Field(0.5, ge=0, description="Height of the radar above the road.")
-    target_height_m: float = Field(0.8, ge=0, description="Height of the target's reflecting point.")
+    height_m: float = Field(0.5, ge=0, le=20, description="Height of the radar above the road.")
+    target_height_m: float = Field(0.8, ge=0, le=20, description="Height of the target's reflecting point.")
     weather_dropped: float = Field(
         0.3, ge=0, lt=1, description="Share of the cycles that `weather` loses at random, besides its echo loss."
     )
@@ -76,22 +83,6 @@ class RadarSettings(Settings):
         default_factory=lambda: TrackingSettings(jerk_density=1.0, run_in_s=2.0),
         description="The filter behind the radar.",
     )
-
-
-@dataclass(frozen=True)
-class Carrier:
-    """Motion of the UVs of B records, which carry the radars, and how well each UV knows its own.
-
-    state: true x, y, vx, vy, ax, ay, m, m/s, m/s2, (B, 6, C) at rate_hz. reported: the same as the UVs report it, None
-    if they report the truth. position_sd_m, speed_sd_mps: standard deviations of the reports' white noise on either
-    axis.
-    """
-
-    state: Array
-    rate_hz: float
-    reported: Array | None = None
-    position_sd_m: float = 0.0
-    speed_sd_mps: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -107,6 +98,31 @@ class Pose:
     position_sd_m: float = 0.0
     speed_sd_mps: float = 0.0
 
+    @classmethod
+    def of(cls, carrier: Carrier, time_s: Array, key: tuple[str | int, ...]) -> Pose:
+        """Return the pose of a UV at instants from the passage's start on, s, interpolated between its reports.
+
+        Before that its motion is carried back at constant acceleration, with report errors of its own; its heading
+        there is the first that is known. key: seeds these errors.
+        """
+        count = int(np.ceil(max(0.0, -time_s[0]) * carrier.rate_hz))
+        state = carrier.state
+        true = np.concatenate([before(state, carrier.rate_hz, count), state], axis=1)[:4]
+        reported = state if carrier.reported is None else carrier.reported
+        deviation = np.repeat([carrier.position_sd_m, carrier.speed_sd_mps], 2)
+        early = stream(*key, "carrier").standard_normal((4, count)) * deviation[:, None]
+        error = np.concatenate([early, (reported - state)[:4]], axis=1)
+        known = (np.arange(true.shape[1]) - count) / carrier.rate_hz
+        heading = heading_rad(state[2:4])
+        nearest = np.clip(np.round(time_s * carrier.rate_hz).astype(np.int64), 0, len(heading) - 1)
+        return cls(
+            true=np.stack([np.interp(time_s, known, row) for row in true]),
+            reported=np.stack([np.interp(time_s, known, row) for row in true + error]),
+            heading_rad=heading[nearest],
+            position_sd_m=carrier.position_sd_m,
+            speed_sd_mps=carrier.speed_sd_mps,
+        )
+
 
 @dataclass(frozen=True)
 class Scan:
@@ -117,84 +133,6 @@ class Scan:
     detected: float
 
 
-def sense_onboard(
-    truth: Array,
-    rate_hz: float,
-    carrier: Carrier,
-    settings: RadarSettings,
-    keys: Sequence[tuple[str | int, ...]],
-    blockers: Sequence[Blockers | None] | None = None,
-    past: Array | None = None,
-) -> list[SensedRecord]:
-    """Sense B records from their UVs; the counterpart of `sensing.sense`.
-
-    truth: of the TVs, (B, 6, S) at rate_hz. carrier: the UVs. keys: one for each record, which seeds its draws.
-    blockers: the vehicles other than TV and UV, needed for the pattern `line_of_sight`. past: as in `sensing.sense`.
-    The condition takes no cycle before the record begins: the target had been tracked before it was lost. A record
-    without a detection in that time is not usable. No record uses a site.
-    Raises InputError if the arguments do not fit together.
-    """
-    if truth.ndim != 3 or len(truth) != len(keys) or len(carrier.state) != len(keys):
-        raise InputError(
-            f"{len(truth)} targets, {len(carrier.state)} carriers and {len(keys)} keys: give one of each per record"
-        )
-    count = run_in_snapshots(rate_hz, settings.tracking)
-    motion = np.concatenate([run_in(truth, rate_hz, count, past), truth], axis=2)
-    if settings.condition == "nlos" and settings.pattern == "line_of_sight" and blockers is None:
-        raise InputError(
-            "pattern line_of_sight needs the other vehicles, which were not given: choose random or contiguous"
-        )
-    others = blockers if blockers is not None else [None] * len(keys)
-    time_s = (np.arange(motion.shape[2]) - count) / rate_hz
-    scans = [
-        scan(motion[k], time_s, _pose(carrier, k, time_s, key), settings, key, others[k]) for k, key in enumerate(keys)
-    ]
-    fixes = [filled(scan.fixes) for scan in scans]
-    tracks = track(
-        np.stack([fixes_of_record.state for fixes_of_record in fixes]),
-        np.stack([fixes_of_record.covariance for fixes_of_record in fixes]),
-        np.stack([fixes_of_record.valid for fixes_of_record in fixes]),
-        1 / rate_hz,
-        settings.tracking,
-    )
-    return [
-        SensedRecord(
-            state=np.ascontiguousarray(tracks.state[k, count:].T),
-            fixes=np.ascontiguousarray(fixes[k].state[count:].T),
-            n_sites=0,
-            snr_db=scans[k].snr_db,
-            detected=scans[k].detected,
-            usable=bool(fixes[k].valid[: count + 1].any()),
-        )
-        for k in range(len(keys))
-    ]
-
-
-def _pose(carrier: Carrier, record: int, time_s: Array, key: tuple[str | int, ...]) -> Pose:
-    """One UV at each instant, interpolated between its reports.
-
-    Before the record its motion is carried back at constant acceleration, with report errors of its own; its heading
-    there is the record's first.
-    """
-    count = int(np.ceil(max(0.0, -time_s[0]) * carrier.rate_hz))
-    state = carrier.state[record]
-    true = np.concatenate([before(state[None], carrier.rate_hz, count)[0], state], axis=1)[:4]
-    reported = state if carrier.reported is None else carrier.reported[record]
-    deviation = np.repeat([carrier.position_sd_m, carrier.speed_sd_mps], 2)
-    early = stream(*key, "carrier").standard_normal((4, count)) * deviation[:, None]
-    error = np.concatenate([early, (reported - state)[:4]], axis=1)
-    known = (np.arange(true.shape[1]) - count) / carrier.rate_hz
-    heading = heading_rad(state[2:4])
-    nearest = np.clip(np.round(time_s * carrier.rate_hz).astype(np.int64), 0, len(heading) - 1)
-    return Pose(
-        true=np.stack([np.interp(time_s, known, row) for row in true]),
-        reported=np.stack([np.interp(time_s, known, row) for row in true + error]),
-        heading_rad=heading[nearest],
-        position_sd_m=carrier.position_sd_m,
-        speed_sd_mps=carrier.speed_sd_mps,
-    )
-
-
 def scan(
     motion: Array,
     time_s: Array,
@@ -202,8 +140,15 @@ def scan(
     settings: RadarSettings,
     key: tuple[str | int, ...],
     blockers: Blockers | None,
+    whole: bool = True,
 ) -> Scan:
-    """Radar cycles of one record. motion: of the TV, (6, S), and pose of the UV, both at time_s, (S,)."""
+    """Radar cycles of one passage. motion: of the TV, (6, S), and pose of the UV, both at time_s, (S,).
+
+    The condition takes no cycle before time 0: the target had been tracked before it was lost.
+    blockers: the vehicles other than TV and UV, needed for the pattern `line_of_sight`. whole: whether these are all
+    cycles of the passage; those of one piece do not know what share of the others is lost.
+    Raises InputError if the pattern cannot be had of what is given.
+    """
     rng = stream(*key, "radar")
     step_s = time_s[1] - time_s[0]
     cycles_s = np.arange(rng.random() * settings.cycle_s, time_s[-1] - time_s[0], settings.cycle_s)
@@ -216,21 +161,24 @@ def scan(
     heading = _known_heading(pose.heading_rad, motion, pose.true, time_s)[at]
     seen = _in_view(true.bearing, heading, settings)
     seen &= rng.random(len(at)) < settings.false_alarm ** (1 / (1 + snr))
-    seen &= ~_lost(time_s[at], target, radar, settings, blockers, rng)
+    seen &= ~_lost(time_s[at], target, radar, settings, blockers, rng, whole)
     coarser = np.sqrt(np.maximum(10 ** (settings.strong_snr_db / 10) / snr, 1.0))
     deviation = coarser * np.array(
         [[settings.range_sd_m], [settings.speed_sd_mps], [np.radians(settings.azimuth_sd_deg)]]
     )
     noise = rng.standard_normal((3, len(at))) * deviation
     measured = Cycles(true.distance + noise[0], true.speed + noise[1], true.bearing + noise[2], drop)
-    fixes = Fixes(
-        np.zeros((len(time_s), 4)), np.tile(1e8 * np.eye(4), (len(time_s), 1, 1)), np.zeros(len(time_s), bool)
-    )
+    fixes = unseen(len(time_s))
     fixes.state[at], fixes.valid[at] = measured.fix(reported), seen
     fixes.covariance[at] = true.covariance(radar[2:], deviation, pose.position_sd_m, pose.speed_sd_mps)
     in_record = time_s[at] >= 0
     share = float(seen[in_record].mean()) if in_record.any() else 0.0
     return Scan(checked(fixes.state, fixes.covariance, fixes.valid), float(10 * np.log10(snr).mean()), share)
+
+
+def unseen(count: int) -> Fixes:
+    """Return the fixes of a target that no cycle detects."""
+    return Fixes(np.zeros((count, 4)), np.tile(1e8 * np.eye(4), (count, 1, 1)), np.zeros(count, bool))
 
 
 @dataclass(frozen=True)
@@ -314,7 +262,7 @@ def _known_heading(heading: Array, motion: Array, radar: Array, time_s: Array) -
     """
     if not np.isnan(heading).any():
         return heading
-    start = int(np.searchsorted(time_s, 0.0))
+    start = min(int(np.searchsorted(time_s, 0.0)), len(time_s) - 1)
     dx, dy = motion[:2, start] - radar[:2, start]
     return np.full(len(time_s), np.arctan2(dy, dx))
 
@@ -331,19 +279,33 @@ def _lost(
     settings: RadarSettings,
     blockers: Blockers | None,
     rng: np.random.Generator,
+    whole: bool,
 ) -> BoolArray:
-    """Whether the condition takes a cycle away, (n,); never one before the record begins."""
+    """Whether the condition takes a cycle away, (n,); never one before the passage begins."""
     lost = np.zeros(len(time_s), dtype=bool)
     inside = np.flatnonzero(time_s >= 0)
+    if settings.condition == "clear":
+        return lost
     if settings.condition == "weather":
         lost[inside] = rng.random(len(inside)) < settings.weather_dropped
-    elif settings.condition == "nlos" and settings.pattern == "line_of_sight" and blockers is not None:
+    elif settings.pattern == "line_of_sight":
+        if blockers is None:
+            raise InputError(
+                "pattern line_of_sight needs the other vehicles, which were not given: choose random or contiguous"
+            )
         size = (len(time_s), 1)
         flat = np.zeros((*size, 2))
         rise = np.full(size, settings.height_m - settings.target_height_m)
         eye = Panels(radar[0][:, None], radar[1][:, None], rise, flat, flat, settings.target_height_m)
         lost[inside] = hides(blockers, target[:2].T, eye, time_s)[inside, 0]
-    elif settings.condition == "nlos":
+    elif not whole and settings.pattern == "contiguous":
+        raise InputError(
+            "pattern contiguous is one stretch of a record, which running traffic has not: choose random or "
+            "line_of_sight"
+        )
+    elif not whole:
+        lost[inside] = rng.random(len(inside)) < settings.dropped
+    else:
         number = round(settings.dropped * len(inside))
         if settings.pattern == "random":
             lost[rng.choice(inside, number, replace=False)] = True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from isac_cosim.base.arrays import Array
@@ -11,12 +10,12 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings
 
 
-def report(state: Array, settings: ReportSettings, key: tuple[str | int, ...]) -> npt.NDArray[np.float32]:
-    """Return what the UV reports of its own state: the truth with white Gaussian noise, float32, (6, n).
+def report(state: Array, settings: ReportSettings, key: tuple[str | int, ...]) -> Array:
+    """Return what the UV reports of its own state: the truth with white Gaussian noise, (6, n).
 
     state: true state, (6, n), m, m/s and m/s2. settings: standard deviations of the noise. key: names the draw.
     """
-    return np.asarray(state + report_noise(state.shape[1], settings, key), np.float32)
+    return state + report_noise(state.shape[1], settings, key)
 
 
 def report_noise(count: int, settings: ReportSettings, key: tuple[str | int, ...]) -> Array:

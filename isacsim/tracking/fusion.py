@@ -29,6 +29,7 @@ class FusionOptions(Settings):
     speed_prior_mps: float = Field(
         60.0,
         gt=0,
+        le=1e7,
         description="Standard deviation of a vehicle's velocity along either axis, so that lines of sight that are "
         "parallel leave a fix with a wide, finite covariance.",
     )

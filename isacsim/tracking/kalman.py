@@ -18,18 +18,27 @@ from isac_cosim.base.settings import Settings
 class TrackingSettings(Settings):
     """The filter's model of how vehicles move, and how it starts."""
 
-    jerk_density: float = Field(10.0, gt=0, description="Spectral density of the white jerk along either axis, m2/s5.")
+    jerk_density: float = Field(
+        10.0, gt=0, le=1e6, description="Spectral density of the white jerk along either axis, m2/s5."
+    )
     start_acceleration_mps2: float = Field(
-        4.0, gt=0, description="Standard deviation of the acceleration along either axis before the first fix."
+        4.0,
+        gt=0,
+        le=1e3,
+        description="Standard deviation of the acceleration along either axis before the first fix.",
     )
     gate: float = Field(
         1000.0,
         gt=0,
+        le=1e15,
         description="A fix whose normalised innovation squared exceeds this is an outlier and is not used; far above "
         "chi-square, so that an unexpected maneuver is never mistaken for an outlier.",
     )
     reacquire_s: float = Field(
-        0.1, gt=0, description="After this long with nothing but outliers the filter starts anew from the next fix."
+        0.1,
+        gt=0,
+        le=1e5,
+        description="After this long with nothing but outliers the filter starts anew from the next fix.",
     )
     run_in_s: float = Field(
         0.5,

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from isac_cosim.base.arrays import Array, BoolArray, IntArray, reflected
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray, reflected
 from isac_cosim.isacsim.scenarios.reference_line import RoundingSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
-from isac_cosim.isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, moved_rows
+from isac_cosim.isacsim.traffic.road_coordinates import MovedRows, RoundedTrack, lane_headings, moved_rows
 
 CAR_MPS2, CAR_MPS3 = 9.0, 25.0
 """The limits of a passenger car: acceleration, m/s2, and its rate of change, m/s3."""
@@ -35,6 +35,8 @@ COARSE_ROWS = 3
 """Motion is looked at this often in the standard deviation of the kernel before it is looked at in full."""
 ALMOST = 0.75
 """Share of a limit from which on motion that was looked at coarsely is looked at in full."""
+LEAST_HEADING = 1e-6
+"""Shorter mean vectors along a road, as where it turns back at once, have no direction."""
 SAME_PHASE = 1e-9
 """Instants whose places between two rows differ by less than this use the same weights, rows."""
 
@@ -152,17 +154,27 @@ class Excess:
 
     beyond_car: the acceleration exceeds 9 m/s2, along and across together, or changes by more than 25 m/s3, shape (k,).
     across: the acceleration across the direction of travel exceeds the limit that was given, shape (m,).
+    along: the acceleration along the road differs from that of the recorded speed by more than the limit that was
+    given, shape (l,).
     """
 
     beyond_car: Array
     across: Array
+    along: Array
 
 
-def excess(recording: Recording, track: Track, settings: MotionSettings, across_mps2: float | None = None) -> Excess:
-    """Return when a vehicle's conditioned motion in the plane exceeds the limits of a car, and a limit across.
+def excess(
+    recording: Recording,
+    track: Track,
+    settings: MotionSettings,
+    across_mps2: float | None = None,
+    along_mps2: float | None = None,
+) -> Excess:
+    """Return when a vehicle's conditioned motion in the plane exceeds the limits of a car, and two limits of its own.
 
     across_mps2: limit of the acceleration across the direction of travel, m/s2; none when absent. Below `LEAST_MPS`, a
-    vehicle has no direction of travel.
+    vehicle has no direction of travel. along_mps2: limit of the difference along the road between the acceleration in
+    the plane and that of the recorded speed, m/s2; none when absent.
     """
     rounded, step_s, width_s = on_rounded_road(recording, track, settings), recording.step_s, settings.width_s
     every = max(1, int(width_s / step_s / COARSE_ROWS))
@@ -186,7 +198,39 @@ def excess(recording: Recording, track: Track, settings: MotionSettings, across_
         velocity, acceleration = _derivatives(rounded, step_s, width_s, (1, 2), rows)
         across = rows[np.abs(across_travel(velocity, acceleration)) > limit]
     times = recording.times(track)
-    return Excess(times[beyond], times[across])
+    along = rows[:0] if along_mps2 is None else _astray(recording, track, settings, coarse, every, along_mps2)
+    return Excess(times[beyond], times[across], times[along])
+
+
+def _astray(
+    recording: Recording, track: Track, settings: MotionSettings, coarse: Array, every: int, limit_mps2: float
+) -> IntArray:
+    """Return the rows at which the acceleration along the road differs from that of the speed by more than a limit.
+
+    coarse: the acceleration in the plane at every `every`-th row, m/s2, shape (2, n).
+    """
+    if not recording.lanes:
+        return np.empty(0, np.int64)
+    headings, step_s, width_s = road_headings(recording, track, settings), recording.step_s, settings.width_s
+
+    def difference(rows: IntArray, acceleration: Array) -> Array:
+        road = np.stack([condition_at(part, step_s, width_s, (0,), rows)[0] for part in (headings.real, headings.imag)])
+        along = (acceleration * road).sum(axis=0) / np.maximum(np.hypot(*road), LEAST_HEADING)
+        return np.asarray(np.abs(along - condition_at(track.speed, step_s, width_s, (1,), rows)[0]))
+
+    suspect = difference(np.arange(0, len(track), every), coarse) > ALMOST * limit_mps2
+    rows = _around(suspect, every, len(track))
+    if not len(rows):
+        return rows
+    (acceleration,) = _derivatives(on_rounded_road(recording, track, settings), step_s, width_s, (2,), rows)
+    return rows[difference(rows, acceleration) > limit_mps2]
+
+
+def road_headings(recording: Recording, track: Track, settings: MotionSettings) -> ComplexArray:
+    """Return the direction of the rounded road at each row of a track, as complex unit vectors, shape (n,)."""
+    headings, moved = lane_headings(recording.lanes, track.lane, track.lane_pos), _moved(recording, track, settings)
+    headings[moved.rows] = moved.heading
+    return headings
 
 
 def _around(suspect: BoolArray, every: int, count: int) -> IntArray:
@@ -224,15 +268,17 @@ def _coarse_acceleration(rounded: RoundedTrack, step_s: float, width_s: float, e
 
 
 def on_rounded_road(recording: Recording, track: Track, settings: MotionSettings) -> RoundedTrack:
-    """Return the positions of a track with the corners of its road rounded.
+    """Return the positions of a track with the corners of its road rounded."""
+    return RoundedTrack.of(track, _moved(recording, track, settings))
 
-    What moves is worked out once for each track and kept as long as the track is.
-    """
+
+def _moved(recording: Recording, track: Track, settings: MotionSettings) -> MovedRows:
+    """Return what rounding moves; it is worked out once for each track and kept as long as the track is."""
     key = (id(track), settings.model_dump_json())
     if key not in _MOVED:
         moved = moved_rows(recording, track, settings)
         _MOVED[key] = moved, weakref.ref(track, lambda _: _MOVED.pop(key, None))
-    return RoundedTrack.of(track, _MOVED[key][0])
+    return _MOVED[key][0]
 
 
 _MOVED: dict[tuple[int, str], tuple[MovedRows, weakref.ref[Track]]] = {}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,16 +15,17 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from isac_cosim.base.arrays import Float32Array
+from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import file_digest, replace_file
+from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.labeling.dataset.content import check_rows
 from isac_cosim.labeling.dataset.meta import (
     META_FILE,
     Lost,
@@ -47,15 +47,16 @@ from isac_cosim.labeling.dataset.shard import (
     Sample,
     Shard,
     pull_outs_digest,
+    read_episode,
     read_shard,
     read_table,
+    samples_of,
     schema,
     shard_name,
     states_of,
     write_shard,
 )
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
-from isac_cosim.labeling.intentions import Intention
 
 __all__ = [
     "ARRAYS",
@@ -86,6 +87,11 @@ __all__ = [
 SHARDS = "shards"
 DROPPED_PULL_OUTS = "dropped_pull_outs"
 ROADS = "roads"
+ROAD_SCHEMA, FORMER_ROAD_SCHEMA = (
+    pa.schema([("id", pa.string()), ("width_m", pa.float32()), ("x", pa.list_(of)), ("y", pa.list_(of))])
+    for of in (pa.float64(), pa.float32())
+)
+"""The columns of a file of roads: one row a lane. Before schema version 4, lines were in single precision."""
 
 
 @dataclass(frozen=True)
@@ -94,12 +100,15 @@ class RoadLane:
 
     id: str
     width_m: float
-    shape: npt.NDArray[np.float32]
+    shape: Array
 
 
 @dataclass(frozen=True)
 class Dataset:
     """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written.
+
+    Every file is held against its digest when it is first read, and every row against the index. What does not fit
+    raises InputError, which names the file and the column.
 
     folder: that of its shards. Dropped pull-outs, which are in no class, have one of their own: only
     `labeling.dataset.pull_outs.dropped_pull_outs` opens it.
@@ -149,9 +158,14 @@ class Dataset:
         return frame
 
     def arrays(self, *names: str) -> dict[str, Float32Array]:
-        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R)."""
+        """Return state arrays by column name, float32: tv and tv_truth (N, 6, S), uv (N, 6, C), tv_run_in (N, 6, R).
+
+        As they are stored: positions are relative to the points of their records, `frame(["x0", "y0"])`. In the
+        scenario's plane they are what `labeling.dataset.record_point.in_plane` makes of them.
+        """
         tv_length, uv_length, run_in_length = self.meta.lengths
         lengths = {"tv": tv_length, "tv_truth": tv_length, "uv": uv_length, RUN_IN: run_in_length}
+        self._check_numbers()
         arrays = {name: np.empty((len(self), 6, lengths[name]), np.float32) for name in names if name in ARRAYS}
         start = 0
         counts = self.meta.shards.numbers("samples").tolist()
@@ -169,24 +183,35 @@ class Dataset:
             yield {name: states_of(table[name]) for name in names}
 
     def record(self, name: str, row: int) -> Float32Array:
-        """Return one row of an array column, (6, length), by reading the shard that holds it."""
+        """Return one row of an array column as it is stored, (6, length), by reading the shard that holds it."""
         ends = np.cumsum(self.meta.shards.numbers("samples"))
         k = int(np.searchsorted(ends, row, side="right"))
         if not 0 <= row < len(self):
             raise IndexError(f"the dataset has {len(self)} rows")
-        states = states_of(self._table(self.meta.shards[k].file, [name])[name])
+        states = states_of(self._table(self.meta.shards[k], [name])[name])
         return np.asarray(states[row - int(ends[k])])
+
+    def samples(self, shard: Shard) -> list[Sample]:
+        """Return the samples of a shard, in its order."""
+        return samples_of(self._table(shard))
+
+    def episode(self, shard: Shard) -> Episode:
+        """Return what a shard stores about its episode."""
+        return read_episode(self.checked_path(shard))
 
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.
 
-        Raises InputError if their file is damaged or missing.
+        Raises InputError if their file is damaged or missing, or if the dataset lists no such scenario.
         """
+        if scenario not in (meta.name for meta in self.meta.scenarios):
+            raise InputError(f"{self.path}: has samples of {scenario[:60]!r}, which it does not list as a scenario")
         path = self.path / ROADS / f"{scenario}.parquet"
         try:
-            rows = pq.ParquetFile(path).read().to_pylist()
-            return [RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float32).T) for row in rows]
-        except (KeyError, OSError, TypeError, ValueError) as error:
+            if file_digest(path) != self.meta.roads.get(path.name, file_digest(path)):
+                raise ValueError(f"its bytes differ from the digest in {META_FILE}")
+            return read_roads(path)
+        except (OSError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
                 f"{path}: is not a file of roads ({reason}); delete it and run the same `{self.meta.maker}` again"
@@ -198,8 +223,11 @@ class Dataset:
         return [Site(**site.model_dump()) for site in meta.sites]
 
     def verify(self) -> None:
-        """Check every shard against its digest and the contract. Raises InputError with the first fault."""
-        shards, faults = self.meta.shards, []
+        """Check every file against its digest, the index and the contract. Raises InputError with the first fault."""
+        shards, faults = self.meta.shards, list[str]()
+        for scenario in self.meta.scenarios:
+            if (self.path / ROADS / f"{scenario.name}.parquet").exists() or self.meta.roads:
+                self.roads(scenario.name)
         with ThreadPoolExecutor() as threads:
             for start in range(0, len(shards), TOGETHER):
                 for of_shard in threads.map(lambda shard: list(self._faults(shard)), shards[start : start + TOGETHER]):
@@ -212,70 +240,70 @@ class Dataset:
 
     def _tables(self, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the named columns of one shard after the other. Raises InputError if a shard is damaged."""
-        for file in self.meta.shards.files:
-            yield self._table(file, columns)
+        for shard in self.meta.shards:
+            yield self._table(shard, columns)
 
-    def _table(self, file: str, columns: list[str]) -> pa.Table:
-        """Return the named columns of a shard's file. Raises InputError if it is damaged."""
-        path = self.path / self.folder / file
+    def _table(self, shard: Shard, columns: list[str] | None = None) -> pa.Table:
+        """Return columns of a shard, all when absent. Raises InputError if it is damaged, or not what was written."""
+        path = self.checked_path(shard)
+        every = [*SCALARS, *(name for name in ARRAYS if name != RUN_IN or self.meta.run_in_length)]
         try:
-            return read_table(path, columns)
+            table = read_table(path, columns or every)
+            check_rows(table, shard, self.meta)
         except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise InputError(
-                f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same "
-                f"`{self.meta.maker}` again"
-            ) from None
+            raise self._refusal(path, " ".join(str(error).split())) from None
+        return table
+
+    def checked_path(self, shard: Shard) -> Path:
+        """Return the path of a shard's file. Raises InputError if its bytes are not those that were written."""
+        path = self.shard_path(shard)
+        try:
+            digest = file_digest(path)
+        except OSError as error:
+            raise self._refusal(path, str(error.strerror)) from None
+        if digest != shard.sha256:
+            raise self._refusal(path, f"its bytes differ from the digest in {INDEX_FILE}")
+        return path
+
+    def _check_numbers(self) -> None:
+        """Raise InputError unless each shard has the rows that the index says, before memory is taken for all."""
+        for file, samples in zip(self.meta.shards.files, self.meta.shards.numbers("samples").tolist(), strict=True):
+            path = self.path / self.folder / file
+            try:
+                rows = pq.read_metadata(path).num_rows
+            except (OSError, ValueError) as error:
+                raise self._refusal(path, " ".join(str(error).split())) from None
+            if rows != samples:
+                raise self._refusal(path, f"it has {rows} rows, and {samples} in the index")
+
+    def _refusal(self, path: Path, reason: str) -> InputError:
+        """Return the error for a shard that is damaged."""
+        return InputError(
+            f"{path}: not a whole shard of a dataset ({reason}); delete it and run the same `{self.meta.maker}` again"
+        )
 
     def _faults(self, shard: Shard) -> Iterator[str]:
         """Yield what is wrong with a shard."""
         path = self.shard_path(shard)
-        if file_digest(path) != shard.sha256:
-            yield f"{path}: its bytes differ from the digest in {INDEX_FILE}"
-            return
         try:
+            table = self._table(shard)
             stored = read_shard(path)
+            columns = open_parquet(path).schema_arrow
         except InputError as error:
             yield str(error)
             return
         if stored != shard:
             yield f"{path}: its counts differ from those in {INDEX_FILE}"
-        table = pq.ParquetFile(path).read()
-        passing = set(PASSING) <= set(table.column_names)
-        expected = schema(*self.meta.lengths, self.meta.schema_version, passing)
-        if not table.schema.equals(expected):
+        expected = schema(*self.meta.lengths, self.meta.schema_version, set(PASSING) <= set(columns.names))
+        if not columns.equals(expected):
             yield f"{path}: its columns differ from the contract of schema version {self.meta.schema_version}"
-            return
-        rows = read_table(path)
-        yield from (f"{path}: {fault}" for fault in _row_faults(rows, shard, self.meta.resensed is None))
+        ids, prefix = table["sample_id"].to_pylist(), shard.file.removesuffix(".parquet")
+        # Records that were sensed anew keep their ids, and a repeated one has a suffix.
+        if self.meta.resensed is None and ids != [f"{prefix}-{k}" for k in range(len(ids))]:
+            yield f"{path}: sample_id: sample ids are not consecutive"
         digest, dropped = pull_outs_digest(path), self.path / DROPPED_PULL_OUTS / shard.file
         if digest is not None and (not dropped.is_file() or file_digest(dropped) != digest):
             yield f"{path}: delete this one too: its shard of dropped pull-outs, {dropped}, is missing or damaged"
-
-
-def _row_faults(table: pa.Table, shard: Shard, numbered: bool) -> Iterator[str]:
-    """Yield what is wrong with the values of a shard whose columns are right.
-
-    numbered: whether the sample ids must be consecutive. Records that were sensed anew keep their ids, and a repeated
-    record has a suffix.
-    """
-    scalars = table.select(list(SCALARS)).to_pandas()
-    prefix = shard.file.removesuffix(".parquet")
-    ids = scalars["sample_id"]
-    if numbered and list(ids) != [f"{prefix}-{k}" for k in range(len(ids))]:
-        yield "sample ids are not consecutive"
-    if not ids.is_unique or not ids.str.fullmatch(rf"{re.escape(prefix)}-\d+(-r\d+)?").all():
-        yield "sample ids do not belong to the shard's episode"
-    if list(scalars["intention"]) != [Intention(label).text for label in scalars["label"]]:
-        yield "label and intention disagree"
-    if ((scalars["cause"] != "") != (scalars["origin"] == "reaction")).any():
-        yield "reactions are not the samples with a cause"
-    times = scalars[["t_start", "t_onset", "t_commit", "t_end"]].to_numpy()
-    if not np.isfinite(times).all() or (np.diff(times[:, 1:]) < 0).any() or (times[:, 0] > times[:, 1]).any():
-        yield "times are not in the order start, onset, commit, end"
-    for name in set(ARRAYS) & set(table.column_names):
-        if not np.isfinite(states_of(table[name])).all():
-            yield f"{name} holds values that are not finite"
 
 
 def files_in(folder: Path) -> dict[str, int]:
@@ -287,18 +315,37 @@ def files_in(folder: Path) -> dict[str, int]:
         return {}
 
 
+def read_roads(path: Path) -> list[RoadLane]:
+    """Return the lanes in a file of roads. Raises OSError or ValueError, which names the column, if it is damaged."""
+    table = read_columns(open_parquet(path))
+    former = "x" in table.column_names and table.schema.field("x").type == FORMER_ROAD_SCHEMA.field("x").type
+    check_types(table, FORMER_ROAD_SCHEMA if former else ROAD_SCHEMA)
+    lanes = []
+    for row in table.to_pylist():
+        if len(row["x"]) != len(row["y"]) or len(row["x"]) < 2:
+            raise ValueError(f"x: the line of lane {row['id']!r} has not as many places along x as along y, or below 2")
+        lane = RoadLane(row["id"], row["width_m"], np.array([row["x"], row["y"]], np.float64).T)
+        if not np.isfinite(lane.shape).all() or not 0 < lane.width_m < np.inf:
+            raise ValueError(f"x, y or width_m: of lane {lane.id!r} is not a finite length")
+        lanes.append(lane)
+    return lanes
+
+
+def road_digests(folder: Path, scenarios: Iterable[str]) -> dict[str, str]:
+    """Return the digest of the file of roads of each scenario, by the file's name."""
+    return {f"{name}.parquet": file_digest(folder / ROADS / f"{name}.parquet") for name in scenarios}
+
+
 def write_roads(folder: Path, scenario: str, lanes: Iterable[Lane | RoadLane]) -> None:
     """Write a scenario's lanes to `roads/<scenario>.parquet`. Raises OutputError."""
     rows = list(lanes)
-    line = pa.list_(pa.float32())
-    table = pa.table(
-        {
-            "id": pa.array([lane.id for lane in rows], pa.string()),
-            "width_m": pa.array([lane.width_m for lane in rows], pa.float32()),
-            "x": pa.array([lane.shape[:, 0] for lane in rows], line),
-            "y": pa.array([lane.shape[:, 1] for lane in rows], line),
-        }
-    )
+    columns = {
+        "id": [lane.id for lane in rows],
+        "width_m": [lane.width_m for lane in rows],
+        "x": [lane.shape[:, 0] for lane in rows],
+        "y": [lane.shape[:, 1] for lane in rows],
+    }
+    table = pa.table({field.name: pa.array(columns[field.name], field.type) for field in ROAD_SCHEMA})
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     (folder / ROADS).mkdir(exist_ok=True)

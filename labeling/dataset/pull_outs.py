@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, SHARDS, Dataset, ShardIndex
+from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset, ShardIndex
 from isac_cosim.labeling.dataset.shard import Episode, Sample, Shard, pull_outs_digest, read_shard, write_shard
 
 
@@ -21,26 +21,26 @@ def dropped_pull_outs(dataset: Dataset) -> Dataset:
 
     Raises InputError if their shards are missing or damaged.
     """
-    entries = (dropped_pull_outs_of(dataset, file) for file in dataset.meta.shards.files)
+    entries = (dropped_pull_outs_of(dataset, shard) for shard in dataset.meta.shards)
     shards = ShardIndex.of(shard for shard in entries if shard is not None)
     return replace(dataset, meta=dataset.meta.model_copy(update={"shards": shards}), folder=DROPPED_PULL_OUTS)
 
 
-def dropped_pull_outs_of(dataset: Dataset, file: str) -> Shard | None:
-    """Return the entry of the shard of dropped pull-outs that belongs to the shard in a file; None if there is none.
+def dropped_pull_outs_of(dataset: Dataset, shard: Shard) -> Shard | None:
+    """Return the entry of the shard of dropped pull-outs that belongs to a shard; None if there is none.
 
     Raises InputError if it is missing or damaged.
     """
-    digest = pull_outs_digest(dataset.path / SHARDS / file)
+    digest = pull_outs_digest(dataset.checked_path(shard))
     if digest is None:
         return None
-    path = dataset.path / DROPPED_PULL_OUTS / file
+    path = dataset.path / DROPPED_PULL_OUTS / shard.file
     if path.is_file():
         stored = read_shard(path)
         if stored.sha256 == digest:
             return stored
     raise InputError(
-        f"{path}: is missing or damaged; delete {dataset.path / SHARDS / file} and run the same "
+        f"{path}: is missing or damaged; delete {dataset.shard_path(shard)} and run the same "
         f"`{dataset.meta.maker}` again"
     )
 

@@ -21,22 +21,26 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import file_digest, replace_file
+from isac_cosim.base.files import DIGEST, file_digest, replace_file
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.tables import open_parquet, read_columns
 from isac_cosim.base.validation import first_fault
+from isac_cosim.isacsim.scenarios.naming import NAME
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.labeling.intentions import Intention
 
-SCHEMA_VERSION: Literal[3] = 3
+SCHEMA_VERSION: Literal[4] = 4
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
 follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
 `tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
-schema 3."""
-READABLE = (2, 3)
+schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`; `tv_departed` is new."""
+READABLE = (2, 3, 4)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
 """Origins of schema 2, and what they are called now."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
-"""The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2."""
+"""The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2. Positions
+are relative to the point of the record (`labeling.dataset.record_point`)."""
 RUN_IN = "tv_run_in"
 """The array column that a dataset lacks if nothing is sensed before its records, and before schema version 3."""
 ARRAYS = ("tv", "tv_truth", "uv", RUN_IN)
@@ -44,10 +48,8 @@ CLASS_NAMES = tuple(intention.text for intention in Intention)
 PASSING = ("pull_out", "t_pass", "t_pair_end")
 """The columns that say whether and when the TV passes the UV."""
 ROW_GROUP = 256
-SHARD_FILE = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*\.parquet$"
+SHARD_FILE = rf"{NAME.removesuffix('$')}\.parquet$"
 """Names of shards' files."""
-DIGEST = r"^[0-9a-f]{64}$"
-"""A SHA-256 digest, hexadecimal."""
 _EPISODE_KEY = b"cosim.episode"
 _PULL_OUTS_KEY = b"cosim.pull_outs"
 
@@ -62,6 +64,9 @@ class Sample:
     when the driver began to move, s; NaN if there is none.
     pull_out: what became of a pull-out behind the UV (`labeling.samples.pull_outs`), empty for all other samples.
     t_pass, t_pair_end: of a pull-out, when the TV passes the UV and until when the pair is observed, s; otherwise NaN.
+    x0, y0: point of the scenario's plane to which the positions in the four arrays are relative, m.
+    tv_departed: when the demand lets the TV depart, s of simulation time; NaN where the motion source does not say. A
+    vehicle with the same id and departure in two seeds is the same one in the demand.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
     float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
     float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
@@ -91,6 +96,9 @@ class Sample:
     pull_out: str = ""
     t_pass: float = nan
     t_pair_end: float = nan
+    x0: float = 0.0
+    y0: float = 0.0
+    tv_departed: float = nan
 
 
 class Episode(Settings):
@@ -100,12 +108,13 @@ class Episode(Settings):
     events by intention. counts: number of things that are not events (see `labeling.detectors.events.Labels`).
     left_out: number of candidates that did not become samples, by reason. collided, teleported: number of vehicles.
     fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
-    filter and of the sensed states. Only the shard's file holds these two (`read_episode`), the index does not.
+    filter and of the sensed states. traffic: what became of the demand; None where the motion is not SUMO's, and in
+    earlier datasets. Only the shard's file holds these three (`read_episode`), the index does not.
     """
 
-    scenario: str
+    scenario: str = Field(pattern=NAME)
     seed: int
-    schema_version: Literal[2, 3] = SCHEMA_VERSION
+    schema_version: Literal[2, 3, 4] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -114,6 +123,7 @@ class Episode(Settings):
     teleported: int = 0
     fix_error_m: tuple[float, ...] = ()
     state_error_m: tuple[float, ...] = ()
+    traffic: TrafficFacts | None = None
 
 
 class Shard(Settings):
@@ -136,8 +146,8 @@ class Shard(Settings):
     @field_validator("episode")
     @classmethod
     def _brief(cls, episode: Episode) -> Episode:
-        """Drop what grows with the number of samples, so that long lists of shards fit into memory."""
-        return episode.model_copy(update={"fix_error_m": (), "state_error_m": ()})
+        """Drop what only the shard's file holds, so that long lists of shards fit into memory."""
+        return episode.model_copy(update={"fix_error_m": (), "state_error_m": (), "traffic": None})
 
     @model_validator(mode="after")
     def _named_by_its_episode(self) -> Self:
@@ -186,6 +196,9 @@ def schema(
         "sensor": pa.string(),
         "snr_db": pa.float32(),
         "n_sites": pa.int8(),
+        "x0": pa.float64(),
+        "y0": pa.float64(),
+        "tv_departed": pa.float64(),
         "tv": states(tv_length),
         "tv_truth": states(tv_length),
         "uv": states(uv_length),
@@ -195,6 +208,8 @@ def schema(
     if version < 3 or not passing:
         for name in PASSING:
             del types[name]
+    if version < 4:
+        del types["x0"], types["y0"], types["tv_departed"]
     if run_in_length:
         types[RUN_IN] = states(run_in_length)
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
@@ -202,7 +217,10 @@ def schema(
 
 SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 ORIGIN = schema(1, 1).field("origin")
-LACKING = {"cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan}
+LACKING = {
+    "cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan, "x0": 0.0, "y0": 0.0,
+    "tv_departed": nan,
+}  # fmt: skip
 """The columns that older datasets lack, and what they are read as."""
 
 
@@ -250,14 +268,16 @@ def write_shard(
 def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Return columns of a shard, all of them when absent, as the present schema has them.
 
-    Origins of former schemas are renamed, and columns that they lack are added, empty or NaN. Raises OSError or
+    Origins of former schemas are renamed, and columns that they lack are added, as `LACKING` says. Raises OSError or
     ValueError for a damaged file.
     """
-    file = pq.ParquetFile(path, page_checksum_verification=True)
+    file = open_parquet(path)
     present = file.schema_arrow.names
+    if missing := [name for name in columns or () if name not in present and name not in LACKING]:
+        raise ValueError(f"{missing[0]}: the column is missing")
     stored = [name for name in columns or present if name in present]
     # Without a column to read there would be no rows.
-    table = file.read([*stored, *([] if stored else ["sample_id"])])
+    table = read_columns(file, [*stored, *([] if stored else ["sample_id"])])
     lacking = [name for name in LACKING if name not in present]
     if not lacking:
         return table
@@ -274,11 +294,15 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 def read_samples(path: Path) -> list[Sample]:
     """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
     try:
-        table = read_table(path)
-        states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
-        rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
+        return samples_of(read_table(path))
     except (KeyError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
+
+
+def samples_of(table: pa.Table) -> list[Sample]:
+    """Return the samples in all columns of a shard. Raises KeyError if a column or an intention is unknown."""
+    states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}
+    rows = table.select([name for name in SCALARS if name != "label"]).to_pylist()
     return [
         Sample(
             **{**row, "intention": Intention[row["intention"].upper()]},
@@ -311,7 +335,7 @@ def pull_outs_digest(path: Path) -> str | None:
 def read_shard(path: Path) -> Shard:
     """Return a shard's entry by reading the whole file. Raises InputError if the file is damaged or not a shard."""
     try:
-        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        table = read_columns(open_parquet(path))
         stored = json.loads(table.schema.metadata[_EPISODE_KEY])
         if (version := stored.get("schema_version")) not in READABLE:
             raise InputError(

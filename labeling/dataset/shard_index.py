@@ -20,8 +20,9 @@ from pydantic_core import CoreSchema, core_schema
 
 from isac_cosim.base.arrays import IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
-from isac_cosim.labeling.dataset.shard import CLASS_NAMES, DIGEST, READABLE, SHARD_FILE, Episode, Shard
+from isac_cosim.base.files import DIGEST, replace_file
+from isac_cosim.base.stored.tables import open_parquet, read_columns
+from isac_cosim.labeling.dataset.shard import CLASS_NAMES, READABLE, SHARD_FILE, Episode, Shard
 
 INDEX_FILE = "shards.parquet"
 TOGETHER = 4096
@@ -87,8 +88,7 @@ class ShardIndex(Sequence[Shard]):
         try:
             if not pq.read_schema(path).equals(SCHEMA):
                 raise ValueError("its columns differ from those of an index")
-            table = pq.ParquetFile(path, read_dictionary=_REPEATED, page_checksum_verification=True).read()
-            table = table.cast(_ENCODED)
+            table = read_columns(open_parquet(path, read_dictionary=_REPEATED)).cast(_ENCODED)
             _check(table)
         except (pa.ArrowException, OSError, ValueError) as error:
             raise InputError(f"{path}: not the index of a dataset ({' '.join(str(error).split())})") from None
@@ -152,8 +152,7 @@ class ShardIndex(Sequence[Shard]):
 
     def by_intention(self) -> IntArray:
         """Return the samples of each shard by intention, (n, 7), in the order of the labels."""
-        counts = self._table["by_intention"]
-        return np.stack([np.asarray(pc.struct_field(counts, name), np.int64) for name in CLASS_NAMES], axis=1)
+        return _by_intention(self._table)
 
     def totals(self, column: str) -> Counter[str]:
         """Return the sums over all shards, by name, of by_origin, events, counts or left_out."""
@@ -230,15 +229,28 @@ def _shards(table: pa.Table) -> list[Shard]:
     ]
 
 
+def _by_intention(table: pa.Table) -> IntArray:
+    """Return the samples of each shard by intention, (n, 7)."""
+    counts = table["by_intention"]
+    return np.stack([np.asarray(pc.struct_field(counts, name), np.int64) for name in CLASS_NAMES], axis=1)
+
+
 def _check(table: pa.Table) -> None:
     """Raise ValueError if the rows cannot be entries of shards, in particular if a name leads out of the folder."""
     file, scenario = table["file"], pc.cast(table["scenario"], "string")
     named = pc.binary_join_element_wise(scenario, pc.cast(table["seed"], "string"), "-")
+    by_intention, samples = _by_intention(table), table["samples"].to_numpy()
     checks = {
         "a file's name": pc.match_substring_regex(file, SHARD_FILE),
         "a file that is not of its episode": pc.equal(file, pc.binary_join_element_wise(named, "parquet", ".")),
         "a digest": pc.match_substring_regex(table["sha256"], DIGEST),
         "a schema version": pc.is_in(table["schema_version"], pa.array(READABLE, pa.int8())),
+        "a file's size": pc.greater_equal(table["bytes"], 0),
+        "a number of samples": pc.greater_equal(table["samples"], 0),
+        "a number by intention": pa.array((by_intention.min(axis=1) >= 0) & (by_intention.sum(axis=1) == samples)),
+        "a number of collided or teleported vehicles": pc.greater_equal(
+            pc.min_element_wise(table["collided"], table["teleported"]), 0
+        ),
     }
     for fault, sound in checks.items():
         if not pc.all(sound, min_count=0).as_py():

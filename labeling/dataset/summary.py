@@ -10,15 +10,17 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from isac_cosim.labeling.dataset.dataset import SHARDS, Dataset
+from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
+from isac_cosim.labeling.dataset.label_truth import label_truth
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import read_episode
+from isac_cosim.labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
 from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
-    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "left_out", "dropped_pull_outs", "counts", "collided",
-    "teleported",
+    "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "dependence", "left_out",
+    "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
 EPISODES_SHOWN = 24
@@ -31,16 +33,20 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     Some of the keys: `by_cause`, for each intention and cause the samples and the median time to collision at the
     reaction's start, s, None where there is nothing to collide with; `sensors`, samples by sensor; `snr_db` and
     `n_sites`, least, median and greatest value over the samples; `position_error_m`, median over the samples of their
-    median distances to the true position, before and after the filter; `left_out`, candidates that did not become
-    samples, by reason; `dropped_pull_outs`, how many of these are kept beside the samples, by outcome;
-    `label_agreement`, what the detectors make of the maneuvers of each intention, only where the motion source gives
-    the labels.
+    median distances to the true position, before and after the filter; `labels_and_truth`, how far the true motion
+    does what the labels say (`labeling.dataset.label_truth`), None where the motion source gives the labels;
+    `dependence`, how many samples have a twin in another seed (`labeling.dataset.dependence`);
+    `drivers`, what is to be said of the vehicle types of each scenario's demand;
+    `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
+    beside the samples, by outcome; `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None
+    where the motion is not SUMO's; `label_agreement`, what the detectors make of the maneuvers of each intention, only
+    where the motion source gives the labels.
     """
     meta, shards = dataset.meta, dataset.meta.shards
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
     for name, seed in zip(shards.scenarios, shards.numbers("seed").tolist(), strict=True):
         seeds[name].append(seed)
-    errors = [read_episode(dataset.path / SHARDS / file) for file in shards.files]
+    episodes = [dataset.episode(shard) for shard in shards]
     counts = dict(sorted((+shards.totals("counts")).items()))
     agreed = agreement(counts)
     scalars = dataset.frame(["sensor", "snr_db", "n_sites", "intention", "origin", "cause", "cause_ttc_s"])
@@ -64,15 +70,19 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "snr_db": _quantiles(scalars["snr_db"].to_numpy(np.float64)),
         "n_sites": _quantiles(scalars["n_sites"].to_numpy(np.float64)),
         "position_error_m": {
-            "before_filter": _median([error for episode in errors for error in episode.fix_error_m]),
-            "sensed": _median([error for episode in errors for error in episode.state_error_m]),
+            "before_filter": _median([error for episode in episodes for error in episode.fix_error_m]),
+            "sensed": _median([error for episode in episodes for error in episode.state_error_m]),
         },
+        "labels_and_truth": None if agreed else label_truth(dataset),
+        "dependence": Driven.of(dataset).between_seeds().model_dump(),
         "left_out": meta.left_out(),
         "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
+        "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
+        "traffic": traffic_summary(episodes),
         "distributions": distributions(dataset),
         "lost": [lost.model_dump(mode="json") for lost in meta.lost],
         "short": list(meta.short),
@@ -97,6 +107,8 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+    for key in ("collided", "teleported"):
+        console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 
 
 def _outcomes(dataset: Dataset) -> dict[str, int]:
@@ -178,10 +190,21 @@ def faults(values: dict[str, Any]) -> list[str]:
         f"episode {episode['scenario']}-{episode['seed']} was left out: {episode['reason']}"
         for episode in values["lost"]
     ]
+    lines += traffic_faults(values["traffic"])
     if not values["samples"]:
         lines.append("no sample was found; `left_out` shows the candidates and why they were left out")
     if values["short"]:
         lines.append(f"the seeds hold fewer samples than the study requires of: {', '.join(values['short'])}")
+    if (compared := values.get("labels_and_truth")) and compared["share"]:
+        lines.append(
+            f"in {compared['share']:.1%} of {compared['compared']} samples, the true acceleration differs from what "
+            f"the label says by more than {compared['limit_mps2']:g} m/s2, at most by {compared['worst_mps2']:.1f} "
+            f"m/s2 (sample {compared['sample_id']}); generate the dataset anew"
+        )
+    if (stored := values.get("dependence")) and (twins := Dependence.model_validate(stored)).marked:
+        lines.append(f"{twins.sentence('samples', 'in another seed')}: the seeds are not independent; {HELP}")
+    for name, of_drivers in values.get("drivers", {}).items():
+        lines += [f"{name}: {line}" for line in of_drivers]
     if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines

@@ -77,6 +77,11 @@ class LabelSettings(Settings):
         in_order = sorted(sections, key=lambda name: Intention.FOLLOWING in DETECTORS[name].finds)
         return {name: DETECTORS[name](sections[name]) for name in in_order}
 
+    @property
+    def limits_mps2(self) -> dict[str, float]:
+        """Thresholds that a vehicle type's limits of the same name may sit at, m/s2."""
+        return {"accel": self.hard_accel.threshold_mps2, "decel": self.hard_brake.threshold_mps2}
+
     @field_validator("detectors", mode="before")
     @classmethod
     def _read_selected(cls, value: object) -> object:

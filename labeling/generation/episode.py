@@ -6,32 +6,34 @@ import gc
 import importlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from isac_cosim.base.arrays import Array
-from isac_cosim.base.seeding import stream
-from isac_cosim.isacsim.radio.blockage import Blockers, blockers_of
+from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.sensing import chain as sensing
+from isac_cosim.isacsim.sensing.following import run_in, run_in_snapshots
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage
 from isac_cosim.isacsim.sensing.reports import report
+from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import LabelledRecording, Recording
 from isac_cosim.labeling.dataset.dataset import Episode, Sample, Shard, write_shard
 from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane, point_near, relative
 from isac_cosim.labeling.detectors.events import label
-from isac_cosim.labeling.generation.settings import DatasetStudy, SelectionSettings
+from isac_cosim.labeling.generation.selection import Draw, draw_of_pull_outs, draws, select
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import Candidate, candidates
 from isac_cosim.labeling.samples.generated_labels import agreement_counts, generated_candidates
 
 TOO_MANY = "beyond_cap"
-UNSEEN = "too_few_sites"
 
 
 @cache
@@ -60,11 +62,12 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         counts = {**counts, **agreement_counts(recording, labels)}
     else:
         available = candidates(recording, labels, study.pairs, study.record, around, study.motion)
-    chosen, surplus = select(available.samples, study.selection, (scenario.name, recording.seed))
-    samples, fixes = make_samples(study, scenario, recording, chosen)
-    pull_outs = select_pull_outs(available.dropped_pull_outs, study.selection, (scenario.name, recording.seed))
-    dropped_samples, _ = make_samples(study, scenario, recording, pull_outs, "p")
-    dropped = {TOO_MANY: surplus, UNSEEN: len(chosen) - len(samples)}
+    key = scenario.name, recording.seed
+    sensor = watch_episode(study, scenario, recording.seed, recording)
+    made = make_samples(study, recording, draws(available.samples, study.selection, key), sensor)
+    pull_outs = draw_of_pull_outs(available.dropped_pull_outs, study.selection, key)
+    dropped_samples = make_samples(study, recording, [pull_outs], sensor, "p").samples
+    dropped = {TOO_MANY: made.surplus, sensor.unusable: made.unseen}
     record = study.record
     episode = Episode(
         scenario=scenario.name,
@@ -75,8 +78,9 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         left_out={**available.left_out, **{reason: number for reason, number in dropped.items() if number}},
         collided=len(recording.incidents.collided),
         teleported=len(recording.incidents.teleported),
-        fix_error_m=[median_error_m(fix, sample.tv_truth) for fix, sample in zip(fixes, samples, strict=True)],
-        state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in samples],
+        fix_error_m=made.fix_error_m,
+        state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in made.samples],
+        traffic=recording.facts,
     )
     run_in_s = study.sensing.tracking.run_in_s
     lengths = (
@@ -86,94 +90,102 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
     )
     # Before the shard, which holds its digest: a shard that exists is complete.
     dropped_shard = write_dropped_pull_outs(folder.parent, dropped_samples, episode, lengths)
-    return write_shard(folder, samples, episode, *lengths, dropped_shard)
+    return write_shard(folder, made.samples, episode, *lengths, dropped_shard)
 
 
-def select(
-    available: Sequence[Candidate], settings: SelectionSettings, key: tuple[str, int]
-) -> tuple[list[Candidate], int]:
-    """Choose candidates up to the limit of each intention, by an even draw if there are more.
+@dataclass(frozen=True)
+class Made:
+    """The samples that were made of candidates, by onset, with the errors of their fixes before the filter, m.
 
-    key: scenario and seed, which name the draw. Returns the chosen candidates in the order of onset, and the number of
-    the others.
+    unseen, surplus: as in `labeling.generation.selection.Selection`.
     """
-    chosen: list[Candidate] = []
-    for intention in Intention:
-        of_class = [candidate for candidate in available if candidate.intention is intention]
-        limit = settings.following if intention is Intention.FOLLOWING else settings.per_class
-        drawn = stream("selection", *key, intention.text).permutation(len(of_class))[:limit]
-        chosen += [of_class[k] for k in drawn]
-    order = sorted(chosen, key=lambda candidate: (candidate.t_onset, candidate.tv, candidate.intention))
-    return order, len(available) - len(chosen)
 
-
-def select_pull_outs(
-    dropped: Sequence[Candidate], settings: SelectionSettings, key: tuple[str, int]
-) -> list[Candidate]:
-    """Choose dropped pull-outs up to their limit, by an even draw if there are more, in the order of onset.
-
-    key: scenario and seed, which name the draw.
-    """
-    drawn = stream("selection", *key, "dropped pull-outs").permutation(len(dropped))[: settings.pull_outs]
-    return [dropped[k] for k in sorted(drawn.tolist())]
+    samples: list[Sample]
+    fix_error_m: list[float]
+    unseen: int
+    surplus: int
 
 
 def make_samples(
-    study: DatasetStudy, scenario: Scenario, recording: Recording, chosen: Sequence[Candidate], mark: str = ""
-) -> tuple[list[Sample], list[Array]]:
-    """Sense the chosen candidates; return samples of those that enough sites see, and their fixes before the filter.
+    study: DatasetStudy, recording: Recording, drawn: Sequence[Draw], sensor: Watch, mark: str = ""
+) -> Made:
+    """Sense candidates in their drawn order until there are enough of them, and make samples of those that are seen.
 
-    mark: what the numbers in their ids begin with.
-    The fixes of a sample are its fused position and velocity, (4, S), m and m/s. The truth is rounded to float32 before
-    it is sensed, because it is stored so, and every random draw is named by values that the row holds. Therefore
-    sensing a stored record anew gives the same bytes.
+    sensor: watches the recording. mark: what the numbers in their ids begin with.
     """
-    if not chosen:
-        return [], []
+    selected = select(drawn, partial(_sensed, study, recording, sensor))
+    ids = (f"{recording.scenario}-{recording.seed}-{mark}{k}" for k in range(len(selected.made)))
+    samples = [replace(sample, sample_id=name) for name, (_, (sample, _)) in zip(ids, selected.made, strict=True)]
+    return Made(samples, [error for _, (_, error) in selected.made], selected.unseen, selected.surplus)
+
+
+def _sensed(
+    study: DatasetStudy, recording: Recording, sensor: Watch, chosen: Sequence[Candidate]
+) -> list[tuple[Sample, float] | None]:
+    """Sense some candidates; return for each its sample, without id, and the error of its fixes before the filter, m.
+
+    None stands for those that the sensor cannot follow.
+    The truth is rounded to float32 before it is sensed, because it is stored so, and every random draw is named by
+    values that the row holds. Therefore sensing a stored record anew gives the same bytes.
+    """
     rate_hz = study.record.tv_rate_hz
-    truth = [_states(study, recording, candidate.tv, candidate, rate_hz).astype(np.float32) for candidate in chosen]
-    past = [_past(study, recording, candidate).astype(np.float32) for candidate in chosen]
+    driven = [_states(study, recording, candidate.tv, candidate, rate_hz) for candidate in chosen]
+    points = [point_near(*states[:2, 0].tolist()) for states in driven]
+    truth = [relative(states, point) for states, point in zip(driven, points, strict=True)]
+    past = [relative(_past(study, recording, one), point) for one, point in zip(chosen, points, strict=True)]
     keys = [
-        record_key(scenario.name, recording.seed, candidate.tv, candidate.intention, candidate.t_start)
+        record_key(recording.scenario, recording.seed, candidate.tv, candidate.intention, candidate.t_start)
         for candidate in chosen
     ]
-    blockers = None
-    if study.sensing.channel.blockage:
-        blockers = [_blockers(study, recording, candidate) for candidate in chosen]
-    true, earlier = (np.stack(states).astype(np.float64) for states in (truth, past))
-    sensed = sensing.sense(true, rate_hz, scenario.sites, study.sensing, keys, blockers, earlier)
-    samples: list[Sample] = []
-    for candidate, key, tv_truth, tv_run_in, record in zip(chosen, keys, truth, past, sensed, strict=True):
+    passages = [
+        Passage(
+            tv=candidate.tv,
+            start_s=candidate.t_start,
+            truth=in_plane(states, *point),
+            key=key,
+            past=in_plane(earlier, *point),
+            find_carrier=partial(_carrier, study, recording, candidate, key),
+        )
+        for candidate, states, earlier, key, point in zip(chosen, truth, past, keys, points, strict=True)
+    ]
+    sensed = sensor.record(passages)
+    made: list[tuple[Sample, float] | None] = []
+    for candidate, key, point, tv_truth, tv_run_in, record in zip(
+        chosen, keys, points, truth, past, sensed, strict=True
+    ):
         if not record.usable:
+            made.append(None)
             continue
         uv_truth = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz)
-        samples.append(
-            Sample(
-                sample_id=f"{scenario.name}-{recording.seed}-{mark}{len(samples)}",
-                scenario=scenario.name,
-                seed=recording.seed,
-                source=study.source,
-                tv_id=candidate.tv,
-                uv_id=candidate.uv,
-                intention=candidate.intention,
-                origin=candidate.provenance.origin,
-                cause=candidate.provenance.cause,
-                cause_ttc_s=candidate.provenance.cause_ttc_s,
-                t_start=candidate.t_start,
-                t_onset=candidate.t_onset,
-                t_commit=candidate.t_commit,
-                t_end=candidate.t_end,
-                **_passing(candidate),
-                sensor="isac",
-                snr_db=record.snr_db,
-                n_sites=record.n_sites,
-                tv=record.state.astype(np.float32),
-                tv_truth=tv_truth,
-                uv=report(uv_truth, study.report, key),
-                tv_run_in=tv_run_in,
-            )
+        sample = Sample(
+            sample_id="",
+            scenario=recording.scenario,
+            seed=recording.seed,
+            source=study.source,
+            tv_id=candidate.tv,
+            uv_id=candidate.uv,
+            intention=candidate.intention,
+            origin=candidate.provenance.origin,
+            cause=candidate.provenance.cause,
+            cause_ttc_s=candidate.provenance.cause_ttc_s,
+            t_start=candidate.t_start,
+            t_onset=candidate.t_onset,
+            t_commit=candidate.t_commit,
+            t_end=candidate.t_end,
+            **_passing(candidate),
+            sensor=sensor.name,
+            snr_db=record.snr_db,
+            n_sites=record.n_sites,
+            x0=point[0],
+            y0=point[1],
+            tv_departed=recording.tracks[candidate.tv].departed,
+            tv=relative(record.state, point),
+            tv_truth=tv_truth,
+            uv=relative(report(uv_truth, study.report, key), point),
+            tv_run_in=tv_run_in,
         )
-    return samples, [record.fixes for record in sensed if record.usable]
+        made.append((sample, median_error_m(relative(record.fixes, point), tv_truth)))
+    return made
 
 
 def _passing(candidate: Candidate) -> dict[str, Any]:
@@ -192,10 +204,10 @@ def record_key(scenario: str, seed: int, tv: str, intention: Intention, t_start:
     return scenario, seed, tv, intention.text, f"{t_start:.6f}"
 
 
-def median_error_m(state: npt.NDArray[np.floating[Any]], truth: npt.NDArray[np.float32]) -> float:
+def median_error_m(state: Float32Array, truth: Float32Array) -> float:
     """Return the median distance of a record's positions from the true ones, m, rounded to the micrometre.
 
-    state: (4, S) or (6, S), positions in the first two rows. truth: (6, S). Both in m.
+    state: (4, S) or (6, S), positions in the first two rows. truth: (6, S). Both as they are stored, m.
     """
     return round(float(np.median(np.hypot(*(state[:2].astype(np.float64) - truth[:2])))), 6)
 
@@ -212,17 +224,18 @@ def _past(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Ar
     Before its track begins, they are the track's first state carried back.
     """
     rate_hz, track = study.record.tv_rate_hz, recording.tracks[candidate.tv]
-    count = sensing.run_in_snapshots(rate_hz, study.sensing.tracking)
+    count = run_in_snapshots(rate_hz, study.sensing.tracking)
     times = candidate.t_start + np.arange(-count, 1) / rate_hz
     known = motion.states(recording, track, times[times >= recording.times(track)[0]], study.motion)
-    return np.asarray(sensing.run_in(known[None, :, -1:], rate_hz, count, known[None, :, :-1])[0])
+    return run_in(known[:, -1:], rate_hz, count, known[:, :-1])
 
 
-def _blockers(study: DatasetStudy, recording: Recording, candidate: Candidate) -> Blockers:
-    """Return the vehicles other than the TV, from the run-in before its record to its end."""
-    start, run_in_s = candidate.t_start, study.sensing.tracking.run_in_s
-    end = start + study.record.duration_s
-    return blockers_of(recording, start, end, {candidate.tv}, study.motion, run_in_s=run_in_s)
+def _carrier(study: DatasetStudy, recording: Recording, candidate: Candidate, key: tuple[str | int, ...]) -> Carrier:
+    """Return the motion of a candidate's UV, as it is and as the UV reports it."""
+    state, noise = _states(study, recording, candidate.uv, candidate, study.record.uv_rate_hz), study.report
+    reported = report(state, noise, key).astype(np.float64)
+    sd = noise.position_sd_m, noise.speed_sd_mps
+    return Carrier(state, study.record.uv_rate_hz, reported, *sd, vehicles=(candidate.uv,))
 
 
 def _by_intention(intentions: Iterable[Intention]) -> dict[str, int]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.files import claim, remove_partial
+from isac_cosim.base.workers.attempts import DIED
 from isac_cosim.labeling.dataset.dataset import (
     DROPPED_PULL_OUTS,
     INDEX_FILE,
@@ -21,6 +22,7 @@ from isac_cosim.labeling.dataset.dataset import (
     Lost,
     Meta,
     read_description,
+    road_digests,
     write_meta,
 )
 from isac_cosim.labeling.generation.journal import Journal
@@ -119,16 +121,25 @@ def finish(
     """Write the index and the finished `dataset.json`, and delete the shards that turned out not to be needed.
 
     journal: the entries of the folder's shards. files: names of the shards that belong to the dataset, in its order.
-    lost: episodes that failed. short: known intentions with too few samples. Raises RunError if all episodes failed.
+    lost: episodes that failed. short: known intentions with too few samples. Raises RunError if all episodes failed,
+    InputError if each of them ended its process.
     """
     shards = journal.shards.select(files)
     if lost and not shards:
+        if all(episode.reason.startswith(DIED) for episode in lost):
+            first = f"{lost[0].scenario}, seed {lost[0].seed}: {lost[0].reason}"
+            raise InputError(f"all {len(lost)} episodes crashed, the first is {first}; fix the scenario's files")
         raise RunError(f"all {len(lost)} episodes failed, the first with: {lost[0].reason}")
     kept = set(shards.files)
     for path in (*(out / SHARDS).iterdir(), *(out / DROPPED_PULL_OUTS).glob("*")):
         if path.name not in kept:
             path.unlink()
-    write_meta(
-        out, started.model_copy(update={"complete": True, "shards": shards, "lost": tuple(lost), "short": tuple(short)})
-    )
+    update = {
+        "complete": True,
+        "shards": shards,
+        "roads": road_digests(out, [scenario.name for scenario in started.scenarios]),
+        "lost": tuple(lost),
+        "short": tuple(short),
+    }
+    write_meta(out, started.model_copy(update=update))
     journal.remove()

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from isac_cosim.base.errors import NO_ROOM, InputError, OutputError, output_error
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.threads import limited
+from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
 from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, motion_source
 from isac_cosim.labeling.dataset.dataset import (
@@ -36,7 +37,7 @@ from isac_cosim.labeling.generation.episode import ready, shard_of
 from isac_cosim.labeling.generation.episode_plan import EpisodeJob, EpisodePlan, Jobs
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
 from isac_cosim.labeling.generation.journal import Journal
-from isac_cosim.labeling.generation.log import Entry, Note, overridden
+from isac_cosim.labeling.generation.log import Entry, Note, withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 
@@ -61,8 +62,8 @@ def generate(
     jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            if scenario.overridden:
-                feedback.message(overridden(name, scenario.overridden))
+            for line in (*withheld(name, scenario), *source.remarks(scenario)):
+                feedback.message(line)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
@@ -80,10 +81,10 @@ def generate(
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """An episode's shard, and the number of warnings of its simulation."""
+    """An episode's shard, and what became of the demand in its simulation."""
 
     shard: Shard
-    warnings: int
+    traffic: TrafficFacts | None
 
 
 def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
@@ -95,7 +96,7 @@ def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
 
 
 def _run_missing(
-    task: Callable[[EpisodeJob], EpisodeResult | InputError | OutputError],
+    task: Callable[[EpisodeJob], EpisodeResult],
     plan: EpisodePlan,
     journal: Journal,
     engine: Engine,
@@ -107,37 +108,27 @@ def _run_missing(
     with closing(engine.run(task, plan.missing())) as outcomes:
         for outcome in outcomes:
             job, result = outcome.item, outcome.result
-            if isinstance(result, InputError | OutputError):
-                raise result
             if result is not None:
                 journal.add(result.shard)
                 plan.add(job, result.shard.by_intention)
-                note(log.entry_of(result.shard, outcome, result.warnings))
+                note(log.entry_of(result.shard, outcome, result.traffic))
             else:
                 lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
                 plan.add(job, lost)
-                spent = {"seconds": outcome.seconds, "retries": outcome.retries}
+                spent = {"seconds": outcome.seconds, "retries": outcome.retries, "printed": outcome.printed}
                 note(Entry(**lost.model_dump(), outcome="lost", **spent))
             move(*plan.progress())
             if plan.done:
                 return
 
 
-def _work(
-    study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob
-) -> EpisodeResult | InputError | OutputError:
-    """Run one episode in a worker and write its shard. An error that a retry would not fix is returned, not raised."""
-    try:
-        ready()
-        scenario = _load(source, job.where)
-        recording = recorded(source, scenario, job.seed)
-        return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.warnings)
-    except (InputError, OutputError) as error:
-        return error
-    except OSError as error:
-        if error.errno in NO_ROOM:
-            return output_error(error.filename or folder, error)
-        raise
+@limited()
+def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: Path, job: EpisodeJob) -> EpisodeResult:
+    """Run one episode in a worker and write its shard."""
+    ready()
+    scenario = _load(source, job.where)
+    recording = recorded(source, scenario, job.seed)
+    return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.facts)
 
 
 @lru_cache(maxsize=4)
@@ -173,7 +164,7 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: Motion
     package = MOTION_SOURCES.package(study.source)
     installed = versions(OF_DATASETS if package is None else (*OF_DATASETS, package))
     described = tuple(
-        _describe_scenario(where, scenario, source.inputs(scenario))
+        _describe_scenario(where, scenario, source, source.drivers_at(scenario, study.labels.limits_mps2))
         for where, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
@@ -189,22 +180,20 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: Motion
     )
 
 
-def _describe_scenario(where: str, scenario: Scenario, inputs: Mapping[str, str]) -> ScenarioMeta:
-    """Return a scenario's entry in `dataset.json`.
-
-    where: the scenario as the study names it. inputs: digests of what its recordings depend on, by name.
-    """
-    digest = fingerprint(dict(inputs))
+def _describe_scenario(where: str, scenario: Scenario, source: MotionSource, drivers: Sequence[str]) -> ScenarioMeta:
+    """Return a scenario's entry in `dataset.json`. where: the scenario as the study names it. drivers: as in it."""
+    inputs = dict(source.inputs(scenario))
     sites = tuple(
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
-    try:
-        return ScenarioMeta(
-            name=scenario.name, source=where, sha256=digest, inputs=dict(inputs), origin=scenario.origin, sites=sites
-        )
-    except ValidationError:
-        raise InputError(
-            f"{where}: the scenario's name {scenario.name!r} cannot be part of a file name; "
-            "use letters, digits, '-', '_' and '.'"
-        ) from None
+    check_name(scenario.name, where)
+    return ScenarioMeta(
+        name=scenario.name,
+        source=where,
+        sha256=fingerprint(inputs),
+        inputs=inputs,
+        origin=scenario.origin,
+        sites=sites,
+        drivers=tuple(drivers),
+    )

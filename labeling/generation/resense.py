@@ -13,22 +13,21 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import AfterValidator, Field
 
-from isac_cosim.base.errors import InputError, OutputError, RunError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback, Move
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
-from isac_cosim.isacsim.scenarios.scenario import Site
-from isac_cosim.isacsim.sensing.chain import TOGETHER, SensedRecord, SensingSettings
-from isac_cosim.isacsim.sensing.onboard_radar import Carrier
+from isac_cosim.base.workers.threads import limited
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.following import TOGETHER
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord, WatchedTraffic
 from isac_cosim.isacsim.sensing.reports import ReportSettings, report_noise
-from isac_cosim.isacsim.sensing.sensors import SENSORS
-from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS, Watch, watch
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.labeling.dataset.dataset import (
-    DROPPED_PULL_OUTS,
     SHARDS,
     Dataset,
     Meta,
@@ -38,8 +37,9 @@ from isac_cosim.labeling.dataset.dataset import (
     write_roads,
     write_shard,
 )
-from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs_of, write_dropped_pull_outs
-from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION, read_episode, read_samples
+from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs, write_dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane, relative
+from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION
 from isac_cosim.labeling.generation import log
 from isac_cosim.labeling.generation.episode import median_error_m, record_key
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
@@ -54,28 +54,33 @@ class ResenseSettings(SensorSettings):
     """How records are sensed anew."""
 
     sensor: Annotated[str, AfterValidator(SENSORS.check)] = Field(
-        "isac", description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
+        DEFAULT, description="; ".join(f"{name}: {sensor.label}" for name, sensor in SENSORS.items())
     )
     records: int | None = Field(
         None,
         ge=1,
+        le=1_000_000_000,
         description="records to sense, the dataset's over and over with new noise; as many as it holds when absent",
     )
 
 
 @dataclass(frozen=True)
 class ShardJob:
-    """One shard to sense anew: all its `samples` records `times` over, and the first `more` of them once more."""
+    """One shard to sense anew: all its records `times` over, and the first `more` of them once more."""
 
-    file: str
-    samples: int
+    shard: Shard
     times: int
     more: int
 
     @property
+    def file(self) -> str:
+        """The name of the shard's file."""
+        return self.shard.file
+
+    @property
     def records(self) -> int:
         """Records to sense, repeats included."""
-        return self.times * self.samples + self.more
+        return self.times * self.shard.samples + self.more
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
@@ -130,19 +135,18 @@ def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
 
     records: number of records to sense in all, each once if None. They are taken in their order, over and over.
     """
-    samples = shards.numbers("samples").tolist()
-    stored = sum(samples)
+    stored = int(shards.numbers("samples").sum())
     times, rest = (1, 0) if records is None or not stored else divmod(records, stored)
     jobs = []
-    for file, number in zip(shards.files, samples, strict=True):
-        more = min(rest, number)
-        jobs.append(ShardJob(file, number, times, more))
+    for shard in shards:
+        more = min(rest, shard.samples)
+        jobs.append(ShardJob(shard, times, more))
         rest -= more
     return jobs
 
 
 def _sense_missing(
-    task: Callable[[ShardJob], Shard | InputError | OutputError],
+    task: Callable[[ShardJob], Shard],
     jobs: Sequence[ShardJob],
     stored: Collection[str],
     journal: Journal,
@@ -157,8 +161,6 @@ def _sense_missing(
     move(done, total)
     with closing(engine.run(task, missing)) as outcomes:
         for outcome in outcomes:
-            if isinstance(outcome.result, InputError | OutputError):
-                raise outcome.result
             if outcome.result is None:
                 raise RunError(f"{outcome.item.file}: {outcome.error}")
             journal.add(outcome.result)
@@ -167,27 +169,29 @@ def _sense_missing(
             move(done, total)
 
 
-def _work(
-    dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob
-) -> Shard | InputError | OutputError:
-    """Sense one shard; runs in a worker. Returns an error that a second try would not fix."""
-    try:
-        return _sense_shard(dataset, settings, mark, folder, job)
-    except (InputError, OutputError) as error:
-        return error
-
-
-def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
-    path = dataset.path / SHARDS / job.file
-    stored, episode = read_samples(path), read_episode(path)
+@limited()
+def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
+    """Sense one shard and write it; runs in a worker."""
+    alone = replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of([job.shard])}))
+    stored, episode = alone.samples(job.shard), alone.episode(job.shard)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
     wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
-    sensor = SENSORS[settings.sensor]
-    samples, fix_errors = _sense(wanted, dataset, settings, episode.scenario)
-    pull_outs, _ = _sense(_dropped_pull_outs(dataset, job.file), dataset, settings, episode.scenario)
+    traffic = WatchedTraffic(
+        episode.scenario,
+        episode.seed,
+        dataset.sites(episode.scenario),
+        dataset.meta.tv_rate_hz,
+        own_report(dataset),
+    )
+    sensor = watch(settings.sensor, traffic, settings)
+    samples, fix_errors = _sense(wanted, dataset.meta, traffic.report, sensor)
+    # They are sensed once, however often the records are.
+    dropped = dropped_pull_outs(alone)
+    kept = [sample for shard in dropped.meta.shards for sample in dropped.samples(shard)]
+    pull_outs, _ = _sense(kept, dataset.meta, traffic.report, sensor)
     left_out = dict(episode.left_out)
-    if dropped := len(wanted) - len(samples):
-        left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + dropped
+    if unusable := len(wanted) - len(samples):
+        left_out[sensor.unusable] = left_out.get(sensor.unusable, 0) + unusable
     update = {
         "schema_version": SCHEMA_VERSION,
         "fingerprint": mark,
@@ -200,62 +204,62 @@ def _sense_shard(dataset: Dataset, settings: ResenseSettings, mark: str, folder:
     return write_shard(folder, samples, sensed, *meta.lengths, dropped_shard)
 
 
-def _dropped_pull_outs(dataset: Dataset, file: str) -> list[Sample]:
-    """Return the dropped pull-outs that belong to a shard; they are sensed once, however often its records are."""
-    shard = dropped_pull_outs_of(dataset, file)
-    return [] if shard is None else read_samples(dataset.path / DROPPED_PULL_OUTS / shard.file)
-
-
 def _sense(
-    wanted: Sequence[Sample], dataset: Dataset, settings: ResenseSettings, scenario: str
+    wanted: Sequence[Sample], meta: Meta, report: ReportSettings, sensor: Watch
 ) -> tuple[list[Sample], list[float]]:
     """Return those of the samples that the sensor can use, sensed anew, and the errors of their fixes, m.
 
-    scenario: the name of theirs. A sensor without a filter has no fixes.
+    A sensor without a filter has no fixes.
     """
-    sensor, sites, report = SENSORS[settings.sensor], dataset.sites(scenario), own_report(dataset)
+    filtered = SENSORS[sensor.name].filtered
     samples: list[Sample] = []
     fix_errors: list[float] = []
     for begin in range(0, len(wanted), TOGETHER):
         part = wanted[begin : begin + TOGETHER]
-        sensed = sensor.sense(_records(part, sites, dataset.meta, report), settings)
-        for sample, record in zip(part, sensed, strict=True):
+        for sample, record in zip(
+            part, sensor.record([_passage(sample, meta, report) for sample in part]), strict=True
+        ):
             if record.usable:
-                samples.append(_with(sample, record, settings.sensor))
-                if sensor.filtered:
-                    fix_errors.append(median_error_m(record.fixes, sample.tv_truth))
+                samples.append(_with(sample, record, sensor.name))
+                if filtered:
+                    fixes = relative(record.fixes, (sample.x0, sample.y0))
+                    fix_errors.append(median_error_m(fixes, sample.tv_truth))
     return samples, fix_errors
 
 
-def _records(part: Sequence[Sample], sites: Sequence[Site], meta: Meta, report: ReportSettings) -> StoredRecords:
-    """Return samples in the form that sensors take.
+def _passage(sample: Sample, meta: Meta, report: ReportSettings) -> Passage:
+    """Return a sample in the form that sensors take."""
+    return Passage(
+        tv=sample.tv_id,
+        start_s=sample.t_start,
+        truth=in_plane(sample.tv_truth, sample.x0, sample.y0),
+        key=_key(sample),
+        past=in_plane(sample.tv_run_in, sample.x0, sample.y0) if meta.run_in_length else None,
+        find_carrier=partial(_carrier, sample, meta, report),
+    )
+
+
+def _carrier(sample: Sample, meta: Meta, report: ReportSettings) -> Carrier:
+    """Return the motion of a sample's UV.
 
     A dataset stores what the UVs reported. Their true motion, which carries a radar, is that minus the noise, which is
     drawn again from the record's key.
     """
-    reported = np.stack([sample.uv for sample in part]).astype(np.float64)
-    noise = np.stack([report_noise(meta.uv_length, report, _record_key(sample)) for sample in part])
-    return StoredRecords(
-        truth=np.stack([sample.tv_truth for sample in part]).astype(np.float64),
-        rate_hz=meta.tv_rate_hz,
-        keys=[_key(sample) for sample in part],
-        sites=sites,
-        carrier=Carrier(
-            state=reported - noise,
-            rate_hz=meta.uv_rate_hz,
-            reported=reported,
-            position_sd_m=report.position_sd_m,
-            speed_sd_mps=report.speed_sd_mps,
-        ),
-        past=np.stack([sample.tv_run_in for sample in part]).astype(np.float64) if meta.run_in_length else None,
+    reported = in_plane(sample.uv, sample.x0, sample.y0)
+    return Carrier(
+        state=reported - report_noise(meta.uv_length, report, _record_key(sample)),
+        rate_hz=meta.uv_rate_hz,
+        reported=reported,
+        position_sd_m=report.position_sd_m,
+        speed_sd_mps=report.speed_sd_mps,
+        vehicles=(sample.uv_id,),
     )
 
 
 def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
     """Return a sample with its TV as it was sensed anew."""
-    return replace(
-        sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=record.state.astype(np.float32)
-    )
+    tv = relative(record.state, (sample.x0, sample.y0))
+    return replace(sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=tv)
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:

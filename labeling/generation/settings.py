@@ -74,17 +74,22 @@ class SelectionSettings(Settings):
     samples, `min_per_class` of each of the six known intentions among them, or with the last seed.
     """
 
-    per_class: int = Field(16, ge=1, description="most samples of each known intention from one episode")
-    following: int = Field(8, ge=0, description="most `following` samples from one episode")
+    per_class: int = Field(16, ge=1, le=1_000_000, description="most samples of each known intention from one episode")
+    following: int = Field(8, ge=0, le=1_000_000, description="most `following` samples from one episode")
     pull_outs: int = Field(
         16,
         ge=0,
+        le=1_000_000,
         description="most dropped pull-outs from one episode: they are in no class, but show whether the TV passes the "
         "UV; 0 stores none",
     )
-    windows: int | None = Field(None, ge=1, description="samples to generate; every seed is used when absent")
-    min_per_class: int = Field(0, ge=0, description="samples to generate of each known intention, if windows is given")
-    patience: int = Field(20, ge=1, description="stop after this many episodes in a row without a sample")
+    windows: int | None = Field(
+        None, ge=1, le=1_000_000_000, description="samples to generate; every seed is used when absent"
+    )
+    min_per_class: int = Field(
+        0, ge=0, le=1_000_000_000, description="samples to generate of each known intention, if windows is given"
+    )
+    patience: int = Field(20, ge=1, le=2**31 - 1, description="stop after this many episodes in a row without a sample")
 
 
 class DatasetStudy(Settings):

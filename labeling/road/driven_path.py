@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from itertools import pairwise
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.route import Route, segments
 
 BEYOND_M = 300.0
 """How far a path extends before the first edge of a track and after its last one, m."""
-
-
-def segments(track: Track) -> list[tuple[int, int, int]]:
-    """Return the stretches of a track on one lane each: first row, row after the last, lane."""
-    cuts = [0, *(np.flatnonzero(track.lane[1:] != track.lane[:-1]) + 1).tolist(), len(track)]
-    return [(a, b, int(track.lane[a])) for a, b in pairwise(cuts) if b > a]
 
 
 class Path:
     """The edges that a vehicle drives, in order, with stations: distances from the start of the first edge, m.
 
     A lane is on the path if its edge is driven, if it joins two driven edges, or if it leads up to the first one or
-    continues the last one within `BEYOND_M`. Lanes that leave the path or merge into it are other roads.
+    continues the last one on the vehicle's route within `BEYOND_M`. Lanes that leave the path or merge into it are
+    other roads.
     """
 
     def __init__(self, track: Track, graph: LaneGraph) -> None:
         self._graph = graph
+        self._route = Route(track, graph)
         self._bases: list[float] = []
         self._starts: list[int] = []
         self._edges: list[str] = []
@@ -59,8 +55,8 @@ class Path:
         driven = set(self._edges)
         for j in range(len(self._edges) - 1):
             self._add_joints(stations, driven, j)
-        self._extend(stations, driven, ahead=True)
-        self._extend(stations, driven, ahead=False)
+        self._extend_ahead(stations, driven)
+        self._extend_behind(stations, driven)
         return dict(stations)
 
     def _add_joints(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], j: int) -> None:
@@ -77,24 +73,39 @@ class Path:
                         scale = length / graph.lanes[s].length_m if length > 0 else 1.0
                         stations[s].append((start, scale))
 
-    def _extend(self, stations: dict[int, list[tuple[float, float]]], driven: set[str], ahead: bool) -> None:
-        """Add the lanes that continue the last edge, or that lead up to the first one."""
-        graph, at = self._graph, -1 if ahead else 0
-        edge, base = self._edges[at], self._bases[at]
-        end = base + graph.lanes[self._lanes[at]].length_m if ahead else base
-        front = dict.fromkeys(graph.on_edge[edge], end)
+    def _extend_ahead(self, stations: dict[int, list[tuple[float, float]]], driven: set[str]) -> None:
+        """Add the lanes that continue the last edge on the vehicle's route."""
+        graph, end = self._graph, self._bases[-1] + self._graph.lanes[self._lanes[-1]].length_m
+        front = dict.fromkeys(graph.on_edge[self._edges[-1]], (self._route.driven - 1, end))
+        seen = set(front)
+        while front:
+            onward: dict[int, tuple[int, float]] = {}
+            for k, (place, start) in front.items():
+                for n, at in self._route.onward(k, place):
+                    if n in seen or graph.lanes[n].edge in driven:
+                        continue
+                    seen.add(n)
+                    stations[n].append((start, 1.0))
+                    if start - end < BEYOND_M:
+                        onward[n] = at, start + graph.lanes[n].length_m
+            front = onward
+
+    def _extend_behind(self, stations: dict[int, list[tuple[float, float]]], driven: set[str]) -> None:
+        """Add the lanes that lead up to the first edge."""
+        graph, base = self._graph, self._bases[0]
+        front = dict.fromkeys(graph.on_edge[self._edges[0]], base)
         seen = set(front)
         while front:
             onward: dict[int, float] = {}
             for k, station in front.items():
-                for n in graph.successors[k] if ahead else graph.predecessors[k]:
+                for n in graph.predecessors[k]:
                     if n in seen or graph.lanes[n].edge in driven:
                         continue
                     seen.add(n)
-                    start = station if ahead else station - graph.lanes[n].length_m
+                    start = station - graph.lanes[n].length_m
                     stations[n].append((start, 1.0))
-                    if abs(start - end) < BEYOND_M:
-                        onward[n] = start + graph.lanes[n].length_m if ahead else start
+                    if base - start < BEYOND_M:
+                        onward[n] = start
             front = onward
 
     def driver_stations(self, track: Track, rows: IntArray) -> Array:

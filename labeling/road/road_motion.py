@@ -20,9 +20,6 @@ GRID_S = 0.05
 """Maximum sampling interval of the motion, s. Conditioned motion contains nothing above 3 Hz."""
 JUMP_MPS = 5.0
 """A lateral step faster than this is not motion of a vehicle but a jump of the simulator, m/s."""
-PLANE_JUMP_M = 0.3
-"""Where the position in the plane moves by this much more than the speed explains, SUMO has shifted the vehicle, m.
-All lanes of an edge share one length, so a lane change on a partly bent edge moves the vehicle along it."""
 REACH = 5.0
 """Half-width of the kernel, in standard deviations."""
 
@@ -91,7 +88,7 @@ def road_motion(recording: Recording, track: Track, graph: LaneGraph, width_s: f
         vq=vq,
         aq=slope(vq, grid_s),
         crossings=tuple(crossings),
-        jumps=tuple(sorted({*jumps, *_plane_jumps(track, times, recording.step_s)})),
+        jumps=tuple(jumps),
         until=float(times[-1]),
     )
 
@@ -156,13 +153,6 @@ def _lateral(
     lateral = track.lane_lat + np.cumsum(offset)
     jumps = np.flatnonzero(np.abs(np.diff(lateral)) > max(limit, 0.05)) + 1
     return np.asarray(lateral), crossings, [float(times[k]) for k in jumps]
-
-
-def _plane_jumps(track: Track, times: Array, step_s: float) -> list[float]:
-    """Return the times at which the position in the plane moves further than the vehicle drives, s."""
-    moved = np.hypot(np.diff(track.x), np.diff(track.y))
-    driven = step_s * np.maximum(track.speed[1:], track.speed[:-1])
-    return [float(times[k + 1]) for k in np.flatnonzero(moved - driven > max(PLANE_JUMP_M, JUMP_MPS * step_s))]
 
 
 def _likeliest(steps: tuple[LaneStep, ...], change_m: float) -> LaneStep | None:

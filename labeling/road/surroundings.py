@@ -12,8 +12,9 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
-from isac_cosim.labeling.road.driven_path import Path, segments
+from isac_cosim.labeling.road.driven_path import Path
 from isac_cosim.labeling.road.lane_graph import LaneGraph
+from isac_cosim.labeling.road.route import Route
 
 Relation = Literal["ahead", "behind", "left", "right"]
 
@@ -58,7 +59,7 @@ class Surroundings:
         self._pos_of = np.concatenate([np.empty(0), *(track.lane_pos for track in self._tracks)])
         self._in_lanes = lru_cache(maxsize=2048)(self._sorted_into_lanes)
         self._path = lru_cache(maxsize=256)(self._new_path)
-        self._driven = lru_cache(maxsize=256)(self._new_driven)
+        self._route = lru_cache(maxsize=256)(self._new_route)
 
     def step(self, time: float) -> int:
         """Return the step of the recording nearest to a time (s)."""
@@ -89,8 +90,9 @@ class Surroundings:
         """Return the next vehicle ahead in the lane and in the lanes that continue it, or None if there is none.
 
         Vehicles parked beside the road neither are leaders nor have one.
-        time: s, at which the vehicle is on the road. within_m: maximum gap, m. Where the lane forks, the search
-        follows the branch that the vehicle itself drives later, or every branch if it drives none of them.
+        time: s, at which the vehicle is on the road. within_m: maximum gap, m. Where the road forks, the search follows
+        the branch that the vehicle itself drives next (`labeling.road.route`); on a road that it never drives, it has
+        no leader.
         """
         track, step = self.recording.tracks[vehicle], self.step(time)
         if self.recording.is_parked(vehicle, step, step):
@@ -99,11 +101,12 @@ class Surroundings:
         in_lanes = self._in_lanes(step)
         lane, pos = int(track.lane[row]), float(track.lane_pos[row])
         positions, spans = in_lanes.positions, in_lanes.spans
+        route = self._route(vehicle)
         best: Leader | None = None
-        ahead = [(lane, -pos)]
+        ahead = [(lane, route.place(row), -pos)]
         seen = {lane}
         while ahead:
-            k, start = ahead.pop()
+            k, place, start = ahead.pop()
             begin, after = spans.get(k, (0, 0))
             first = bisect_right(positions, -start, begin, after)
             if first < after:
@@ -115,9 +118,9 @@ class Surroundings:
                 end = start + self.graph.lanes[k].length_m
                 # Search on by the length of the longest vehicle: its front may be beyond within_m, its rear within.
                 if end <= within_m + 30.0:
-                    onward = [s for s in self._onward(vehicle, k) if s not in seen]
-                    seen.update(onward)
-                    ahead += [(s, end) for s in onward]
+                    onward = [(s, at) for s, at in route.onward(k, place) if s not in seen]
+                    seen.update(s for s, _ in onward)
+                    ahead += [(s, at, end) for s, at in onward]
         return best
 
     def gaps(self, vehicle: str, other: str, times: Array) -> Array:
@@ -171,14 +174,8 @@ class Surroundings:
     def _new_path(self, vehicle: str) -> Path:
         return Path(self.recording.tracks[vehicle], self.graph)
 
-    def _new_driven(self, vehicle: str) -> frozenset[str]:
-        track = self.recording.tracks[vehicle]
-        return frozenset(self.graph.lanes[k].edge for _, _, k in segments(track))
-
-    def _onward(self, vehicle: str, lane: int) -> list[int]:
-        successors = list(self.graph.successors[lane])
-        driven = [s for s in successors if self.graph.lanes[s].edge in self._driven(vehicle)]
-        return driven or successors
+    def _new_route(self, vehicle: str) -> Route:
+        return Route(self.recording.tracks[vehicle], self.graph)
 
     def _sorted_into_lanes(self, step: int) -> VehiclesInLanes:
         numbers = self._on_road(step)

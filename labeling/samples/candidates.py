@@ -52,6 +52,13 @@ class RecordSettings(Settings):
         description="most that the TV or the UV accelerates across its direction of travel outside a swerve, m/s2; "
         "null: no limit",
     )
+    along_mps2: float | None = Field(
+        0.5,
+        gt=0.0,
+        le=9.0,
+        description="most that the acceleration of the TV or the UV along the road, in the plane, differs from that of "
+        "the recorded speed, which the labels are about, m/s2; null: no limit",
+    )
 
     @model_validator(mode="after")
     def _holds_onset(self) -> Self:
@@ -91,7 +98,9 @@ class Candidates:
     `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
     `beyond_car` (the TV or the UV accelerates in the plane as no car can), `beyond_driver` (one of them accelerates
     across its direction of travel by more than `RecordSettings.across_mps2` outside a swerve: the road is too sharp for
-    its speed), and the marks of events, such as `passed_did_not_return` and `unresolved`.
+    its speed), `along` (one of them accelerates along the road, in the plane, otherwise than its recorded speed does,
+    by more than `RecordSettings.along_mps2`), and the marks of events, such as `passed_did_not_return` and
+    `unresolved`.
 
     dropped_pull_outs: pull-outs that are in no class, but answer whether the TV passes the UV; they are among those
     that are left out. Their intention is that of the lane change.
@@ -117,7 +126,7 @@ def candidates(
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
     swerves = labels.of(Intention.EVASIVE_SWERVE)
-    plane = None if motion is None else PlaneLimits(recording, swerves, motion, record.across_mps2)
+    plane = None if motion is None else PlaneLimits(recording, swerves, motion, record.across_mps2, record.along_mps2)
     by_vehicle: dict[str, list[Event]] = {}
     for event in labels.events:
         by_vehicle.setdefault(event.vehicle, []).append(event)
@@ -143,15 +152,21 @@ SWERVE_MARGIN_S = 0.5
 class PlaneLimits:
     """When the vehicles of a recording exceed limits in the plane; worked out once for each vehicle.
 
-    swerves: the events in which vehicles may exceed across_mps2, m/s2. That limit does not apply if it is None.
+    swerves: the events in which vehicles may exceed across_mps2. across_mps2, along_mps2: as in `RecordSettings`; a
+    limit that is None does not apply.
     """
 
     def __init__(
-        self, recording: Recording, swerves: Iterable[Event], motion: MotionSettings, across_mps2: float | None
+        self,
+        recording: Recording,
+        swerves: Iterable[Event],
+        motion: MotionSettings,
+        across_mps2: float | None,
+        along_mps2: float | None,
     ) -> None:
         self._recording = recording
         self._motion = motion
-        self._across_mps2 = across_mps2
+        self._limits = across_mps2, along_mps2
         self._swerves: dict[str, list[tuple[float, float]]] = {}
         for swerve in swerves:
             span = (swerve.onset - SWERVE_MARGIN_S, swerve.end + SWERVE_MARGIN_S)
@@ -161,13 +176,13 @@ class PlaneLimits:
     def exceeded(self, vehicle: str, start: float, end: float) -> str | None:
         """Return the reason why a vehicle's motion between two times, s, is not used; None if there is none."""
         if vehicle not in self._times:
-            times = excess(self._recording, self._recording.tracks[vehicle], self._motion, self._across_mps2)
+            times = excess(self._recording, self._recording.tracks[vehicle], self._motion, *self._limits)
             swerving = np.zeros(len(times.across), bool)
             for onset, last in self._swerves.get(vehicle, ()):
                 swerving |= (times.across >= onset) & (times.across <= last)
-            self._times[vehicle] = Excess(times.beyond_car, times.across[~swerving])
+            self._times[vehicle] = replace(times, across=times.across[~swerving])
         times = self._times[vehicle]
-        for reason, at in (("beyond_car", times.beyond_car), ("beyond_driver", times.across)):
+        for reason, at in (("beyond_car", times.beyond_car), ("beyond_driver", times.across), ("along", times.along)):
             if ((at >= start) & (at <= end)).any():
                 return reason
         return None

@@ -28,7 +28,7 @@ def generated_candidates(
     Left out are records that extend beyond a track (`tv_outside_track`, `uv_outside_track`), and those in which a
     vehicle moves as no car can (`beyond_car`).
     """
-    limits = PlaneLimits(recording, (), motion, None)
+    limits = PlaneLimits(recording, (), motion, None, None)
     samples: list[Candidate] = []
     left_out: Counter[str] = Counter()
     for maneuver in recording.maneuvers:

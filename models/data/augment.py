@@ -23,9 +23,11 @@ class AugmentSettings(Settings):
     """How training windows are augmented. Turning and mirroring need a frame of reference that is not absolute."""
 
     turn_deg: float = Field(0.0, ge=0, le=45, description="standard deviation of a turn of the frame")
-    noise_m: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's positions, m")
-    noise_mps: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's velocities, m/s")
-    noise_mps2: float = Field(0.0, ge=0, description="standard deviation of noise on the TV's accelerations, m/s2")
+    noise_m: float = Field(0.0, ge=0, le=1e3, description="standard deviation of noise on the TV's positions, m")
+    noise_mps: float = Field(0.0, ge=0, le=1e3, description="standard deviation of noise on the TV's velocities, m/s")
+    noise_mps2: float = Field(
+        0.0, ge=0, le=1e3, description="standard deviation of noise on the TV's accelerations, m/s2"
+    )
     mirror_share: float = Field(
         0.0,
         ge=0,

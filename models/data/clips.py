@@ -23,6 +23,7 @@ import numpy.typing as npt
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.stored.arrays import read_arrays
 
 KEYS = ("in", "out", "label")
 
@@ -71,11 +72,11 @@ def load_clips(folder: str | Path, n_classes: int) -> list[Clip]:
 def read_clip(file: Path, n_classes: int) -> Clip:
     """Read one clip. Raises InputError if the file does not follow the format."""
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            inner, outer, label = (np.asarray(stored[key]) for key in KEYS)
+        stored = read_arrays(file)
+        inner, outer, label = (stored[key] for key in KEYS)
     except KeyError:
         raise InputError(f"{file}: a clip holds the arrays in, out and label; add what is missing") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (OSError, RuntimeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{file}: not readable as .npz without pickled objects; save it with numpy.savez") from None
     inner, outer = _stream(file, "in", inner), _stream(file, "out", outer)
     if len(inner) != len(outer):

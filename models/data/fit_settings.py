@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self, TypeVar
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
+from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.intentions import LANE_CHANGES, Intention
 from isac_cosim.models import DEFAULT
@@ -17,6 +18,10 @@ HeldOut = Literal["hard_brake", "left_lane_change", "right_lane_change", "overta
 Section = TypeVar("Section", bound=Settings)
 
 
+DecayRate = Annotated[float, Field(ge=0, lt=1)]
+"""Share of a moment estimate that a step keeps."""
+
+
 class OptimiserSettings(Settings):
     """AdamW and its learning-rate schedule.
 
@@ -25,23 +30,29 @@ class OptimiserSettings(Settings):
     the key, in `cosim train` and in a study alike. The run's card stores the values that were used.
     """
 
-    epochs: int = Field(60, ge=1, description="maximum number of epochs")
-    batch: int = Field(32, ge=1, description="windows per optimiser step")
-    learning_rate: float = Field(1e-4, gt=0, description="learning rate; with the cosine schedule, its peak")
-    betas: tuple[float, float] = Field((0.9, 0.999), description="decay rates of the two moment estimates")
-    weight_decay: float = Field(0.0, ge=0, description="decoupled weight decay")
+    epochs: int = Field(60, ge=1, le=1_000_000, description="maximum number of epochs")
+    batch: int = Field(32, ge=1, le=1_000_000, description="windows per optimiser step")
+    learning_rate: float = Field(1e-4, gt=0, le=1e9, description="learning rate; with the cosine schedule, its peak")
+    betas: tuple[DecayRate, DecayRate] = Field((0.9, 0.999), description="decay rates of the two moment estimates")
+    weight_decay: float = Field(0.0, ge=0, le=1e3, description="decoupled weight decay")
     schedule: Literal["constant", "cosine"] = Field(
         "constant", description="cosine: linear warm-up, then half a cosine down to 0"
     )
     warmup_share: float = Field(0.1, ge=0, lt=1, description="share of all steps spent on the warm-up")
-    clip_norm: float = Field(1.0, ge=0, description="gradients are scaled down to this norm; 0 turns clipping off")
-    patience: int = Field(12, ge=1, description="epochs without a better validation macro-F1 before training stops")
-    threads: int = Field(2, ge=1, description="CPU threads; the last digits of a result depend on it")
+    clip_norm: float = Field(
+        1.0, ge=0, le=1e9, description="gradients are scaled down to this norm; 0 turns clipping off"
+    )
+    patience: int = Field(
+        12, ge=1, le=1_000_000, description="epochs without a better validation macro-F1 before training stops"
+    )
+    threads: int = Field(2, ge=1, le=1024, description="CPU threads; the last digits of a result depend on it")
     accelerator: Literal["auto", "cpu", "gpu"] = Field(
         "auto",
         description="where networks are trained; auto: on a GPU if there is one. The last digits depend on it",
     )
-    devices: int = Field(1, ge=1, description="processors or GPUs that share each batch of a network's training")
+    devices: int = Field(
+        1, ge=1, le=1024, description="processors or GPUs that share each batch of a network's training"
+    )
     precision: Literal["32-true", "bf16-mixed", "16-mixed"] = Field(
         "32-true", description="number format in which networks are trained; predictions are always in float32"
     )
@@ -50,10 +61,11 @@ class OptimiserSettings(Settings):
 class LossSettings(Settings):
     """Parameters of the focal loss, and of outlier exposure."""
 
-    gamma: float = Field(2.0, ge=0, description="focusing parameter; 0 gives weighted cross-entropy")
+    gamma: float = Field(2.0, ge=0, le=100, description="focusing parameter; 0 gives weighted cross-entropy")
     exposure_weight: float = Field(
         0.0,
         ge=0,
+        le=1e6,
         description="weight of outlier exposure, which makes all intentions equally likely on pre-onset windows; "
         "0 turns it off",
     )
@@ -68,14 +80,14 @@ class FitSettings(Settings):
     """
 
     model: str = Field(DEFAULT, description="name of the predictor")
-    seed: int = Field(0, description="seed of initial weights, window ends and batches")
+    seed: Seed = Field(0, description="seed of initial weights, window ends and batches")
     held_out: HeldOut | None = Field(
         None, description="known intention left out of training; evaluation then treats it as unknown"
     )
     windows: WindowSettings = WindowSettings()
     split: SplitSettings = SplitSettings()
-    ends_per_record: int = Field(1, ge=1, description="windows drawn from each record, anew in every epoch")
-    validation_ends: int = Field(2, ge=1, description="fixed windows per validation record")
+    ends_per_record: int = Field(1, ge=1, le=10_000, description="windows drawn from each record, anew in every epoch")
+    validation_ends: int = Field(2, ge=1, le=10_000, description="fixed windows per validation record")
     preludes: PreOnsetSettings = PreOnsetSettings()
     augment: AugmentSettings = AugmentSettings()
     loss: LossSettings = LossSettings()

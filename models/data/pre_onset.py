@@ -6,25 +6,23 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.setting_fields import WindowEnds
 from isac_cosim.models.data.windows import Records, WindowSettings, end_bounds
+from isac_cosim.models.trees.boosting import BoostingSettings
 
 
-class PreOnsetSettings(Settings):
+class PreOnsetSettings(BoostingSettings):
     """Where pre-onset windows end, and the trees of the reject option that learn to recognise them."""
 
     use: bool = Field(True, description="train the reject option; it then is one of the unknown scores to choose from")
-    end_after_onset_s: tuple[float, float] = Field(
+    end_after_onset_s: WindowEnds = Field(
         (-0.6, -0.1),
         description="range of the ends of pre-onset windows relative to onset, s; negative is before onset",
     )
     ends_per_record: int = Field(
-        2, ge=1, description="pre-onset windows per record, and as many windows of the maneuver"
+        2, ge=1, le=10_000, description="pre-onset windows per record, and as many windows of the maneuver"
     )
-    rounds: int = Field(150, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
+    rounds: int = Field(150, ge=1, le=100_000, description="boosting rounds")
 
     @model_validator(mode="after")
     def _before_onset(self) -> Self:

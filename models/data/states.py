@@ -9,18 +9,16 @@ The file lies in the folder for temporary files (`TMPDIR`), which needs room for
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.base.errors import OutputError
+from isac_cosim.base.temporary import TemporaryFolder, writing_temporary
 
 COMPONENTS = 6
 
@@ -32,7 +30,7 @@ class StatesOnDisk:
     file's folder; the file is deleted with the last object that has it.
     """
 
-    def __init__(self, path: Path, count: int, length: int, rows: IntArray, owner: TemporaryDirectory[str] | None):
+    def __init__(self, path: Path, count: int, length: int, rows: IntArray, owner: TemporaryFolder | None):
         self.path, self.count, self.length, self.rows, self._owner = path, count, length, rows, owner
 
     @classmethod
@@ -43,18 +41,12 @@ class StatesOnDisk:
 
         lengths: of the states of each column. Raises OutputError where the folder for temporary files has no room.
         """
-        try:
-            owner = TemporaryDirectory(prefix="cosim-states-")
-            paths = {name: Path(owner.name) / f"{name}.f32" for name in lengths}
-            for part in parts:
-                for name, path in paths.items():
-                    with path.open("ab") as file:
-                        file.write(np.ascontiguousarray(part[name], np.float32).data)
-        except OSError as error:
-            raise OutputError(
-                f"{tempfile.gettempdir()}: cannot hold the dataset's records ({error.strerror}); set TMPDIR to a "
-                "folder with room"
-            ) from None
+        owner = TemporaryFolder()
+        paths = {name: owner.path / f"{name}.f32" for name in lengths}
+        for part in parts:
+            for name, path in paths.items():
+                with writing_temporary(), path.open("ab") as file:
+                    file.write(np.ascontiguousarray(part[name], np.float32).data)
         rows = np.arange(count)
         return {name: cls(path, count, lengths[name], rows, owner) for name, path in paths.items()}
 

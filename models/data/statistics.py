@@ -20,6 +20,8 @@ STATISTICS = (
     "mean_last_third",
 )
 """Statistics of each of a window's twelve state components; the slope is the least-squares one, per sample."""
+N_STATISTICS = 12 * len(STATISTICS)
+"""Number of all statistics of a window."""
 
 
 def statistics(windows: Windows) -> Float32Array:

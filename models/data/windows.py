@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.setting_fields import Seed, WindowEnds
 from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.lane_map import LaneMap
@@ -32,6 +33,7 @@ LaneMaps = Callable[[str], LaneMap]
 
 COLUMNS = (
     "sample_id", "scenario", "seed", "label", "origin", "t_start", "t_onset", "t_commit", "snr_db", "n_sites",
+    "x0", "y0", "tv_id", "tv_departed",
 )  # fmt: skip
 """The scalar columns of a dataset that predictors and their evaluation read."""
 
@@ -48,11 +50,11 @@ MIN_TRAVEL_M = 0.5
 class WindowSettings(Settings):
     """What a predictor sees of a record."""
 
-    window_s: float = Field(2.2, gt=0, description="length of a window, s")
+    window_s: float = Field(2.2, gt=0, le=1e3, description="length of a window, s")
     relative_to: Literal["onset", "commit"] = Field(
         "onset", description="instant relative to which window ends are given"
     )
-    end_after_s: tuple[float, float] = Field(
+    end_after_s: WindowEnds = Field(
         (0.5, 2.2), description="range of window ends after that instant, s; negative is before; equal: fixed"
     )
     frame: Literal["relative", "moving", "absolute"] = Field(
@@ -69,14 +71,22 @@ class WindowSettings(Settings):
 
 
 class SplitSettings(Settings):
-    """Shares of the scenario seeds on each side; no vehicle is on two sides."""
+    """Shares of the scenario seeds on each side.
+
+    A demand that names its vehicles puts them into every seed, and so on every side, unless the split is by vehicle:
+    records of training seeds whose TV is also one of a validation or test seed are then not trained on, and those of
+    validation seeds whose TV is also one of a test seed nothing is chosen on (`models.data.sides`).
+    """
 
     validation: float = Field(0.15, gt=0, lt=1, description="share of the seeds on which the best epoch is chosen")
     test: float = Field(0.25, gt=0, lt=1, description="share of the seeds on which nothing is chosen")
     training_share: float = Field(
         1.0, gt=0, le=1, description="share of the training seeds that is used; smaller shares are subsets"
     )
-    seed: int = Field(0, description="seed of the split")
+    seed: Seed = Field(0, description="seed of the split")
+    by: Literal["seed", "vehicle"] = Field(
+        "seed", description="vehicle: no vehicle of the demand is on two sides; records of shared ones stay in the test"
+    )
 
     @model_validator(mode="after")
     def _leaves_training(self) -> Self:
@@ -89,8 +99,8 @@ class SplitSettings(Settings):
 class Records:
     """The records of a dataset.
 
-    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk. table: one row per record, with
-    COLUMNS. lane_maps: the roads of their scenarios.
+    tv: (N, 6, S) and uv: (N, 6, C), states at their own rates, in memory or on disk, with positions relative to
+    `points`. table: one row per record, with COLUMNS. lane_maps: the roads of their scenarios.
     """
 
     tv: States
@@ -139,6 +149,14 @@ class Records:
     def label(self) -> IntArray:
         """Intention numbers, (N,)."""
         return self.table["label"].to_numpy(dtype=np.int64)
+
+    @property
+    def points(self) -> Array:
+        """The points of the scenario's plane to which the positions of the records are relative, m, (N, 2).
+
+        The origin for tables that do not say.
+        """
+        return self.table.reindex(columns=["x0", "y0"], fill_value=0.0).to_numpy(dtype=np.float64)
 
     @property
     def keeps_left(self) -> BoolArray:
@@ -280,6 +298,9 @@ def cut(records: Records, ends: Ends, settings: WindowSettings) -> Windows:
     tv_end = np.floor(ends.step * (records.tv_rate_hz / records.uv_rate_hz) + 1e-9).astype(np.int64)
     tv = windows_of(records.tv, ends.row, tv_end, n_tv)
     uv = windows_of(records.uv, ends.row, ends.step, n_uv)
+    points = records.points[ends.row][:, :, None]
+    tv[:, :2] += points
+    uv[:, :2] += points
     windows = in_frame(tv, uv, settings, records.tv_rate_hz, records.uv_rate_hz)
     if records.lane_maps is None:
         return windows

@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import logging
+import multiprocessing
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import lightning
 from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.strategies import DDPStrategy
+from torch.multiprocessing.spawn import ProcessRaisedException
 
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.temporary import TemporaryFolder
+from isac_cosim.labeling.intentions import KNOWN, over_text
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Records
-from isac_cosim.models.networks.checkpoints import HISTORY_FILE, read_tensors
-from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
-from isac_cosim.models.networks.lightning_module import MONITOR, EpochProgress, History, NetworkModule, WindowData
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
+from isac_cosim.models.networks.lightning_checkpoints import Checkpoints, read_checkpoint
+from isac_cosim.models.networks.lightning_module import (
+    MONITOR,
+    DivergedError,
+    EpochProgress,
+    History,
+    NetworkModule,
+    WindowData,
+)
 from isac_cosim.models.networks.losses import inverse_frequency
 from isac_cosim.models.networks.network import WindowNetwork
+from isac_cosim.models.networks.several_devices import PrivateDDP
 
 CHECKPOINTS = "checkpoints"
 NETWORK_PREFIX = "network."
@@ -47,7 +60,7 @@ def fit_network(
 
     training, validation: records of the intentions to learn. folder: the run's, where the history and the checkpoints
     are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
-    can be written.
+    can be written, DivergedError if a loss is not finite.
     """
     # Networks do not look at lanes, and the lookup of lane maps cannot be sent to other processes.
     data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
@@ -80,13 +93,16 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         History(folder / HISTORY_FILE),
         EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
         keeper,
-        EpochProgress(feedback, module.settings.model, MONITOR),
+        EpochProgress(feedback, module.settings.model, MONITOR, over_text(data.validated, KNOWN)),
     ]
     last = checkpoints / "last.ckpt"
-    with _quiet():
+    with _quiet(), ExitStack() as stack:
+        strategy: str | DDPStrategy = "auto"
+        if optimiser.devices > 1:
+            strategy = PrivateDDP(stack.enter_context(TemporaryFolder()).path)
         trainer = lightning.Trainer(
             accelerator=optimiser.accelerator, devices=optimiser.devices,
-            strategy="ddp_spawn" if optimiser.devices > 1 else "auto", precision=optimiser.precision,
+            strategy=strategy, precision=optimiser.precision,
             max_epochs=optimiser.epochs, callbacks=callbacks,
             gradient_clip_val=optimiser.clip_norm or None, logger=False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
@@ -95,9 +111,17 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
         try:
             trainer.fit(module, datamodule=data, ckpt_path=last if last.exists() else None, weights_only=True)
         except SystemExit:
-            # Lightning turns Ctrl-C into an exit of its own.
+            # Lightning turns Ctrl-C into an exit of its own, and leaves the processes of several devices at work.
+            for process in multiprocessing.active_children():
+                process.kill()
             raise KeyboardInterrupt from None
-    return read_tensors(Path(keeper.best_model_path))
+        except ProcessRaisedException as error:
+            # Of a process that trained on one of several devices, only the text comes back.
+            name, _, reason = str(error).rstrip().rpartition("\n")[2].partition(": ")
+            if name.endswith(DivergedError.__name__):
+                raise DivergedError(reason) from None
+            raise
+    return read_checkpoint(Path(keeper.best_model_path))
 
 
 @contextmanager

@@ -7,8 +7,11 @@ from typing import Any
 
 from lightning.fabric.plugins import TorchCheckpointIO
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.models.networks.checkpoints import read_tensors, write_tensors
 
+PARTS = ("epoch", "global_step", "state_dict", "loops", "callbacks", "optimizer_states", "lr_schedulers")
+"""What a checkpoint holds at least."""
 FOLDER = "<folder>"
 """Stands in a checkpoint for the folder that it lies in."""
 
@@ -31,9 +34,17 @@ class Checkpoints(TorchCheckpointIO):
         self, path: str | Path, map_location: Any = None, weights_only: bool | None = None
     ) -> dict[str, Any]:
         """Read a checkpoint. Raises InputError if it is damaged."""
-        checkpoint = read_tensors(Path(path))
+        checkpoint = read_checkpoint(Path(path))
         callbacks = _with_prefix(checkpoint.get("callbacks", {}), FOLDER, str(Path(path).parent))
         return {**checkpoint, "callbacks": callbacks}
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """Return the content of a checkpoint. Raises InputError if it is damaged, or lacks one of PARTS."""
+    checkpoint = read_tensors(path)
+    if lacking := [name for name in PARTS if name not in checkpoint]:
+        raise InputError(f"{path}: is damaged ({lacking[0]}: is missing); delete it, and training starts again")
+    return checkpoint
 
 
 def _with_prefix(value: Any, before: str, after: str) -> Any:

@@ -19,9 +19,11 @@ from torch.utils.data import DataLoader, IterableDataset
 from torchmetrics.classification import MulticlassF1Score
 
 from isac_cosim.base.arrays import IntArray
+from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback, Move
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.seeding import stream
+from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.augment import AugmentSettings, augmented
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.pre_onset import pre_onset_windows
@@ -52,6 +54,12 @@ class WindowData(lightning.LightningDataModule):
         self.fixed = draw_ends(
             validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
         )
+
+    @property
+    def validated(self) -> list[Intention]:
+        """The intentions that have a validation window."""
+        present = set(self.validation.label[self.fixed.row].tolist())
+        return [intention for intention in KNOWN if intention in present]
 
     def first_windows(self) -> tuple[Tensor, Tensor]:
         """Return windows of the first epoch to standardise by, at most SCALE_WINDOWS: (n, 6, T) and (n, 6, U)."""
@@ -171,6 +179,10 @@ class WindowBatches(IterableDataset[Batch]):
             yield torch.from_numpy(tv), torch.from_numpy(uv), torch.from_numpy(labels)
 
 
+class DivergedError(RunError):
+    """The loss of a training is not finite."""
+
+
 class NetworkModule(lightning.LightningModule):
     """A network with its loss, its optimiser and its validation macro-F1.
 
@@ -195,16 +207,18 @@ class NetworkModule(lightning.LightningModule):
                 loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
         else:
             loss = self._loss(logits, label)
+        self._refuse_nonfinite(loss, f"batch {k + 1}")
         self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label), sync_dist=self._is_shared)
         return loss
 
-    def validation_step(self, batch: Batch, _: int) -> None:
+    def validation_step(self, batch: Batch, k: int) -> None:
         """Log loss, accuracy and macro-F1 of a batch of validation windows."""
         logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
-        joint = logits["joint"]
+        joint, loss = logits["joint"], self._loss(logits, label)
+        self._refuse_nonfinite(loss, f"validation batch {k + 1}")
         self.f1(joint, label)
         accuracy = (joint.argmax(1) == label).float().mean()
-        for name, value in (("validation_loss", self._loss(logits, label)), ("validation_accuracy", accuracy)):
+        for name, value in (("validation_loss", loss), ("validation_accuracy", accuracy)):
             self.log(name, value, batch_size=len(label), sync_dist=self._is_shared)
         self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
 
@@ -233,6 +247,16 @@ class NetworkModule(lightning.LightningModule):
     def _is_shared(self) -> bool:
         """Whether several devices share each batch."""
         return self.trainer.world_size > 1
+
+    def _refuse_nonfinite(self, loss: Tensor, batch: str) -> None:
+        """Raise DivergedError where a loss is NaN or infinite: whatever is learnt from it on is, too."""
+        if not torch.isfinite(loss):
+            optimiser = self.settings.optimiser
+            unclipped = "" if optimiser.clip_norm else ", and clip gradients (clip_norm = 1)"
+            raise DivergedError(
+                f"{self.settings.model}: the loss of {batch} in epoch {self.current_epoch + 1} is {loss.item()}: the "
+                f"training stopped; lower training.optimiser.learning_rate, now {optimiser.learning_rate}{unclipped}"
+            )
 
     def _loss(self, logits: dict[str, Tensor], label: Tensor) -> Tensor:
         return self.network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)
@@ -272,11 +296,11 @@ class History(Callback):
 class EpochProgress(Callback):
     """The progress bar of a training: the batches that are done, with epoch and score beside it.
 
-    name: of the predictor. monitor: the score that is shown.
+    name: of the predictor. monitor: the score that is shown. over: over which intentions it is a mean, if not all.
     """
 
-    def __init__(self, feedback: Feedback, name: str, monitor: str) -> None:
-        self.feedback, self.name, self.monitor = feedback, name, monitor
+    def __init__(self, feedback: Feedback, name: str, monitor: str, over: str = "") -> None:
+        self.feedback, self.name, self.monitor, self.over = feedback, name, monitor, over
         self.bar = ExitStack()
         self.move: Move | None = None
         self.done, self.total, self.note = 0, 1, ""
@@ -300,7 +324,9 @@ class EpochProgress(Callback):
         """Show the score of the epoch."""
         score = trainer.callback_metrics.get(self.monitor)
         if score is not None:
-            self.note = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}"
+            self.note = (
+                f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}{self.over}"
+            )
             self._show()
 
     def on_train_end(self, *_: Any) -> None:

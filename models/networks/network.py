@@ -10,6 +10,10 @@ from isac_cosim.models.networks.losses import focal_loss
 
 N_STATES = 6
 """Components of a state: x, y, vx, vy, ax, ay."""
+MOST_LAYERS = 64
+"""Largest number of layers of a network, one after or beside the other."""
+LONGEST = 20_000
+"""Largest number of samples or frames that a network may be set to look at, or a convolution may be long."""
 
 
 def torch_seed(*keys: str | int) -> int:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.networks.lstms import outputs
-from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.network import LONGEST, MOST_LAYERS, N_STATES, WindowNetwork, linear_head
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -19,9 +19,11 @@ from isac_cosim.models.predictors.protocol import WindowShape
 class AlignedSettings(Settings):
     """One bidirectional LSTM over both streams, interpolated to one rate."""
 
-    length: int = Field(220, ge=2, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz")
-    hidden: int = Field(64, ge=1, description="units per LSTM direction")
-    layers: int = Field(1, ge=1, description="LSTM layers")
+    length: int = Field(
+        220, ge=2, le=LONGEST, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz"
+    )
+    hidden: int = Field(64, ge=1, le=65_536, description="units per LSTM direction")
+    layers: int = Field(1, ge=1, le=MOST_LAYERS, description="LSTM layers")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout before the head")
 
 

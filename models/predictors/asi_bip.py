@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.networks.lstms import has_bfloat16, outputs
-from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.network import MOST_LAYERS, N_STATES, WindowNetwork, linear_head
 from isac_cosim.models.networks.statistics_branch import StatisticsBranch
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
@@ -27,12 +27,12 @@ Streams = Literal["both", "tv", "uv"]
 class AsiBipSettings(Settings):
     """Sizes of the network, and every point that the paper leaves open."""
 
-    hidden: int = Field(64, ge=1, description="units per LSTM direction")
-    lstm_layers: int = Field(1, ge=1, description="layers of each LSTM")
-    width: int = Field(128, ge=1, description="features per token, d")
-    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder")
-    heads: int = Field(8, ge=1, description="attention heads")
-    feedforward: int = Field(256, ge=1, description="hidden units of the feed-forward blocks in the encoder")
+    hidden: int = Field(64, ge=1, le=65_536, description="units per LSTM direction")
+    lstm_layers: int = Field(1, ge=1, le=MOST_LAYERS, description="layers of each LSTM")
+    width: int = Field(128, ge=1, le=65_536, description="features per token, d")
+    encoder_layers: int = Field(2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder")
+    heads: int = Field(8, ge=1, le=1024, description="attention heads")
+    feedforward: int = Field(256, ge=1, le=65_536, description="hidden units of the feed-forward blocks in the encoder")
     norm_first: bool = Field(True, description="normalise before attention and feed-forward, not after")
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout of projection, attention, feed-forward and head")
     attention_dropout: float = Field(0.0, ge=0, lt=1, description="dropout of attention weights; 0 is faster")
@@ -40,16 +40,16 @@ class AsiBipSettings(Settings):
         "pooled",
         description="pooled: LSTM outputs averaged over tv_pool and uv_pool samples; literal: every output",
     )
-    tv_pool: int = Field(20, ge=1, description="TV samples per pooled token")
-    uv_pool: int = Field(5, ge=1, description="UV samples per pooled token")
+    tv_pool: int = Field(20, ge=1, le=10_000, description="TV samples per pooled token")
+    uv_pool: int = Field(5, ge=1, le=10_000, description="UV samples per pooled token")
     lstm_bfloat16: bool = Field(
         True,
         description="train the LSTMs in bfloat16, where the processor computes in it; predictions are always float32",
     )
     tv_patch: int = Field(
-        1, ge=1, description="extension, not in the paper: TV samples side by side in one step of the LSTM"
+        1, ge=1, le=10_000, description="extension, not in the paper: TV samples side by side in one step of the LSTM"
     )
-    uv_patch: int = Field(1, ge=1, description="extension, like tv_patch: UV samples in one step")
+    uv_patch: int = Field(1, ge=1, le=10_000, description="extension, like tv_patch: UV samples in one step")
     statistics: bool = Field(
         False,
         description="extension, not in the paper: add a third branch to the class token, an MLP on the statistics that "

@@ -31,7 +31,7 @@ from isac_cosim.models.networks.castformer_modules import (
     joint,
 )
 from isac_cosim.models.networks.losses import focal_loss
-from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.network import LONGEST, MOST_LAYERS, N_STATES, WindowNetwork, linear_head
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -45,11 +45,13 @@ PAPER_OPTIMISER = {"epochs": 160, "batch": 16, "learning_rate": 1e-3}
 class CastformerSettings(Settings):
     """Sizes of the network, its three modules, and every point that the paper leaves open."""
 
-    frame_s: float = Field(0.1, gt=0, description="length of a frame, s")
-    width: int = Field(64, ge=1, description="features per frame, D")
-    heads: int = Field(8, ge=1, description="attention heads")
-    encoder_layers: int = Field(2, ge=1, description="layers of the Transformer encoder of each stream")
-    feedforward: int = Field(128, ge=1, description="hidden units of the feed-forward blocks in encoders and FSN")
+    frame_s: float = Field(0.1, gt=0, le=1e3, description="length of a frame, s")
+    width: int = Field(64, ge=1, le=65_536, description="features per frame, D")
+    heads: int = Field(8, ge=1, le=1024, description="attention heads")
+    encoder_layers: int = Field(2, ge=1, le=MOST_LAYERS, description="layers of the Transformer encoder of each stream")
+    feedforward: int = Field(
+        128, ge=1, le=65_536, description="hidden units of the feed-forward blocks in encoders and FSN"
+    )
     dropout: float = Field(0.1, ge=0, lt=1, description="dropout in encoders, attention and RSF, and before the logits")
     causal_encoder: bool = Field(True, description="encoders do not let a frame see a later one")
     rsf: bool = Field(True, description="reciprocal shift fusion")
@@ -61,7 +63,7 @@ class CastformerSettings(Settings):
         description="the past that RSF attends to. bda: each stream to that of the other; self: to its own; joint: to "
         "both; one_way: `in` to that of `out`, `out` to its own",
     )
-    delay_frames: int = Field(1, ge=0, description="delay of the keys; with 0 a frame sees its own instant")
+    delay_frames: int = Field(1, ge=0, le=LONGEST, description="delay of the keys; with 0 a frame sees its own instant")
     residual: bool = Field(False, description="RSF adds to a stream instead of replacing it")
     detach_mean: bool = Field(True, description="no gradient through the mean in the counterfactual")
     mean_over: MeanOver = Field(
@@ -70,7 +72,7 @@ class CastformerSettings(Settings):
         "frames of a training batch, as in the paper; predictions use the running average of these",
     )
     intent_source: Source = Field("in", description="stream that gives the coarse intention; in the paper: out")
-    alpha: float = Field(0.1, ge=0, description="weight of the loss of the coarse intention")
+    alpha: float = Field(0.1, ge=0, le=1e6, description="weight of the loss of the coarse intention")
 
     @model_validator(mode="after")
     def _heads_divide(self) -> Self:

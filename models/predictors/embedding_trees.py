@@ -15,10 +15,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.statistics import N_STATISTICS, statistics
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.predictors.asi_bip import AsiBipPredictor
+from isac_cosim.models.predictors.asi_bip import AsiBipPredictor, AsiBipSettings
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload
 from isac_cosim.models.predictors.trees import TREES_FILE, TreesPredictor, TreesSettings, fit_trees, tree_logits
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
@@ -48,7 +49,9 @@ class EmbeddingTreesPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(AsiBipPredictor.load(folder, settings, shape), read_trees(folder / TREES_FILE))
+        network = AsiBipPredictor.load(folder, settings, shape)
+        width = settings.of(AsiBipSettings).width + N_STATISTICS
+        return cls(network, read_trees(folder / TREES_FILE, width, KNOWN))
 
     def __call__(self, windows: Windows) -> Outputs:
         features = embedded(self.network, windows)

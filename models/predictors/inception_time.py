@@ -7,7 +7,7 @@ Source: Ismail Fawaz et al. 2020, "InceptionTime: Finding AlexNet for time serie
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import torch
 from pydantic import Field
@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.networks.network import N_STATES, WindowNetwork, linear_head
+from isac_cosim.models.networks.network import LONGEST, MOST_LAYERS, N_STATES, WindowNetwork, linear_head
 from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -26,10 +26,14 @@ MODULES_PER_SHORTCUT = 3
 class InceptionTimeSettings(Settings):
     """Sizes of the network; the defaults are the paper's."""
 
-    length: int = Field(220, ge=2, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz")
-    filters: int = Field(32, ge=1, description="filters of each convolution; a module has four in parallel")
-    depth: int = Field(6, ge=1, description="modules, one after the other")
-    kernels: tuple[int, ...] = Field((39, 19, 9), min_length=1, description="lengths of the convolutions, odd, samples")
+    length: int = Field(
+        220, ge=2, le=LONGEST, description="samples per window after interpolation; 220 in 2.2 s are 100 Hz"
+    )
+    filters: int = Field(32, ge=1, le=65_536, description="filters of each convolution; a module has four in parallel")
+    depth: int = Field(6, ge=1, le=MOST_LAYERS, description="modules, one after the other")
+    kernels: tuple[Annotated[int, Field(ge=1, le=LONGEST)], ...] = Field(
+        (39, 19, 9), min_length=1, max_length=MOST_LAYERS, description="lengths of the convolutions, odd, samples"
+    )
     dropout: float = Field(0.0, ge=0, lt=1, description="dropout before the head")
 
 

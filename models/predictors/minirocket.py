@@ -1,7 +1,7 @@
 """MiniRocket as a floor: random convolutions of both streams, and a ridge classifier on their features.
 
-It needs an optional extra, `pip install 'isac-cosim[minirocket]'`, because aeon implements the convolutions. A trained
-one is stored as plain arrays. Source: Dempster, Schmidt & Webb 2021.
+It needs an optional extra, `pip install '.[minirocket]'` in a checkout, because aeon implements the convolutions. A
+trained one is stored as plain arrays. Source: Dempster, Schmidt & Webb 2021.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.arrays import check_array, read_arrays
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows, cut
 from isac_cosim.models.networks.network import N_STATES
@@ -39,9 +41,12 @@ class MinirocketSettings(Settings):
     """Size of the transform, and what it is trained on."""
 
     features: int = Field(
-        10_000, ge=2 * KERNELS, description="approximate number of features per window, half of them of each stream"
+        10_000,
+        ge=2 * KERNELS,
+        le=1_000_000,
+        description="approximate number of features per window, half of them of each stream",
     )
-    ends_per_record: int = Field(1, ge=1, description="training windows per record")
+    ends_per_record: int = Field(1, ge=1, le=10_000, description="training windows per record")
 
 
 class MinirocketPredictor(Predictor):
@@ -50,7 +55,7 @@ class MinirocketPredictor(Predictor):
     display_name = "MiniRocket"
     summary = "random convolutions of both streams and a ridge classifier (optional extra)"
     settings_class: ClassVar[type[Settings] | None] = MinirocketSettings
-    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
+    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install '.[minirocket]' in a checkout"}
 
     def __init__(self, rocket: Rocket) -> None:
         self.rocket = rocket
@@ -145,8 +150,8 @@ def read_rocket(path: Path, lengths: tuple[int, int]) -> Rocket:
     Raises ValueError or LookupError if the file holds anything else.
     """
     transform_class = rocket_class()
-    with np.load(path, allow_pickle=False) as stored:
-        arrays = dict(stored)
+    arrays = read_arrays(path)
+    check_scale(arrays)
     rockets = []
     for k, length in enumerate(lengths):
         parts = tuple(arrays.pop(f"{name}_{k}") for name in PARTS)
@@ -155,8 +160,33 @@ def read_rocket(path: Path, lengths: tuple[int, int]) -> Rocket:
         rocket = transform_class(n_kernels=KERNELS).fit(np.tile(np.arange(length, dtype=np.float32), (2, N_STATES, 1)))
         rocket.parameters = parts
         rockets.append(rocket)
-    ridge = Ridge(*(arrays.pop(part.name) for part in fields(Ridge)))
+    width = sum(len(rocket.parameters[-1]) for rocket in rockets)
+    ridge = read_ridge(arrays, width)
+    for name in ("centre", "scale"):
+        check_array(arrays, name, "f", (width,))
+    if (arrays["scale"] <= 0).any():
+        raise ValueError("scale: is not positive")
     return Rocket((rockets[0], rockets[1]), **arrays, ridge=ridge)
+
+
+def check_scale(arrays: dict[str, npt.NDArray[Any]]) -> None:
+    """Raise ValueError unless the arrays of a file hold the scale of both streams."""
+    for name in ("mean", "sd"):
+        check_array(arrays, name, "f", (2, N_STATES))
+    if (arrays["sd"] <= 0).any():
+        raise ValueError("sd: is not positive")
+
+
+def read_ridge(arrays: dict[str, npt.NDArray[Any]], width: int) -> Ridge:
+    """Take a classifier of `width` features out of the arrays of a file. Raises ValueError if it is none."""
+    classes = check_array(arrays, "classes", "iu", (None,))
+    if len(classes) < 2 or (np.diff(classes.astype(np.int64)) <= 0).any() or not set(classes.tolist()) <= set(KNOWN):
+        raise ValueError(f"classes: are {classes.tolist()}, not some of {[int(known) for known in KNOWN]} in order")
+    check_array(arrays, "weight", "f", (width, len(classes)))
+    check_array(arrays, "offset", "f", (len(classes),))
+    if not arrays["weight"].any():
+        raise ValueError("weight: is zero throughout")
+    return Ridge(*(arrays.pop(part.name) for part in fields(Ridge)))
 
 
 def check(parts: tuple[npt.NDArray[Any], ...], length: int) -> None:

@@ -2,7 +2,7 @@
 
 Random convolutions of each stream and of its differences, pooled in four ways (MultiRocket), and counts of which kernel
 of a group fits best at each time (Hydra); a ridge classifier on all of it. It needs an optional extra, `pip install
-'isac-cosim[minirocket]'`, because aeon implements both transforms. A trained one is stored as plain arrays.
+'.[minirocket]'` in a checkout, because aeon implements both transforms. A trained one is stored as plain arrays.
 Sources: Tan et al. 2022, "MultiRocket"; Dempster, Schmidt & Webb 2023, "Hydra: competing convolutional kernels".
 """
 
@@ -23,10 +23,19 @@ from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.arrays import check_array, read_arrays
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows, cut
 from isac_cosim.models.networks.network import N_STATES
-from isac_cosim.models.predictors.minirocket import KERNELS, PARTS, check, standardised, stream_scale
+from isac_cosim.models.predictors.minirocket import (
+    KERNELS,
+    PARTS,
+    check,
+    check_scale,
+    read_ridge,
+    standardised,
+    stream_scale,
+)
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload, among_known
 from isac_cosim.models.predictors.ridge import Ridge, fit_ridge
 
@@ -49,12 +58,15 @@ class MultirocketHydraSettings(Settings):
     features: int = Field(
         50_000,
         ge=2 * 2 * POOLINGS * KERNELS,
+        le=1_000_000,
         description="approximate number of MultiRocket's features per window, half of them of each stream",
     )
-    groups: int = Field(64, ge=2, multiple_of=2, description="Hydra's groups of eight kernels at each dilation")
-    ends_per_record: int = Field(1, ge=1, description="training windows per record")
+    groups: int = Field(
+        64, ge=2, le=65_536, multiple_of=2, description="Hydra's groups of eight kernels at each dilation"
+    )
+    ends_per_record: int = Field(1, ge=1, le=10_000, description="training windows per record")
     step_s: float = Field(
-        0.02, ge=0.0, description="samples of a stream are averaged over this time, s; 0 takes every sample"
+        0.02, ge=0.0, le=1e3, description="samples of a stream are averaged over this time, s; 0 takes every sample"
     )
 
 
@@ -64,7 +76,7 @@ class MultirocketHydraPredictor(Predictor):
     display_name = "MultiRocket-Hydra"
     summary = "many random convolutions of both streams and a ridge classifier (optional extra)"
     settings_class: ClassVar[type[Settings] | None] = MultirocketHydraSettings
-    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install 'isac-cosim[minirocket]'"}
+    optional_packages: ClassVar[Mapping[str, str]] = {"aeon": "pip install '.[minirocket]' in a checkout"}
 
     def __init__(self, rocket: RocketWithHydra, averaging: Averaging) -> None:
         self.rocket = rocket
@@ -239,11 +251,22 @@ def read_rocket(path: Path, lengths: tuple[int, int]) -> RocketWithHydra:
     lengths: samples per window of the TV's and of the UV's stream.
     Raises ValueError or LookupError if the file holds anything else.
     """
-    with np.load(path, allow_pickle=False) as stored:
-        arrays = dict(stored)
+    arrays = read_arrays(path)
+    check_scale(arrays)
+    for name in (part.name for part in fields(Scaling)):
+        check_array(arrays, name, "f", (None,))
+        if name.endswith("scale") and (arrays[name] <= 0).any():
+            raise ValueError(f"{name}: is not positive")
     tv, uv = (_read_transforms(arrays, k, length) for k, length in enumerate(lengths))
     scaling = Scaling(*(arrays.pop(part.name) for part in fields(Scaling)))
-    ridge = Ridge(*(arrays.pop(part.name) for part in fields(Ridge)))
+    sizes = {part.name: len(getattr(scaling, part.name)) for part in fields(Scaling)}
+    if (sizes["rocket_centre"], sizes["hydra_centre"]) != (sizes["rocket_scale"], sizes["hydra_scale"]):
+        raise ValueError("rocket_scale or hydra_scale: has another length than its centre")
+    ridge = read_ridge(arrays, sizes["rocket_centre"] + sizes["hydra_centre"])
+    still = tuple(np.zeros((1, N_STATES, length), np.float32) for length in lengths)
+    widths = tuple(features.shape[1] for features in transformed((tv, uv), (still[0], still[1])))
+    if widths != (sizes["rocket_centre"], sizes["hydra_centre"]):
+        raise ValueError("rocket_centre or hydra_centre: is not of the features of the transforms")
     return RocketWithHydra((tv, uv), **arrays, scaling=scaling, ridge=ridge)
 
 

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 import torch
-from torch import nn
 
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.networks.checkpoints import write_tensors
+from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
 from isac_cosim.models.networks.network import WindowNetwork, seed_weights
 from isac_cosim.models.predictors.protocol import (
     STATISTICS_S,
@@ -71,9 +70,7 @@ class NetworkPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        network = cls.build(settings, shape)
-        state: dict[str, torch.Tensor] = torch.load(folder / WEIGHTS_FILE, map_location="cpu", weights_only=True)
-        nn.Module.load_state_dict(network, state)
+        network = read_weights(folder / WEIGHTS_FILE, lambda: cls.build(settings, shape))
         return cls(network.eval().to(answering_device(settings.optimiser.accelerator)))
 
     def __call__(self, windows: Windows) -> Outputs:

@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from isac_cosim.base.arrays import Array, IntArray
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
 from isac_cosim.labeling.intentions import KNOWN
@@ -41,6 +41,16 @@ class Outputs:
         """Softmax of the logits, (n, G)."""
         e = np.exp(self.logits - self.logits.max(axis=1, keepdims=True))
         return np.asarray(e / e.sum(axis=1, keepdims=True))
+
+    def finite(self, source: object) -> Self:
+        """Return these outputs. Raises RunError where one is NaN or infinite; source: the run, for its message."""
+        odd = np.asarray(~(np.isfinite(self.logits).all(axis=1) & np.isfinite(self.features).all(axis=1)))
+        if odd.any():
+            raise RunError(
+                f"{source}: answers {int(np.sum(odd))} of {len(self.logits)} windows with values that are not finite; "
+                "its training diverged: train it anew with a lower learning rate"
+            )
+        return self
 
 
 @dataclass(frozen=True)
@@ -173,7 +183,7 @@ class Predictor(ABC):
         """Return the predictor that `save` wrote into a folder.
 
         Loading never executes code from the files. If they are damaged, it raises one of
-        `models.networks.checkpoints.READ_ERRORS`, which the caller reports in one line.
+        `base.stored.errors.READ_ERRORS`, which the caller reports in one line.
         """
 
     @abstractmethod

@@ -14,6 +14,7 @@ from isac_cosim.base.arrays import Float32Array
 from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
 from isac_cosim.models.data.windows import batches, draw_ends
 from isac_cosim.models.predictors.protocol import FitTask, Predictor
+from isac_cosim.models.trees.boosting import boosted_trees
 
 BATCH = 64
 
@@ -39,9 +40,6 @@ def fit_trees(
     maneuvers: Float32Array, pre_onset: Float32Array, settings: PreOnsetSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Fit trees to features of maneuver windows (n, F), class 1, and of pre-onset windows (m, F), class 0."""
-    trees = HistGradientBoostingClassifier(
-        max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-        l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
-    )  # fmt: skip
+    trees = boosted_trees(settings, seed, balanced=True)
     label = np.repeat([1, 0], [len(maneuvers), len(pre_onset)])
     return trees.fit(np.concatenate([maneuvers, pre_onset]), label)

@@ -20,7 +20,7 @@ from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import replace_file
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.lane_motion import LaneMotion, places, slopes, smoothed
@@ -43,23 +43,28 @@ FITTED = ("line_crossing_s", "brake_mps2", "accel_mps2", "swerve_mps2", "level_s
 class RuleSettings(Settings):
     """Thresholds of the rule; those of the accelerations are the ones that define the labels."""
 
-    smooth_s: float = Field(0.5, gt=0, description="span of the straight-line fits that smooth velocities, s")
+    smooth_s: float = Field(0.5, gt=0, le=1e3, description="span of the straight-line fits that smooth velocities, s")
     line_crossing_s: float = Field(
         1.5,
         gt=0,
+        le=1e3,
         description="time to line crossing that means a lane change, s; the earliest lane departure warning of "
         "ISO 17361",
     )
     brake_mps2: float = Field(
-        4.0, gt=0, description="deceleration of a hard brake, m/s2; in UN R157, above 5 is emergency"
+        4.0, gt=0, le=1e3, description="deceleration of a hard brake, m/s2; in UN R157, above 5 is emergency"
     )
-    accel_mps2: float = Field(2.5, gt=0, description="acceleration of a hard acceleration, m/s2")
+    accel_mps2: float = Field(2.5, gt=0, le=1e3, description="acceleration of a hard acceleration, m/s2")
     swerve_mps2: float = Field(
-        3.0, gt=0, description="lateral acceleration of a swerve, m/s2; UN R79 allows 1 in an automated lane change"
+        3.0,
+        gt=0,
+        le=1e3,
+        description="lateral acceleration of a swerve, m/s2; UN R79 allows 1 in an automated lane change",
     )
     level_s: float = Field(
         30.0,
         gt=0,
+        le=1e3,
         description="a change to the faster side is an overtake if the TV is level with the UV within this time, s; "
         "the labels allow an overtake as long",
     )
@@ -91,7 +96,10 @@ class RulePredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(RuleSettings.model_validate_json((folder / RULE_FILE).read_bytes()))
+        stored = read_json(RuleSettings, folder / RULE_FILE)
+        if stored is None:
+            raise FileNotFoundError(f"{RULE_FILE}: is missing")
+        return cls(stored)
 
     def __call__(self, windows: Windows) -> Outputs:
         answer = logits(drive(windows, self.settings.smooth_s), self.settings)

@@ -12,8 +12,9 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.statistics import N_STATISTICS, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.predictors.protocol import (
     STATISTICS_S,
@@ -24,6 +25,7 @@ from isac_cosim.models.predictors.protocol import (
     Workload,
     among_known,
 )
+from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 TREES_FILE = "trees.skops"
@@ -33,14 +35,10 @@ ROUND_S = 0.025
 """Processor time of a boosting round, s."""
 
 
-class TreesSettings(Settings):
-    """Settings of the trees, which are scikit-learn's histogram-based ones."""
+class TreesSettings(BoostingSettings):
+    """Settings of the trees."""
 
-    rounds: int = Field(200, ge=1, description="boosting rounds")
-    learning_rate: float = Field(0.1, gt=0, description="shrinkage of each boosting round")
-    leaves: int = Field(15, ge=2, description="leaves per tree")
-    l2: float = Field(1.0, ge=0, description="L2 regularisation of leaf values")
-    ends_per_record: int = Field(4, ge=1, description="training windows per record")
+    ends_per_record: int = Field(4, ge=1, le=10_000, description="training windows per record")
 
 
 class TreesPredictor(Predictor):
@@ -65,7 +63,7 @@ class TreesPredictor(Predictor):
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        return cls(read_trees(folder / TREES_FILE))
+        return cls(read_trees(folder / TREES_FILE, N_STATISTICS, KNOWN))
 
     def __call__(self, windows: Windows) -> Outputs:
         features = statistics(windows)
@@ -91,8 +89,4 @@ def fit_trees(
     features: Float32Array, label: IntArray, settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Fit trees to features (n, F) with labels (n,), classes weighted by inverse frequency."""
-    trees = HistGradientBoostingClassifier(
-        max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-        l2_regularization=settings.l2, class_weight="balanced", early_stopping=False, random_state=seed,
-    )  # fmt: skip
-    return trees.fit(features, label)
+    return boosted_trees(settings, seed, balanced=True).fit(features, label)

@@ -12,59 +12,109 @@ Loading a run executes nothing that its files contain.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import write_json
-from isac_cosim.base.settings import Settings, read_json
-from isac_cosim.models.networks.checkpoints import READ_ERRORS
-from isac_cosim.models.predictors.protocol import Predictor, WindowShape
+from isac_cosim.base.files import DIGEST, file_digest
+from isac_cosim.base.settings import Sealed, read_json, write_sealed
+from isac_cosim.base.stored.arrays import check_array, read_arrays
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.networks.checkpoints import HISTORY_FILE
+from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.trees.stored_trees import read_trees
 
 CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", "preludes.skops"
+SIDES = ("train", "validation", "test", "unused")
+"""Sides of a split."""
+MOST_SAMPLES = 1_000_000
+"""Largest number of samples of a window."""
+LARGEST = 1e30
+"""No answer of a trained predictor is as large."""
+FASTEST_HZ = 100_000.0
+"""Highest sampling rate, Hz."""
+UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude"]
+"""Names of the scores in `models.scores.open_set`."""
+Share = Annotated[float, Field(ge=0, le=1)]
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
+Digest = Annotated[str, Field(pattern=DIGEST)]
 
 
-class RunCard(Settings):
+class RunCard(Sealed):
     """The content of `run.json`.
 
-    classes: the intentions, in the order of the logits. split: `<scenario>-<seed>` of each side. counts: training
-    records per class. tv_length, uv_length: samples per window. dataset: its digest and study. best_epoch, parameters,
-    validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in `models.scores.open_set`, the
-    one that best separated `following` from the known intentions on the validation seeds; validation_auroc has the
-    AUROC of each.
+    files: digest of each file of the predictor, and of the others in the folder that belong to the run, by name; empty
+    in runs of earlier versions, schema 1. classes: the intentions, in the order of the logits. split:
+    `<scenario>-<seed>` of each side. counts: training records per class. validation_counts: validation records per
+    class; None on cards of earlier versions. tv_length, uv_length: samples per window. dataset: its digest and study.
+    best_epoch, parameters, validation_macro_f1, lstm_precision: see `FitSummary`. unknown_score: of the scores in
+    `models.scores.open_set`, the one that best separated `following` from the known intentions on the validation seeds;
+    validation_auroc has the AUROC of each.
     unknown_threshold: windows that score below it are rejected; 95 % of the known validation windows score above it.
     temperature: logits are divided by it for calibrated probabilities; it is fitted on the validation seeds.
     """
 
-    schema_version: Literal[1] = 1
+    sealed_since: ClassVar[int] = 2
+
+    schema_version: Literal[1, 2] = 2
     complete: bool
     settings: TrainSettings
     classes: tuple[str, ...]
     split: dict[str, list[str]]
-    counts: dict[str, int]
-    tv_length: int
-    uv_length: int
-    tv_rate_hz: float
-    uv_rate_hz: float
+    counts: dict[str, Annotated[int, Field(ge=0)]]
+    validation_counts: dict[str, Annotated[int, Field(ge=0)]] | None = None
+    tv_length: int = Field(ge=1, le=MOST_SAMPLES)
+    uv_length: int = Field(ge=1, le=MOST_SAMPLES)
+    tv_rate_hz: float = Field(gt=0, le=FASTEST_HZ)
+    uv_rate_hz: float = Field(gt=0, le=FASTEST_HZ)
     dataset: dict[str, Any]
     versions: dict[str, str]
-    best_epoch: int | None = None
-    parameters: int | None = None
-    validation_macro_f1: float | None = None
+    files: dict[FileName, Digest] = Field(default_factory=dict)
+    best_epoch: int | None = Field(None, ge=0)
+    parameters: int | None = Field(None, ge=0)
+    validation_macro_f1: Share | None = None
     lstm_precision: str | None = None
-    unknown_score: str = "msp"
+    unknown_score: UnknownScore = "msp"
     unknown_threshold: float | None = None
-    temperature: float = 1.0
-    validation_auroc: dict[str, float] = Field(default_factory=dict)
+    temperature: float = Field(1.0, ge=0.04, le=25.0)
+    validation_auroc: dict[str, Share] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _is_of_one_training(self) -> Self:
+        known = tuple(intention.text for intention in KNOWN)
+        if self.classes != known:
+            raise ValueError(f"classes: are not {', '.join(known)}")
+        if unknown := self.split.keys() - set(SIDES):
+            raise ValueError(f"split: {min(unknown)} is not one of {', '.join(SIDES)}")
+        if not isinstance(self.dataset.get("digest"), str) or not isinstance(self.dataset.get("study", {}), dict):
+            raise ValueError("dataset: has no digest, or a study that is none")
+        if unknown := self.validation_auroc.keys() - set(get_args(UnknownScore)):
+            raise ValueError(f"validation_auroc: {min(unknown)} is not a score")
+        for stream in ("tv", "uv"):
+            length, rate_hz = getattr(self, f"{stream}_length"), getattr(self, f"{stream}_rate_hz")
+            if abs(self.settings.windows.window_s * rate_hz - length) > 1:
+                raise ValueError(f"{stream}_length: is not what settings.windows.window_s and {stream}_rate_hz give")
+        if self.complete and self.schema_version > 1 and not self.files:
+            raise ValueError("files: is empty")
+        return self
+
+    @property
+    def validated(self) -> list[str] | None:
+        """The classes that the validation records hold; None if the card does not say."""
+        if self.validation_counts is None:
+            return None
+        return [name for name in self.classes if self.validation_counts.get(name)]
 
     @property
     def shape(self) -> WindowShape:
@@ -91,6 +141,28 @@ class Run:
         """The display name of the predictor."""
         return self.predictor.display_name
 
+    def answer(self, windows: Windows) -> Outputs:
+        """Return what the predictor answers to n windows, logits (n, G) and features (n, F).
+
+        Raises InputError if an answer is not finite, or not of the width that the run's other files are made for.
+        """
+        # What a damaged network answers may be anything; of that, numpy need not warn.
+        with np.errstate(all="ignore"):
+            outputs = self.predictor(windows)
+        widths = {"logits": len(self.card.classes), "features": self.reference[0].shape[1]}
+        for name, width in widths.items():
+            values = getattr(outputs, name)
+            if values.shape != (len(windows), width):
+                raise InputError(
+                    f"{self.path}: {name} are of {values.shape[-1]} numbers a window, not {width}; its files belong to "
+                    "different runs: train it again"
+                )
+            if not (np.abs(values) < LARGEST).all():
+                raise InputError(
+                    f"{self.path}: {name} are not finite, or beyond {LARGEST:g}: its files are damaged; train it again"
+                )
+        return outputs
+
 
 def load_run(path: str | Path) -> Run:
     """Load a finished run from its folder. Raises InputError if it is not a run, not finished or damaged."""
@@ -104,18 +176,59 @@ def load_run(path: str | Path) -> Run:
 
 
 def open_run(folder: Path, card: RunCard) -> Run:
-    """Open the run in a folder whose card is known. Raises InputError if it is damaged."""
+    """Open the run in a folder whose card is known. Raises InputError if it is damaged or not the one that was made."""
     kind = PREDICTORS[card.settings.model]
     kind.check_requirements()
     try:
+        for name, digest in card.files.items():
+            if file_digest(folder / name) != digest:
+                raise ValueError(f"{name}: its bytes differ from the digest in {CARD_FILE}")
         predictor = kind.load(folder, card.settings, card.shape)
-        with np.load(folder / REFERENCE_FILE, allow_pickle=False) as stored:
-            reference = (stored["features"], stored["label"])
-        reject_option = read_trees(folder / REJECT_OPTION_FILE) if (folder / REJECT_OPTION_FILE).exists() else None
+        reference = read_reference(folder / REFERENCE_FILE)
+        reject_option = None
+        if (folder / REJECT_OPTION_FILE).exists():
+            reject_option = read_trees(folder / REJECT_OPTION_FILE, reference[0].shape[1], (0, 1))
+        if card.unknown_score == "prelude" and reject_option is None:
+            raise ValueError(f"{REJECT_OPTION_FILE}: is missing, on which unknown_score rests")
     except READ_ERRORS as error:
-        reason = str(error).partition("\n")[0]
-        raise InputError(f"{folder}: the run is damaged ({reason}); train it again") from None
+        raise InputError(f"{folder}: the run is damaged ({reason_of(error)}); train it again") from None
     return Run(folder, card, predictor, reference, reject_option)
+
+
+def read_reference(path: Path) -> tuple[Float32Array, IntArray]:
+    """Return the features (n, F) and labels (n,) of training windows in a file.
+
+    Raises one of READ_ERRORS, which names the array, if it is damaged.
+    """
+    arrays = read_arrays(path)
+    try:
+        label = check_array(arrays, "label", "iu", (None,))
+        features = check_array(arrays, "features", "f", (len(label), None))
+        if not len(label) or not features.shape[1]:
+            raise ValueError("features: are none")
+        if not set(np.unique(label).tolist()) <= set(KNOWN):
+            raise ValueError("label: is not a known intention in every row")
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from None
+    return features, label
+
+
+def files_written(folder: Path, write: Callable[[], object]) -> list[str]:
+    """Return the names of the files in a folder that a call has written, each completely or not at all."""
+
+    def marks() -> dict[str, tuple[int, int]]:
+        states = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
+        return {name: (state.st_ino, state.st_mtime_ns) for name, state in states.items()}
+
+    before = marks()
+    write()
+    return sorted(name for name, mark in marks().items() if before.get(name) != mark)
+
+
+def digests_of(folder: Path, names: Sequence[str]) -> dict[str, str]:
+    """Return the digests of a run's files by name: of those named, and of the ones that a run may have beside them."""
+    present = [name for name in (REFERENCE_FILE, REJECT_OPTION_FILE, HISTORY_FILE) if (folder / name).is_file()]
+    return {name: file_digest(folder / name) for name in sorted({*names, *present})}
 
 
 def read_card(folder: Path) -> RunCard | None:
@@ -125,4 +238,4 @@ def read_card(folder: Path) -> RunCard | None:
 
 def write_card(folder: Path, card: RunCard) -> None:
     """Write a folder's `run.json`. Raises OutputError."""
-    write_json(folder / CARD_FILE, card.model_dump(mode="json"))
+    write_sealed(folder / CARD_FILE, card)

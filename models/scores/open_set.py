@@ -15,6 +15,7 @@ other work with these, first of all with `msp`.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import get_args
 
 import numpy as np
 from scipy.special import logsumexp
@@ -25,18 +26,18 @@ from sklearn.neighbors import NearestNeighbors
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.models.predictors.protocol import Outputs
-from isac_cosim.models.runs.run import Run
+from isac_cosim.models.runs.run import Run, UnknownScore
 
 Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
 """The `knn` score is the distance to the neighbour of this rank."""
-WITHOUT_DRIVING = ("msp", "max_logit", "energy", "entropy", "knn", "mahalanobis")
-"""Names of the scores that are computed from windows of maneuvers alone."""
 PRE_ONSET_DETECTOR = "prelude"
 """Name of the reject option's score: trees that were trained on pre-onset windows of the training records."""
-SCORES = (*WITHOUT_DRIVING, PRE_ONSET_DETECTOR)
+SCORES: tuple[str, ...] = get_args(UnknownScore)
 """Names of all scores."""
+WITHOUT_DRIVING = tuple(name for name in SCORES if name != PRE_ONSET_DETECTOR)
+"""Names of the scores that are computed from windows of maneuvers alone."""
 PLAIN = "msp"
 """The score of the papers, always reported, and used if there is nothing to choose on."""
 

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from threadpoolctl import threadpool_limits
 
 from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, replace_file
 from isac_cosim.base.versions import OF_RUNS, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.models.data.sides import dependence_of_test, on_side, warning
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
 from isac_cosim.models.predictors.registry import PREDICTORS
@@ -28,6 +26,8 @@ from isac_cosim.models.runs.run import (
     REJECT_OPTION_FILE,
     Run,
     RunCard,
+    digests_of,
+    files_written,
     load_run,
     open_run,
     read_card,
@@ -54,7 +54,11 @@ def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: 
     Raises InputError if the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
-    return train_records(Records.of(dataset), made_of, out, settings, feedback)
+    records = Records.of(dataset)
+    sides = split(records, settings.split)
+    if line := warning(dependence_of_test(dataset, records, sides, settings.split)):
+        feedback.message(line)
+    return train_records(records, made_of, out, settings, feedback, sides)
 
 
 def train_records(
@@ -75,23 +79,27 @@ def train_records(
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     with claim(folder, CARD_FILE, "run"):
         if not _begin(folder, card):
-            with _threads(settings.optimiser.threads):
+            with limited(settings.optimiser.threads):
                 _fill(records, folder, card, feedback)
     return load_run(folder)
 
 
 def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback) -> None:
     """Train the predictor of a claimed folder, and write everything that belongs to the run."""
-    known = records.take(_is_taught(records, card.settings))
-    training, validation = (known.take(np.isin(known.groups, card.split[side])) for side in ("train", "validation"))
+    taught = _is_taught(records, card.settings)
+    training, validation = (
+        records.take(taught & on_side(records, card.split, side, card.settings.split))
+        for side in ("train", "validation")
+    )
     task = FitTask(training, validation, card.settings, card.shape, folder)
     predictor = PREDICTORS[card.settings.model].fit(task, feedback)
-    predictor.save(folder)
+    names = files_written(folder, lambda: predictor.save(folder))
     _write_reference(predictor, task)
     reject_option = fit_reject_option(predictor, task)
     if reject_option is not None:
         write_trees(folder / REJECT_OPTION_FILE, reject_option)
-    card = card.model_copy(update={"complete": True, **asdict(predictor.fit_summary)})
+    files = digests_of(folder, names)
+    card = card.model_copy(update={"complete": True, "files": files, **asdict(predictor.fit_summary)})
     write_card(folder, card.model_copy(update=_choose_on_validation(records, folder, card)))
 
 
@@ -107,10 +115,10 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
     """
     run = open_run(folder, card)
     offered = _is_taught(records, card.settings) | (records.label == Intention.FOLLOWING)
-    validation = records.take(offered & np.isin(records.groups, card.split["validation"]))
+    validation = records.take(offered & on_side(records, card.split, "validation", card.settings.split))
     windows = card.settings.windows
     ends = draw_ends(validation, windows, "validation", card.settings.seed, per_record=card.settings.validation_ends)
-    parts = [run.predictor(batch) for batch in batches(validation, ends, windows, BATCH)]
+    parts = [run.answer(batch) for batch in batches(validation, ends, windows, BATCH)]
     outputs = Outputs(np.concatenate([p.logits for p in parts]), np.concatenate([p.features for p in parts]))
     known = np.isin(validation.label[ends.row], KNOWN)
     values = {name: score(outputs) for name, score in open_set.of_run(run).items()}
@@ -130,13 +138,18 @@ def _choose_on_validation(records: Records, folder: Path, card: RunCard) -> dict
 def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, sides: dict[str, list[str]]) -> RunCard:
     """Return the card of a training that is about to begin. Raises InputError if there is too little to train on."""
     n_tv, n_uv = lengths(records, settings.windows)
-    side = np.isin(records.groups, sides["train"])
+    side = on_side(records, sides, "train", settings.split)
     label = records.label[side & (_is_taught(records, settings) | (records.label == Intention.FOLLOWING))]
+    validated = records.label[np.isin(records.groups, sides["validation"]) & _is_taught(records, settings)]
     if len(np.intersect1d(label, KNOWN)) < 2:
-        raise InputError("the dataset's training seeds hold fewer than two known intentions: generate more seeds")
+        shared = " of vehicles that no other side has" if settings.split.by == "vehicle" else ""
+        raise InputError(
+            f"the dataset's training seeds hold fewer than two known intentions{shared}: generate more seeds"
+        )
     return RunCard(
         complete=False, settings=settings, classes=tuple(i.text for i in KNOWN), split=sides,
-        counts={i.text: int((label == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
+        counts={i.text: int((label == i).sum()) for i in KNOWN},
+        validation_counts={i.text: int((validated == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
         tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(OF_RUNS),
     )  # fmt: skip
 
@@ -162,23 +175,9 @@ def _begin(folder: Path, card: RunCard) -> bool:
 def _write_reference(predictor: Predictor, task: FitTask) -> None:
     """Write the features and the label of a window of each training record, of at most REFERENCE_WINDOWS."""
     ends = draw_ends(task.training, task.settings.windows, "reference", task.settings.seed)[:REFERENCE_WINDOWS]
-    features = np.concatenate([predictor(batch).features for batch in task.batches(ends, BATCH)])
+    features = np.concatenate([predictor(batch).finite(task.folder).features for batch in task.batches(ends, BATCH)])
     label = task.training.label[ends.row]
     replace_file(
         task.folder / REFERENCE_FILE,
         lambda path: np.savez_compressed(path, features=features.astype(np.float32), label=label),
     )
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Limit the threads of numerical libraries inside the `with` block."""
-    before = torch.get_num_threads()
-    try:
-        with threadpool_limits(count):
-            torch.set_num_threads(count)
-            yield
-    finally:
-        # Last, because a library that gets its own number of threads back may set that of torch, too: they can share
-        # one OpenMP runtime.
-        torch.set_num_threads(before)

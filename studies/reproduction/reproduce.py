@@ -14,7 +14,7 @@ from isac_cosim.base.registry import nearest
 from isac_cosim.base.settings import Settings, merged
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.kept_workers import kept_running
-from isac_cosim.evaluation.report.page import Part
+from isac_cosim.evaluation.report.parts import Part
 from isac_cosim.models.training.progress import spoken_time
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts

@@ -11,7 +11,7 @@ import numpy as np
 from isac_cosim.isacsim.scenarios.demand import flow
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.scenarios.site_placement import sites_file
-from isac_cosim.isacsim.scenarios.sumo_files import write_lines
+from isac_cosim.isacsim.scenarios.xml_files import write_lines
 from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, PlainRoad, write_scenario
 
 START_M, END_M = -800.0, 2000.0

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from isac_cosim.base import files
 from isac_cosim.base.errors import InputError, OutputError
-from isac_cosim.base.files import LOCK_FILE, claim, remove_partial, replace_file, write_json
+from isac_cosim.base.files import (
+    LOCK_FILE,
+    claim,
+    file_digest,
+    json_text,
+    remove_partial,
+    replace_file,
+    write_json,
+)
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -25,6 +38,21 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
     replace_file(path, lambda partial: partial.write_text("after"))
     assert path.read_text() == "after"
+
+
+@given(
+    st.recursive(
+        st.floats() | st.integers() | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
+    )
+)
+def test_a_json_file_has_only_what_json_knows(content: object) -> None:
+    """NaN and infinity become null; every other value comes back."""
+
+    def refuse(name: str) -> None:
+        raise AssertionError(name)
+
+    text = json_text(content)
+    assert json_text(json.loads(text, parse_constant=refuse)) == text
 
 
 def test_what_killed_commands_left_is_removed(tmp_path: Path) -> None:
@@ -67,3 +95,21 @@ def test_a_file_is_refused_as_a_folder(tmp_path: Path) -> None:
         raise AssertionError("claimed")
     with pytest.raises(InputError, match="cannot be written"), claim(tmp_path / "file" / "run", "x", "run"):
         raise AssertionError("claimed")
+
+
+def test_a_digest_is_that_of_the_bytes_however_often_the_file_changes(tmp_path: Path) -> None:
+    """Also right after a change, which the file's times may not show."""
+    path = tmp_path / "file"
+    for number in range(50):
+        content = bytes([number]) * 1000
+        path.write_bytes(content)
+        assert file_digest(path) == hashlib.sha256(content).hexdigest()
+
+
+def test_a_file_that_has_settled_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"content")
+    monkeypatch.setattr(files, "SETTLED_S", -1.0)
+    digest = file_digest(path)
+    monkeypatch.setattr(files, "_digest_of", None)
+    assert file_digest(path) == digest

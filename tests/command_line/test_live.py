@@ -20,12 +20,15 @@ from isac_cosim.evaluation.closed_loop.scoring import differences
 from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.measurement import evaluation
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
+from isac_cosim.evaluation.report import terminal
+from isac_cosim.evaluation.report.live_parts import Advisories
+from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 from tests.support.scripted import InlineEngine, ScriptedSource
 
-NOTHING = LiveArguments(None, None, None, None)
+NOTHING = LiveArguments()
 
 
 def test_a_run_is_evaluated_on_a_dataset_or_in_traffic() -> None:
@@ -34,7 +37,7 @@ def test_a_run_is_evaluated_on_a_dataset_or_in_traffic() -> None:
     with pytest.raises(InputError, match="give one of them"):
         source_of(None, None, NOTHING)
     with pytest.raises(InputError, match="--duration applies to an evaluation in traffic"):
-        source_of(Path("data"), None, LiveArguments(None, None, 30.0, None))
+        source_of(Path("data"), None, LiveArguments(duration=30.0))
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +51,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Traffic from formulas, of which one seed has none, in this process."""
     source = ScriptedSource(tmp_path, empty=(2002, 2003, 2004, 1002))
     monkeypatch.setattr(evaluation, "motion_source", lambda study: source)
-    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda jobs: InlineEngine())
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
 
 
 @pytest.mark.usefixtures("scripted")
@@ -63,16 +66,16 @@ def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: 
     assert "vehicle-hours" in captured.err
     assert "rule of the road" in captured.err
     names = {path.name for path in out.iterdir()}
-    assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png"} <= names
+    assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png", "index.html"} <= names
 
 
 def test_ranges_are_checked_before_anything_runs(run: Run, tmp_path: Path) -> None:
     console = Console(file=io.StringIO())
     for arguments, message in (
-        (LiveArguments("5", None, None, None), "--seeds 5: is not a range"),
-        (LiveArguments(None, "9:1", None, None), "--development 9:1: is not a range"),
-        (LiveArguments("1:9", "5:6", None, None), "overlap"),
-        (LiveArguments(None, None, None, 2, cluster="tcp://127.0.0.1:9"), "--jobs is for local .* give one of them"),
+        (LiveArguments(seeds="5"), "--seeds 5: is not a range"),
+        (LiveArguments(development="9:1"), "--development 9:1: is not a range"),
+        (LiveArguments(seeds="1:9", development="5:6"), "overlap"),
+        (LiveArguments(jobs=2, cluster="tcp://127.0.0.1:9"), "--jobs is for local .* give one of them"),
     ):
         with pytest.raises(InputError, match=message):
             evaluate_and_show(run.path, "motorway", arguments, tmp_path / "new", (), console)
@@ -89,7 +92,12 @@ def test_the_study_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch
     monkeypatch.setattr(evaluation, "evaluate_traffic", stop)
     with pytest.raises(InputError, match="stop"):
         live.evaluate_and_show(
-            run.path, "motorway", LiveArguments("3:4", "5:6", 20.0, 1, truth=True), None, (), Console()
+            run.path,
+            "motorway",
+            LiveArguments(seeds="3:4", development="5:6", duration=20.0, jobs=1, truth=True),
+            None,
+            (),
+            Console(),
         )
     (study,) = studies
     assert study.seeds == [5, 6, 3, 4]
@@ -99,13 +107,13 @@ def test_the_study_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch
 
 def test_options_of_the_closed_loop_need_one() -> None:
     with pytest.raises(InputError, match="--conditioning applies to a closed loop: give --advisories"):
-        source_of(None, "motorway", LiveArguments(None, None, None, None, conditioning="causal"))
+        source_of(None, "motorway", LiveArguments(conditioning="causal"))
     with pytest.raises(InputError, match="--advisories applies to an evaluation in traffic"):
-        source_of(Path("data"), None, LiveArguments(None, None, None, None, advisories=True))
+        source_of(Path("data"), None, LiveArguments(advisories=True))
     with pytest.raises(InputError, match="--false-alarms applies to an evaluation in traffic"):
-        source_of(Path("data"), None, LiveArguments(None, None, None, None, false_alarms=3.0))
+        source_of(Path("data"), None, LiveArguments(false_alarms=3.0))
     with pytest.raises(InputError, match="conditioning"):
-        live.closed_loop_settings(LiveArguments(None, None, None, None, advisories=True, conditioning="later"))
+        live.closed_loop_settings(LiveArguments(advisories=True, conditioning="later"))
 
 
 def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,7 +127,14 @@ def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monke
 
     monkeypatch.setattr(closed_loop_evaluation, "evaluate_advisories", stop)
     arguments = LiveArguments(
-        "3:4", "5:6", 20.0, 1, natural=True, advisories=True, conditioning="causal", false_alarms=9.0
+        seeds="3:4",
+        development="5:6",
+        duration=20.0,
+        jobs=1,
+        natural=True,
+        advisories=True,
+        conditioning="causal",
+        false_alarms=9.0,
     )
     with pytest.raises(InputError, match="stop"):
         live.evaluate_and_show(run.path, "motorway", arguments, None, (), Console())
@@ -150,11 +165,12 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
     )
     result = ClosedLoopResult.model_construct(arms={"none": arm(none, 0), "isac": arm(advised, 5)}, closed_loop=facts)
     console = Console(file=io.StringIO(), width=140)
-    console.print(live.arm_table(result))
+    parts = Advisories().parts(Shown(result, Path()))
+    terminal.show(parts, console)
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "3.00 vehicle-hours after alarms, 3 seeds" in shown
     assert "-25 %" in shown
-    lines = live.arm_verdict(result)
+    lines = parts[-1].lines
     assert lines[0].startswith("latency: sensing 0.6 s, network 0.1 s, driver 0.6 to 1.6 s")
     assert lines[1] == (
         "ISAC against none: time below 1.5 s of TTC -25.0 % (-25 to -25 %), -5.00 (-5.00 to -5.00) s per vehicle-hour"

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import cosim
-from isac_cosim.command_line.reproduction import reproduce_and_show, table
+from isac_cosim.command_line.reproduction import reproduce_and_show
 from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.studies.reproduction import reproduce as reproduction
 from isac_cosim.studies.reproduction.experiments.stages import Claim
@@ -64,4 +64,4 @@ def test_the_verdicts_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert "these figures say nothing about the paper" in printed
     assert "not run: fig5" in printed
     assert shown["claims"][0]["verdict"] == "holds"
-    assert table(result).row_count == 1
+    assert printed.count(CLAIM.claim) == 1

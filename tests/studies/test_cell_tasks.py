@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from isac_cosim.base.errors import OutputError
+from isac_cosim.base.errors import InputError, OutputError, ShortageError
 from isac_cosim.base.settings import checked
-from isac_cosim.base.workers.engine import Engine, Item, LocalEngine, Outcome, Result
+from isac_cosim.base.workers.attempts import Item, Outcome, Result
+from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.studies import cell_tasks, sweep
-from isac_cosim.studies.cell_tasks import Problem, attempt, run_tasks
+from isac_cosim.studies.cell_tasks import attempt, run_tasks
 from isac_cosim.studies.study import Study
 from isac_cosim.studies.sweep_results import SweepResult
 from tests.support.made_up import SMALL_RUN
@@ -92,13 +93,28 @@ class Task:
 
 
 def test_what_goes_wrong_in_a_worker_comes_back_in_one_line() -> None:
-    assert attempt(Task(None)) is None
-    assert attempt(Task(ValueError("no\nnumber"))) == Problem("ValueError: no number")
-    assert attempt(Task(OSError(2, "No such file"))).error is None
-    for error in (OutputError("full"), OSError(28, "No space left on device")):
-        problem = pickle.loads(pickle.dumps(attempt(Task(error))))
-        assert type(problem.error) is type(error)
-        assert str(problem.error) == str(error)
+    attempt(Task(None))
+    for error, line in (
+        (ValueError("no\nnumber"), "ValueError: no number"),
+        (InputError("too few seeds"), "too few seeds"),
+        (FileNotFoundError(2, "No such file"), "FileNotFoundError: [Errno 2] No such file"),
+    ):
+        outcome = next(InlineEngine().run(attempt, [Task(error)]))
+        assert outcome.error == line
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (OutputError("full"), OutputError),
+        (OSError(28, "No space left on device"), OutputError),
+        (MemoryError(), ShortageError),
+        (OSError(24, "Too many open files"), ShortageError),
+    ],
+)
+def test_what_no_other_cell_would_survive_ends_the_sweep(error: Exception, kind: type[Exception]) -> None:
+    with pytest.raises(kind):
+        next(InlineEngine().run(attempt, [Task(error)]))
 
 
 class Dying(InlineEngine):
@@ -106,7 +122,7 @@ class Dying(InlineEngine):
 
     def run(self, task: Any, items: Iterable[Any], threads: int = 1) -> Generator[Outcome[Any, Any]]:
         for k, item in enumerate(items):
-            yield Outcome(item, error="the worker process died") if k % 2 else Outcome(item, result=task(item))
+            yield Outcome(item, error="the worker process died") if k % 2 else next(super().run(task, [item]))
 
 
 def test_a_worker_that_died_is_reported_and_the_others_go_on() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.models.data.clips import Clip
 from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.studies.clip_validation import ClipSettings, cross_validate, folds, predict_fold, standardised
@@ -79,3 +79,11 @@ def test_a_fold_is_the_same_each_time() -> None:
 def test_too_few_clips_are_refused() -> None:
     with pytest.raises(InputError, match="too few for 5 folds"):
         cross_validate(clips(15), SMALL)
+
+
+def test_a_training_on_clips_that_diverges_ends_in_one_line() -> None:
+    wild = SMALL.model_copy(update={"learning_rate": 1e30})
+    with pytest.raises(
+        RunError, match=r"clips: a loss in epoch \d of fold 1 is (nan|inf), .* lower learning_rate, now 1e\+30"
+    ):
+        predict_fold(clips(20)[:15], clips(20)[15:], wild, 0)

@@ -13,8 +13,7 @@ from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.evaluation.on_windows.passing import PullOuts
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
-from isac_cosim.evaluation.report.report import write_report
-from isac_cosim.evaluation.report.score_table import table
+from isac_cosim.evaluation.report.report import show, write_report
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.models.training.training import train
@@ -58,7 +57,7 @@ def test_pull_outs_are_asked_whether_they_pass(tmp_path: Path) -> None:
         assert part.groups == len(seeds)
     page = write_report(evaluation, passing, tmp_path / "report").read_text()
     console = Console(file=io.StringIO(), width=200)
-    console.print(table(result))
+    show(result, tmp_path / "report", console)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     first = result.passing[0]
     assert first.trained is not None

@@ -49,7 +49,7 @@ def test_the_bundled_sweep_is_as_documented() -> None:
 WRONG: dict[str, dict[str, Any]] = {
     "sweep.seeds: unknown key": {"seeds": [1]},
     "sweep.snr.1: snr loud: is not a range, a value or link": {"snr": ["0:10", "loud"]},
-    "sweep.snr.0: snr_range_db 0:900 is no range": {"snr": ["0:900"]},
+    "sweep.snr.0: snr_range_db.1: must be at most 80, not 900": {"snr": ["0:900"]},
     "sweep.sensors.0: ": {"sensors": ["sonar"]},
     "sweep.sensors: ": {"sensors": []},
     "sweep.models.0: ": {"models": ["oracle"]},

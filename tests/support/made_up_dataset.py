@@ -14,6 +14,7 @@ from isac_cosim.labeling.dataset.dataset import (
     Sample,
     ScenarioMeta,
     SiteMeta,
+    road_digests,
     write_meta,
     write_roads,
     write_shard,
@@ -62,6 +63,6 @@ def write_dataset(
         complete=True, fingerprint="f", tv_rate_hz=400, uv_rate_hz=100, duration_s=5.0, study=STUDY,
         versions={}, scenarios=(described,), shards=tuple(shards),
     )  # fmt: skip
-    write_meta(folder, meta)
     write_roads(folder, scenario, [Lane("e_0", "e", 0, 3.2, 900.0, np.array([[0.0, 0.0], [900.0, 0.0]]), ())])
+    write_meta(folder, meta.model_copy(update={"roads": road_digests(folder, [scenario])}))
     return Dataset.open(folder)

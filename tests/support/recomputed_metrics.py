@@ -98,6 +98,7 @@ def summary(rows: pd.DataFrame, classes: list[str]) -> dict[str, Any]:
         "n": len(rows),
         "accuracy": accuracy_score(rows["intention"], rows["predicted"]),
         "macro_f1": macro_f1(rows, classes),
+        "macro_f1_over": [name for name in classes if name in set(rows["intention"])],
         "per_class_f1": dict(zip(classes, f1_of(rows, classes), strict=True)),
         "confusion": confusion(rows, classes),
     }
@@ -174,8 +175,10 @@ def five_classes(known: pd.DataFrame, early: pd.DataFrame, classes: list[str]) -
 
     scores = summary(merged(known), names)
     del scores["confusion"]
+    before = classified(merged(early), names)
     return {
-        "classes": names, **scores, "before_commit_macro_f1": classified(merged(early), names)["macro_f1"],
+        "classes": names, **scores, "before_commit_macro_f1": before["macro_f1"],
+        "before_commit_macro_f1_over": before["macro_f1_over"],
     }  # fmt: skip
 
 
@@ -241,6 +244,7 @@ def binned(rows: pd.DataFrame, classes: list[str]) -> dict[str, Any]:
         "n": len(rows),
         "accuracy": accuracy_score(rows["intention"], rows["predicted"]),
         "macro_f1": macro_f1(rows, enough) if enough else None,
+        "macro_f1_over": enough,
     }
 
 
@@ -320,6 +324,7 @@ def difference_of(sides: list[list[pd.DataFrame]], classes: list[str], least: in
     return {
         "groups": len(groups),
         "macro_f1": with_interval("macro", groups),
+        "macro_f1_over": enough,
         "per_class_f1": {name: with_interval(name, informed_of(name)) for name in classes},
     }
 

@@ -17,10 +17,12 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import digests_of
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
-from isac_cosim.base.workers.engine import Item, Outcome, Result, describe
+from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
@@ -42,7 +44,7 @@ class ScriptedSource(MotionSource):
     fault. deadly: seeds that end the worker process. frail: folder in which each seed notes that it ended its worker,
     which it does once.
     held: seeds whose simulation waits until the test opens the gate. gate: the folder for that, see `begun` and `open`.
-    pause_s: additional duration of each episode, s. warnings: number of SUMO's warnings in each episode.
+    pause_s: additional duration of each episode, s. warnings: how often SUMO warns of the same in each episode.
     """
 
     folder: Path
@@ -82,7 +84,7 @@ class ScriptedSource(MotionSource):
             LANES,
             {track.vehicle: track for track in tracks},
             incidents=Incidents(("c",), ()),
-            warnings=self.warnings,
+            facts=_facts(tracks, self.warnings),
         )
 
     def expected_cpu_s(self) -> float:
@@ -106,6 +108,21 @@ class ScriptedSource(MotionSource):
             return False
         (self.frail / str(seed)).touch()
         return True
+
+
+def _facts(tracks: list[Track], warnings: int) -> TrafficFacts:
+    """What became of the demand: the vehicles of the tracks, and one that collided."""
+    text = (
+        SumoWarning(kind="Vehicle '...' is slow.", count=warnings, example="Vehicle 'c' is slow.") if warnings else None
+    )
+    return TrafficFacts(
+        from_s=0.0,
+        to_s=DURATION_S,
+        vehicles=len(tracks) + 1,
+        by_class={"passenger": len(tracks) + 1},
+        recorded=len(tracks),
+        warnings=() if text is None else (text,),
+    )
 
 
 def _pair(seed: int, number: int) -> list[Track]:
@@ -136,10 +153,10 @@ class InlineEngine:
         self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
     ) -> Generator[Outcome[Item, Result]]:
         for item in items:
-            try:
-                yield Outcome(item, result=task(item))
-            except RuntimeError as error:
-                yield Outcome(item, error=describe(error))
+            attempt = try_task(task, item)
+            if attempt.stop is not None:
+                raise attempt.stop
+            yield Outcome(item, attempt.result, attempt.error, attempt.seconds)
 
 
 def small_study(**content: object) -> DatasetStudy:

@@ -1,8 +1,15 @@
 """A straight road with masts on alternating sides, and motions on it: synthetic truth for the sensing tests."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord, WatchedTraffic
+from isac_cosim.isacsim.sensing.sensors import watch
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 
 RATE_HZ = 400.0
 
@@ -45,3 +52,27 @@ def swerve(snapshots: int, x: float = 100.0) -> np.ndarray:
     """6 m/s2 to one side and the other within 1 s."""
     t = time(snapshots)
     return drive(snapshots, x, -1.6, 25.0, aside=np.where((t > 1) & (t < 2), 6 * np.sin(2 * np.pi * (t - 1)), 0.0))
+
+
+def sense(
+    truth: np.ndarray,
+    sites: Sequence[Site],
+    settings: SensingSettings,
+    keys: Sequence[tuple[str | int, ...]],
+    past: np.ndarray | None = None,
+) -> list[SensedRecord]:
+    """What the sites know of records, truth (B, 6, S) and past (B, 6, P)."""
+    pasts = [None] * len(keys) if past is None else list(past)
+    passages = [Passage("tv", 0.0, *of) for of in zip(truth, keys, pasts, strict=True)]
+    return watch("isac", WatchedTraffic("road", 1, sites, RATE_HZ), SensorSettings(sensing=settings)).record(passages)
+
+
+def sense_onboard(
+    truth: np.ndarray, carriers: Sequence[Carrier], settings: RadarSettings, keys: Sequence[tuple[str | int, ...]]
+) -> list[SensedRecord]:
+    """What the radars of the UVs know of records, truth (B, 6, S)."""
+    passages = [
+        Passage("tv", 0.0, motion, key, find_carrier=lambda carrier=carrier: carrier)
+        for motion, carrier, key in zip(truth, carriers, keys, strict=True)
+    ]
+    return watch("radar", WatchedTraffic("road", 1, [], RATE_HZ), SensorSettings(radar=settings)).record(passages)

@@ -16,9 +16,14 @@ import numpy as np
 import pandas as pd
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.sensing.chain import LEAST_SITES, before, fix, run_in_snapshots
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.sensing.chain import LEAST_SITES, fix
+from isac_cosim.isacsim.sensing.following import Approach, run_in_snapshots
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.kalman import track
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.dataset.shard import RUN_IN
 from isac_cosim.labeling.generation.episode import record_key
 from isac_cosim.labeling.generation.resense import own_sensing
 from isac_cosim.labeling.intentions import Intention
@@ -39,17 +44,26 @@ class SensedRecords:
 
 
 def sensed(dataset: Dataset, last_seed: int, per_intention: int) -> SensedRecords:
-    """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings."""
+    """Sense the first records of every intention, among the seeds up to the last, with the dataset's settings.
+
+    The draws are those of the dataset, so that the fixes are those that its stored states were filtered from.
+    """
     settings, table = own_sensing(dataset), dataset.frame()
-    truth = np.asarray(dataset.arrays("tv_truth")["tv_truth"], np.float64)
+    names = ("tv_truth", RUN_IN) if dataset.meta.run_in_length else ("tv_truth",)
+    x0, y0 = table["x0"].to_numpy(), table["y0"].to_numpy()
+    states = {name: in_plane(values, x0, y0) for name, values in dataset.arrays(*names).items()}
+    truth, past = states["tv_truth"], states.get(RUN_IN)
     chosen = table[table["seed"] <= last_seed].groupby("intention").head(per_intention).index.to_numpy()
     count = run_in_snapshots(dataset.meta.tv_rate_hz, settings.tracking)
     rate_hz, observed = dataset.meta.tv_rate_hz, []
     for k in chosen:
         row = table.loc[k]
+        sites = Panels.of(dataset.sites(row["scenario"]), settings.target_height_m)
         key = record_key(row["scenario"], row["seed"], row["tv_id"], Intention(row["label"]), row["t_start"])
-        motion = np.concatenate([before(truth[k : k + 1], rate_hz, count), truth[k : k + 1]], axis=2)[0]
-        observed.append(fix(motion, rate_hz, dataset.sites(row["scenario"]), settings, key))
+        earlier = None if past is None else past[k]
+        passage = Passage(row["tv_id"], row["t_start"], truth[k], key, past=earlier)
+        approach = Approach.of(passage, rate_hz, settings.tracking)
+        observed.append(fix(approach, rate_hz, sites, settings, key))
     good = [n for n, item in enumerate(observed) if item.n_sites >= LEAST_SITES]
     return SensedRecords(
         state=np.stack([observed[n].fixes.state for n in good]),

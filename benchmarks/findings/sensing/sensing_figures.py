@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from itertools import cycle
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.evaluation.report.figures import figure
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.radio.bounds import cell_bound, measured_bound
 from isac_cosim.isacsim.radio.estimators import ESTIMATORS
@@ -18,6 +18,10 @@ from isac_cosim.isacsim.radio.waveform import Waveform
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.tracking.fusion import position_bound
 from isac_cosim.isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WAVEFORM = Waveform()
 COLOURS = ("#1b6ca8", "#c8553d", "#5b8c5a", "#7d5ba6")
@@ -58,10 +62,9 @@ def position_errors(name: str, sites: int, snr_db: float, count: int = 4000) -> 
     return np.hypot(*(fixes.state - state)[:, :2].T), np.sqrt(bound[:, 0, 0] + bound[:, 1, 1])
 
 
-def estimator_figure() -> Figure:
+def draw_estimators(drawn: Figure) -> None:
     """Draw RMSE over bound against SNR for every estimator."""
-    figure = Figure(figsize=(7, 4.2), layout="constrained")
-    axes = figure.subplots()
+    axes = drawn.subplots()
     levels = np.arange(-34, 21, 2.0)
     for (name, estimator), colour in zip(ESTIMATORS.items(), cycle(COLOURS), strict=False):
         axes.semilogy(levels, [over_bound(name, snr) for snr in levels], color=colour, label=estimator.label)
@@ -69,14 +72,12 @@ def estimator_figure() -> Figure:
     axes.set(xlabel="per-element SNR, dB", ylabel="RMSE / Cramér-Rao bound", xlim=(-34, 20), ylim=(0.8, 3000))
     axes.legend(frameon=False)
     _plain(axes)
-    return figure
 
 
-def fusion_figure() -> Figure:
+def draw_fusions(drawn: Figure) -> None:
     """Draw the position error against the number of sites for every fusion: root mean square and median."""
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
     counts = (2, 3, 4)
-    for axes, snr_db in zip(figure.subplots(1, 2, sharey=True), (0.0, 10.0), strict=True):
+    for axes, snr_db in zip(drawn.subplots(1, 2, sharey=True), (0.0, 10.0), strict=True):
         for colour, name in zip(COLOURS, FUSIONS, strict=False):
             errors = [position_errors(name, n, snr_db)[0] for n in counts]
             axes.semilogy(counts, [np.sqrt(np.mean(e**2)) for e in errors], "o-", color=colour, label=f"{name}")
@@ -85,9 +86,8 @@ def fusion_figure() -> Figure:
         axes.semilogy(counts, bound, "_", color="black", markersize=22, label="bound")
         axes.set(xlabel="sites", xticks=counts, title=f"{snr_db:g} dB")
         _plain(axes)
-    figure.axes[0].set_ylabel("position error, m")
-    figure.axes[0].legend(frameon=False, fontsize=8, title="solid: RMS, dotted: median", title_fontsize=8)
-    return figure
+    drawn.axes[0].set_ylabel("position error, m")
+    drawn.axes[0].legend(frameon=False, fontsize=8, title="solid: RMS, dotted: median", title_fontsize=8)
 
 
 def _plain(axes: Axes) -> None:
@@ -98,8 +98,10 @@ def _plain(axes: Axes) -> None:
 def main(folder: Path) -> None:
     """Write both figures into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    estimator_figure().savefig(folder / "sensing_estimators.png", dpi=130)
-    fusion_figure().savefig(folder / "sensing_fusion.png", dpi=130)
+    with figure(folder / "sensing_estimators.png", 7, 4.2, style={}, dpi=130) as drawn:
+        draw_estimators(drawn)
+    with figure(folder / "sensing_fusion.png", 8, 4.2, style={}, dpi=130) as drawn:
+        draw_fusions(drawn)
 
 
 if __name__ == "__main__":

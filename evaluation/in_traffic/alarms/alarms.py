@@ -1,7 +1,11 @@
-"""Turns the answers to consecutive windows into alarms.
+"""Turns the answers to consecutive windows into alarms: the rule, and all alarms of a whole episode.
 
 An answer gives each intention a level: the higher, the more it speaks for that intention. The k-th highest of the last
-n levels is the confirmed level. An alarm is raised when the confirmed level rises to the intention's threshold.
+n levels is the confirmed level; levels from before a pause do not count. An alarm is raised when the confirmed level
+rises to the intention's threshold, unless the vehicle had an alarm of that intention too soon before.
+
+What those words mean is stated once, in `is_pause`, `confirm` and `is_too_soon`. A whole episode is done at once here;
+`evaluation.in_traffic.alarms.stream` applies the same rule answer by answer, and is the reference in the tests.
 """
 
 from __future__ import annotations
@@ -18,6 +22,23 @@ from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 
 NEVER = -np.inf
 """The level of an intention for which a window cannot raise an alarm."""
+
+
+def is_pause(gap_s: Array | float, decision_s: float) -> BoolArray:
+    """Return whether predictions of a vehicle are so far apart, s, that the later one begins anew."""
+    return np.asarray(np.asarray(gap_s) > 1.5 * decision_s)
+
+
+def confirm(recent: Float32Array, k: int) -> Float32Array:
+    """Return the confirmed level of some of the latest levels, (m, ...): the k-th highest; NEVER if they are fewer."""
+    if len(recent) < k:
+        return np.full(recent.shape[1:], NEVER, np.float32)
+    return np.asarray(np.sort(recent, axis=0)[-k])
+
+
+def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray:
+    """Return whether an alarm comes too soon after the one before, s, of the same vehicle and intention."""
+    return np.asarray(np.asarray(gap_s) < refractory_s - 1e-9)
 
 
 @dataclass(frozen=True)
@@ -61,7 +82,7 @@ def pauses(episode: LiveEpisode) -> BoolArray:
     count = len(episode.time_s)
     begins = np.ones(count, dtype=bool)
     if count:
-        begins[1:] = (np.diff(episode.vehicle) != 0) | (np.diff(episode.time_s) > 1.5 * episode.facts.decision_s)
+        begins[1:] = (np.diff(episode.vehicle) != 0) | is_pause(np.diff(episode.time_s), episode.facts.decision_s)
     return begins
 
 
@@ -80,10 +101,7 @@ def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
 
 
 def confirmed(levels: Levels, k: int, n: int) -> Levels:
-    """Return the confirmed levels: the k-th highest of the last n at every prediction.
-
-    Levels from before a pause do not count. With fewer than k levels since the pause, the confirmed level is NEVER.
-    """
+    """Return the confirmed levels: of the last n at every prediction. Those from before a pause are NEVER."""
     if n == 1:
         return levels
     run = np.cumsum(levels.begins)
@@ -92,8 +110,7 @@ def confirmed(levels: Levels, k: int, n: int) -> Levels:
     for back in range(1, min(n, len(run))):
         same = run[back:] == run[:-back]
         recent[back, back:][same] = levels.level[:-back][same]
-    level = np.sort(recent, axis=0)[n - k]
-    return Levels(level, levels.vehicle, levels.time_s, levels.begins)
+    return Levels(confirm(recent, k), levels.vehicle, levels.time_s, levels.begins)
 
 
 def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Alarms:
@@ -107,12 +124,12 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Al
     intentions, rows = np.divmod(np.flatnonzero(rising.T), max(1, len(rising)))
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
-    soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & (np.diff(time_s) < refractory_s - 1e-9)
+    soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & is_too_soon(np.diff(time_s), refractory_s)
     kept, last = ~soon, -1
     for place in np.flatnonzero(soon).tolist():
         # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
         last = place - 1 if kept[place - 1] else last
-        kept[place] = time_s[place] - time_s[last] >= refractory_s - 1e-9
+        kept[place] = not is_too_soon(time_s[place] - time_s[last], refractory_s)
     return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
 
 

@@ -19,13 +19,14 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import remove_partial
+from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN, Intention
-from isac_cosim.models.networks.checkpoints import READ_ERRORS
+from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 NONE = len(KNOWN)
@@ -55,16 +56,13 @@ class KeptTrees:
 
         Raises OutputError where they cannot be written, InputError where a file of trees is damaged.
         """
-        trees = HistGradientBoostingClassifier(
-            max_iter=settings.rounds, learning_rate=settings.learning_rate, max_leaf_nodes=settings.leaves,
-            l2_regularization=settings.l2, early_stopping=False, random_state=0,
-        )  # fmt: skip
+        trees = boosted_trees(settings)
         if self.folder is None:
             return trees.fit(features, label, sample_weight=weight)
         path = self.folder / (_digest(trees, features, label, weight) + SUFFIX)
         self._wanted.add(path.name)
         if path.is_file():
-            return _read(path)
+            return _read(path, features.shape[1], np.unique(label).tolist())
         trees.fit(features, label, sample_weight=weight)
         self.folder.mkdir(exist_ok=True)
         write_trees(path, trees)
@@ -84,11 +82,14 @@ NOT_KEPT = KeptTrees()
 """Trains trees every time."""
 
 
-def _read(path: Path) -> HistGradientBoostingClassifier:
+def _read(path: Path, n_features: int, classes: Sequence[int]) -> HistGradientBoostingClassifier:
     try:
-        return read_trees(path)
+        trees = read_trees(path, n_features, classes)
+        if trees.classes_.tolist() != classes:
+            raise ValueError(f"classes_: are not {classes}")
+        return trees
     except READ_ERRORS as error:
-        reason = str(error).partition("\n")[0]
+        reason = reason_of(error)
         raise InputError(f"{path}: is damaged ({reason}); delete it, and the trees are trained again") from None
 
 

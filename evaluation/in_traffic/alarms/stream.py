@@ -1,4 +1,4 @@
-"""Alarms as they come: what `evaluation.in_traffic.alarms.alarms` finds in a whole episode, answer by answer."""
+"""Alarms as they come: the rule of `evaluation.in_traffic.alarms.alarms`, applied answer by answer."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from isac_cosim.base.arrays import Float32Array
-from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER, reject_levels
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array
+from isac_cosim.evaluation.in_traffic.alarms.alarms import confirm, is_pause, is_too_soon, reject_levels
 from isac_cosim.evaluation.in_traffic.alarms.background import Background
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
@@ -38,12 +38,15 @@ def levelling(settings: AlarmSettings, background: Background | None) -> Levelli
 
 @dataclass
 class _History:
-    """The latest levels of a vehicle. last: when each intention had its last alarm, s. on: the latest confirmed."""
+    """The latest levels of a vehicle, and when the last came, s.
+
+    on: whether each intention reaches its threshold. last_s: when it had its last alarm, s.
+    """
 
     recent: deque[Float32Array]
-    time_s: float
-    on: Float32Array
-    last: dict[int, float] = field(default_factory=dict)
+    time_s: float = -np.inf
+    on: BoolArray = field(default_factory=lambda: np.zeros(len(KNOWN), dtype=bool))
+    last_s: Array = field(default_factory=lambda: np.full(len(KNOWN), -np.inf))
 
 
 @dataclass
@@ -64,22 +67,16 @@ class AlarmStream:
 
     def _rising(self, name: str, level: Float32Array, time_s: float) -> list[int]:
         settings, history = self.settings, self._of.get(name)
-        never = np.full(level.shape, NEVER, np.float32)
         if history is None:
-            history = self._of[name] = _History(deque(maxlen=settings.n), time_s, never)
-        elif time_s - history.time_s > 1.5 * self.decision_s:
+            history = self._of[name] = _History(deque(maxlen=settings.n))
+        elif is_pause(time_s - history.time_s, self.decision_s):
             history.recent.clear()
-            history.on = never
+            history.on = np.zeros_like(history.on)
         history.recent.append(level)
         history.time_s = time_s
-        confirmed = never
-        if len(history.recent) >= settings.k:
-            confirmed = np.sort(np.stack(history.recent), axis=0)[-settings.k]
-        rising = (confirmed >= settings.thresholds) & ~(history.on >= settings.thresholds)
-        history.on = confirmed
-        alarms = []
-        for k in np.flatnonzero(rising).tolist():
-            if time_s - history.last.get(k, -np.inf) >= settings.refractory_s - 1e-9:
-                history.last[k] = time_s
-                alarms.append(k)
-        return alarms
+        on = confirm(np.stack(history.recent), settings.k) >= settings.thresholds
+        since_s = time_s - history.last_s
+        alarms = on & ~history.on & ~is_too_soon(since_s, settings.refractory_s)
+        history.last_s[alarms] = time_s
+        history.on = on
+        return np.flatnonzero(alarms).tolist()

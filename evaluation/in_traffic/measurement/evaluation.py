@@ -38,12 +38,14 @@ from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predic
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.isacsim.traffic.sources.registry import motion_source, natural_world, source_class
 from isac_cosim.labeling.generation.folder import changed_input, fingerprint
 from isac_cosim.labeling.generation.generate import describe
+from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
@@ -97,7 +99,7 @@ def study_of(
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
     given: dict[str, Any] = {"source": source}
     if stored.get("source", DEFAULT) != source:
-        stored.pop("world", None)
+        stored = {key: value for key, value in stored.items() if key in DatasetStudy.model_fields.keys() - {"world"}}
     if natural:
         given["world"] = world = natural_world(source)
         stored = {key: value for key, value in stored.items() if key not in kind.worlds[world]}
@@ -174,12 +176,16 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
+    for remark in source.remarks(scenario):
+        feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))
+        for line in withheld(scenario.name, scenario):
+            feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
-        evaluation = summarise(evaluated, described[0], feedback)
+        evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
         feedback.message(line)

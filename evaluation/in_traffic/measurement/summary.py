@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_EPISODES, versions
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement import measuring
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
@@ -28,6 +31,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
 )
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy, Method
+from isac_cosim.evaluation.in_traffic.streams.episode import ProcessorTime
 from isac_cosim.evaluation.in_traffic.streams.store import (
     EPISODES,
     RULE,
@@ -38,15 +42,18 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
     file_name,
     read_episode,
 )
+from isac_cosim.isacsim.sensing.running.conditioning import TRAILING_REACH
 from isac_cosim.isacsim.traffic.motion import REACH
 from isac_cosim.labeling.generation.settings import SeedRange
 from isac_cosim.models.runs.run import Run
 
-CLOSED_LOOP_REACH = 4.0
-"""Half-width of the conditioning kernel for a closed loop, in standard deviations; the weight beyond is 6e-5."""
 RANDOM = "random"
 SITUATION = "situation"
 """The names of the baselines that are always there, beside RULE: alarms at random, and trees on the situation."""
+
+
+_SPEED = TypeAdapter(dict[str, ProcessorTime])
+"""The content of SPEED_FILE."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,7 @@ class Evaluated:
         return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
 
 
+@limited()
 def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT) -> TrafficEvaluation:
     """Choose alarms on the development seeds, measure them on the others, and put the result together.
 
@@ -228,10 +236,11 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
 def read_speed(out: Path) -> dict[str, Any]:
     """Return the processor times of the episodes by seed, empty if the file is missing or damaged."""
     try:
-        content: dict[str, Any] = json.loads((out / SPEED_FILE).read_text(encoding="utf-8"))
+        rows = _SPEED.validate_json((out / SPEED_FILE).read_bytes())
     except (OSError, ValueError):
         return {}
-    return content
+    content = {seed: asdict(row) for seed, row in rows.items()}
+    return content if all(isfinite(value) for row in content.values() for value in row.values()) else {}
 
 
 def real_time_factor(spent: dict[str, Any], vehicles: int = 10) -> float | None:
@@ -264,7 +273,7 @@ def _latency(study: LiveStudy) -> Latency:
     width_s = study.dataset.motion.width_s
     return Latency(
         conditioning_reach_s=REACH * width_s,
-        closed_loop_s=CLOSED_LOOP_REACH * width_s,
+        closed_loop_s=TRAILING_REACH * width_s,
         report_delay_s=study.live.streams.report_delay_s,
     )
 

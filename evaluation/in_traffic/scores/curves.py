@@ -14,7 +14,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, peaks, raised
-from isac_cosim.evaluation.in_traffic.scores.results import CurvePoint, Interval, RecallLost
+from isac_cosim.evaluation.in_traffic.scores.results import CurvePoint, RecallLost
 from isac_cosim.evaluation.in_traffic.scores.scoring import (
     AlarmOutcome,
     Truth,
@@ -24,6 +24,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import (
     recall_interval,
 )
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings, shown_threshold
+from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import KNOWN
 
 

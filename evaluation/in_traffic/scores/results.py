@@ -6,10 +6,14 @@ An event is predicted if its alarm came by its commit, and detected if it came l
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field, JsonValue
 
 from isac_cosim.base.settings import Settings
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveStudy, Sharing
+from isac_cosim.evaluation.on_windows.score_results import ResultWithOptionalParts
+from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.models.runs.run import RunCard
 
 METRICS_FILE = "metrics.json"
@@ -31,17 +35,6 @@ class LeadTimes(Settings):
     lower_quartile: float | None
     median: float | None
     upper_quartile: float | None
-
-
-class Interval(Settings):
-    """A t interval of the delete-one jackknife over seeds.
-
-    seeds: their number; None in results of earlier versions, whose intervals are percentiles of a bootstrap.
-    """
-
-    low: float
-    high: float
-    seeds: int | None = None
 
 
 class EventScores(Settings):
@@ -249,14 +242,17 @@ class FiveClassResult(AlarmResult):
     baselines: dict[str, AlarmResult]
 
 
-class TrafficResult(AlarmResult):
+class TrafficResult(AlarmResult, ResultWithOptionalParts):
     """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
     model: of the run. scenario: its name. vehicle_hours: with predictions. events_left_out: number of neutral events,
     by reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
     the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given. five_classes:
     the same with five intentions; None in results of earlier versions, or if no vehicle was predicted.
+    answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     """
+
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"answers"})
 
     model: str
     scenario: str
@@ -269,4 +265,5 @@ class TrafficResult(AlarmResult):
     truth: TruthResult | None = None
     alone: AloneResult | None = None
     five_classes: FiveClassResult | None = None
+    answers: dict[str, JsonValue] | None = None
     made_by: LiveMadeBy

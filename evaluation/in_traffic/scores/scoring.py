@@ -12,18 +12,11 @@ from scipy.stats import binomtest, chi2
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
-from isac_cosim.evaluation.in_traffic.scores.results import (
-    COMMIT_IS,
-    EventScores,
-    GroupScores,
-    Interval,
-    LeadTimes,
-    TimeToCommit,
-)
+from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
 from isac_cosim.evaluation.in_traffic.streams.events import GROUPS
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
-from isac_cosim.evaluation.statistics import jackknife_half_width
+from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.labeling.detectors.events import Origin
 from isac_cosim.labeling.intentions import KNOWN
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.base.errors import InputError, OutputError
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
@@ -39,10 +40,12 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
 )
 from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
 from isac_cosim.labeling.detectors.events import Labels, label
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.inference import Infer
@@ -110,20 +113,18 @@ class EpisodeTask:
     fingerprint: str
     folder: Path
 
-    def __call__(self, seed: int) -> ProcessorTime | InputError | OutputError:
-        """Run one episode and write its file. Errors that a retry would not fix are returned, not raised."""
-        try:
-            began = time.process_time()
-            scenario = self.source.load(self.where)
-            recording = recorded(self.source, scenario, seed)
-            traffic_s = time.process_time() - began
-            streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
-            if streams.alone is not None:
-                write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
-            write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
-            return replace(streams.spent, traffic_s=traffic_s)
-        except (InputError, OutputError) as error:
-            return error
+    @limited()
+    def __call__(self, seed: int) -> ProcessorTime:
+        """Run one episode and write its file."""
+        began = time.process_time()
+        scenario = self.source.load(self.where)
+        recording = recorded(self.source, scenario, seed)
+        traffic_s = time.process_time() - began
+        streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
+        if streams.alone is not None:
+            write_episode(self.folder / file_name(scenario.name, seed, alone=True), streams.alone)
+        write_episode(self.folder / file_name(scenario.name, seed), streams.episode)
+        return replace(streams.spent, traffic_s=traffic_s)
 
 
 def timing_of(study: LiveStudy, shape: WindowShape) -> Timing:
@@ -234,7 +235,9 @@ def predicted(
     labels = label(recording, study.dataset.labels, surroundings)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
     labelled = time.process_time()
-    watching = _Watching(study.dataset, scenario, recording, surroundings, labels, timing, fingerprint)
+    name, settings = study.live.streams.sensor, study.sensor_settings
+    sensor = watch_episode(study.dataset, scenario, recording.seed, recording, name, settings)
+    watching = _Watching(study.dataset, scenario.name, recording, sensor, surroundings, labels, timing, fingerprint)
     episode, collected = watching.predict(driving.stretches, driving, infer.run.card.shape, answering)
     watched_s = time.process_time() - labelled
     spent = ProcessorTime(
@@ -260,8 +263,9 @@ class _Watching:
     """A labelled recording whose vehicles are sensed and predicted."""
 
     study: DatasetStudy
-    scenario: Scenario
+    scenario: str
     recording: Recording
+    sensor: Watch
     surroundings: Surroundings
     labels: Labels
     timing: Timing
@@ -277,7 +281,7 @@ class _Watching:
     ) -> tuple[LiveEpisode, _Collected]:
         """Sense and predict stretches. alone: whether they have no UV."""
         timing = self.timing
-        sensing = StretchSensing(self.study, self.scenario, self.recording, timing.before_decision_s)
+        sensing = StretchSensing(self.study, self.recording, self.sensor, timing.before_decision_s)
         reports = NoReports() if alone else Reports(sensing)
         cutter = WindowCutter(reports, self.study, shape, timing.report_delay_s, timing.decision_s)
         lanes, collected = lanes_of(self.recording), _Collected()
@@ -287,7 +291,7 @@ class _Watching:
         events = events_of(self.surroundings, self.labels, self.study, collected.decisions(), timing.decision_s, alone)
         facts = EpisodeFacts(
             fingerprint=self.fingerprint,
-            scenario=self.scenario.name,
+            scenario=self.scenario,
             seed=self.recording.seed,
             decision_s=timing.decision_s,
             simulated_s=self.recording.lasts_s,

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Self
 
 import numpy as np
+from pydantic import model_validator
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.base.settings import Settings
@@ -12,7 +14,7 @@ from isac_cosim.isacsim.traffic.motion import excess
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.detectors.events import COMMAND_REACH_S, Labels, Origin, provenance
 from isac_cosim.labeling.generation.settings import DatasetStudy
-from isac_cosim.labeling.intentions import Event, Intention
+from isac_cosim.labeling.intentions import KNOWN, Event, Intention
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.candidates import for_pair
 from isac_cosim.labeling.samples.uv_choice import choose_uv, may_be_tv
@@ -39,6 +41,14 @@ class LiveEvent(Settings):
     end: float
     group: Origin
     left_out: str | None = None
+
+    @model_validator(mode="after")
+    def _is_an_event(self) -> Self:
+        if self.intention not in [known.text for known in KNOWN]:
+            raise ValueError(f"intention: {self.intention} is not a known one")
+        if not self.onset <= self.commit:
+            raise ValueError("commit: is before the onset")
+        return self
 
 
 def events_of(

@@ -123,7 +123,7 @@ class Reports:
         self._sensing = sensing
         self._of = lru_cache(maxsize=REPORTS_KEPT)(self._stream)
 
-    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
+    def window(self, vehicle: str, end_s: float, length: int) -> Array:
         """Return the last `length` reports of a vehicle up to a time (s), (6, length).
 
         Raises ValueError if the vehicle has not reported throughout.
@@ -134,7 +134,7 @@ class Reports:
             raise ValueError(f"vehicle {vehicle} has not reported throughout the window that ends at {end_s:g} s")
         return states[:, last + 1 - length : last + 1]
 
-    def _stream(self, vehicle: str) -> tuple[int, Float32Array]:
+    def _stream(self, vehicle: str) -> tuple[int, Array]:
         """Return the number of a vehicle's first report, in intervals since time 0, and all its reports, (6, n)."""
         recording, study = self._sensing.recording, self._sensing.study
         track, rate_hz = recording.tracks[vehicle], study.record.uv_rate_hz
@@ -148,15 +148,15 @@ class Reports:
 class ReportWindows(Protocol):
     """A source of the UV's part of a window."""
 
-    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
+    def window(self, vehicle: str, end_s: float, length: int) -> Array:
         """Return the last `length` reports of a vehicle up to a time (s), (6, length)."""
 
 
 class NoReports:
     """Stands for a missing UV: it rests at the origin, so that the axes of a window follow the TV's travel."""
 
-    def window(self, vehicle: str, end_s: float, length: int) -> Float32Array:
-        return np.zeros((6, length), np.float32)
+    def window(self, vehicle: str, end_s: float, length: int) -> Array:
+        return np.zeros((6, length))
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class WindowCutter:
             tv = sliding[:, ends[part] + 1 - shape.tv_length].transpose(1, 0, 2)
             pairs = zip(stretch.uv[part], stretch.decision_s[part].tolist(), strict=True)
             uv = [self.reports.window(name, time - self.report_delay_s, shape.uv_length) for name, time in pairs]
-            yield tv.astype(np.float64), np.stack(uv).astype(np.float64)
+            yield tv, np.stack(uv)
 
 
 def lanes_of(recording: Recording) -> LaneMap:

@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from isac_cosim.base.errors import InputError, OutputError, RunError
+from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.workers.engine import Engine
 
@@ -39,8 +39,7 @@ def run_missing(
     """Run the episodes that are not finished.
 
     keep: called with each episode and the task's result.
-    Raises RunError after all episodes were run, if some failed; InputError or OutputError at once, if the task returns
-    one.
+    Raises RunError after all episodes were run, if some failed; what the engine raises, at once.
     """
     missing = [item for item in episodes.items if not episodes.finished(item)]
     done = len(episodes.items) - len(missing)
@@ -51,8 +50,6 @@ def run_missing(
         move(done, len(episodes.items))
         with closing(engine.run(task, missing)) as outcomes:
             for outcome in outcomes:
-                if isinstance(outcome.result, InputError | OutputError):
-                    raise outcome.result
                 if outcome.error is not None:
                     lost.append(f"{episodes.name(outcome.item)}: {outcome.error}")
                 else:

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import Field
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
-from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
+from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
+from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
 
@@ -32,6 +34,9 @@ TRUTH = "truth"
 """The name of the evaluated run where it answers the true motion of the TV."""
 WITH_FEATURES = (RUN, TRUTH, RULE)
 """The predictors whose features are stored, because alarms by background need them."""
+COLUMNS = pa.schema([("tv", pa.dictionary(pa.int32(), pa.string())), ("time_s", pa.float64()), ("group", pa.int8())])
+"""The columns of every file, beside those of the predictors."""
+PROBABILITIES = pa.list_(pa.float32(), len(KNOWN))
 
 
 class EpisodeFacts(Settings):
@@ -42,16 +47,16 @@ class EpisodeFacts(Settings):
     uncovered: number of those that were not made, by reason. covered_km: distance driven while predicted.
     """
 
-    schema_version: int = 1
+    schema_version: Literal[1] = 1
     fingerprint: str
     scenario: str
     seed: int
-    decision_s: float
-    simulated_s: float
-    vehicles: int
-    instants: int
-    uncovered: dict[str, int]
-    covered_km: float
+    decision_s: float = Field(gt=0)
+    simulated_s: float = Field(ge=0)
+    vehicles: int = Field(ge=0)
+    instants: int = Field(ge=0)
+    uncovered: dict[str, Annotated[int, Field(ge=0)]]
+    covered_km: float = Field(ge=0)
     events: tuple[LiveEvent, ...]
 
 
@@ -97,7 +102,8 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
         if name in WITH_FEATURES:
             columns[f"{name}.features"] = _rows(answers.features)
     table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
-    replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd", row_group_size=ROW_GROUP))
+    options = {"compression": "zstd", "row_group_size": ROW_GROUP, "write_page_checksum": True}
+    replace_file(path, lambda partial: pq.write_table(table, partial, **options))
 
 
 def read_facts(path: Path) -> EpisodeFacts | None:
@@ -109,14 +115,20 @@ def read_facts(path: Path) -> EpisodeFacts | None:
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:
-    """Read an episode. features: whether to read features, too. Raises InputError if the file is damaged."""
+    """Read an episode. features: whether to read features, too.
+
+    Raises InputError if the file is damaged, that of another episode, or holds what no predictor answers.
+    """
     facts = read_facts(path)
     try:
         if facts is None:
             raise ValueError("it has no facts of an episode")
-        file = pq.ParquetFile(path)
+        if path.name not in (file_name(facts.scenario, facts.seed, alone) for alone in (False, True)):
+            raise ValueError(f"it is that of {facts.scenario}, seed {facts.seed}")
+        file = open_parquet(path)
         stored = file.schema_arrow.names
-        table = file.read([name for name in stored if features or not name.endswith(".features")])
+        table = read_columns(file, [name for name in stored if features or not name.endswith(".features")])
+        _check(table)
     except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: not a complete episode ({' '.join(str(error).split())}); delete it and run the same command again"
@@ -132,6 +144,31 @@ def read_episode(path: Path, features: bool = False) -> LiveEpisode:
         group=table["group"].to_numpy().astype(np.int64),
         answers={name: _answers(table, name) for name in predictors},
     )
+
+
+def _check(table: pa.Table) -> None:
+    """Raise ValueError, which names the column, unless a table holds what `write_episode` writes."""
+    check_types(table, COLUMNS)
+    predictors = [name.rpartition(".")[0] for name in table.column_names if name.endswith(".score")]
+    for name in predictors:
+        check_types(table, pa.schema([(f"{name}.probabilities", PROBABILITIES), (f"{name}.score", pa.float32())]))
+        for part in ("probabilities", "score", "features"):
+            column = f"{name}.{part}"
+            if column not in table.column_names:
+                continue
+            values = table[column].to_numpy() if part == "score" else _matrix(table[column])
+            if np.isnan(values).any():
+                raise ValueError(f"{column}: is not a number in every row")
+            if part == "probabilities" and len(values) and not -1e-4 <= values.min() <= values.max() <= 1.0001:
+                raise ValueError(f"{column}: is not between 0 and 1")
+    time_s, group = table["time_s"].to_numpy(), table["group"].to_numpy()
+    vehicle = np.concatenate([np.empty(0, np.int32), *(chunk.indices.to_numpy() for chunk in table["tv"].chunks)])
+    if len(group) and not 0 <= group.min() <= group.max() < len(GROUPS):
+        raise ValueError("group: is not one in every row")
+    if not np.isfinite(time_s).all():
+        raise ValueError("time_s: is not finite")
+    if ((np.diff(vehicle) < 0) | ((np.diff(vehicle) == 0) & (np.diff(time_s) <= 0))).any():
+        raise ValueError("tv or time_s: is not in order")
 
 
 def _answers(table: pa.Table, name: str) -> Answers:

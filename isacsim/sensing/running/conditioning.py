@@ -21,8 +21,8 @@ import numpy as np
 from isac_cosim.base.arrays import Array
 
 Conditioning = Literal["trailing", "causal"]
-REACH = 4.0
-"""Half-width of the symmetric kernel, in standard deviations."""
+TRAILING_REACH = 4.0
+"""Half-width of the trailing kernel, in standard deviations; the weight beyond is 6e-5."""
 ORDER = 4
 """Order of the gamma kernel: with 4, the acceleration it gives is continuous however the simulation's steps."""
 CAUSAL_REACH = 9.0
@@ -49,12 +49,12 @@ class Kernel:
     @property
     def ahead_rows(self) -> int:
         """Rows needed after an instant."""
-        return int(np.ceil(REACH * self.width_s / self.step_s - 1e-9)) if self.kind == "trailing" else 0
+        return int(np.ceil(TRAILING_REACH * self.width_s / self.step_s - 1e-9)) if self.kind == "trailing" else 0
 
     @property
     def behind_rows(self) -> int:
         """Rows needed before an instant."""
-        reach = REACH if self.kind == "trailing" else CAUSAL_REACH
+        reach = TRAILING_REACH if self.kind == "trailing" else CAUSAL_REACH
         return int(np.ceil(reach * self.width_s / self.step_s - 1e-9))
 
     @property

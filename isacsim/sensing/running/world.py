@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.passages import Piece
 from isac_cosim.isacsim.sensing.running.conditioning import Kernel, conditioned
 from isac_cosim.isacsim.traffic.drivers.sway import GRID_S, ROOM_SHARE, SwaySettings, wandering
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
@@ -34,21 +35,6 @@ class Vehicle:
     kind: str
     length_m: float
     width_m: float
-
-
-@dataclass(frozen=True)
-class Piece:
-    """The motion of the vehicles over one interval of the world's clock.
-
-    end_s: its end, s. names: of the vehicles whose motion is known throughout, V. tv, uv: their x, y, vx, vy, ax, ay at
-    the two rates over the interval, its beginning excluded, (V, 6, m), m, m/s, m/s2. lanes: who is where at the end.
-    """
-
-    end_s: float
-    names: tuple[str, ...]
-    tv: Array
-    uv: Array
-    lanes: Recording
 
 
 class World:
@@ -80,7 +66,8 @@ class World:
         self._frames: list[tuple[list[str], Array]] = []
         self._raw: dict[str, Array] = {}
         self._sway: dict[str, _Sway] = {}
-        self.vehicles: dict[str, Vehicle] = {}
+        self._routes: dict[str, tuple[Sequence[str], int]] = {}
+        self._vehicles: dict[str, Vehicle] = {}
         self._step: int | None = None
 
     def read(self, moment: Moment) -> Piece | None:
@@ -90,8 +77,8 @@ class World:
         names = [name for name in get.getIDList() if not get.isStoppedParking(name)]
         block = np.empty((len(names), 6))
         for row, name in enumerate(names):
-            if name not in self.vehicles:
-                self.vehicles[name] = Vehicle(
+            if name not in self._vehicles:
+                self._vehicles[name] = Vehicle(
                     name, str(get.getVehicleClass(name)), float(get.getLength(name)), float(get.getWidth(name))
                 )
             x, y = get.getPosition(name)
@@ -106,6 +93,7 @@ class World:
         self._step = round(moment.time_s / self._traffic.step_s)
         if self._step % self._steps or len(self._frames) < 2:
             return None
+        self._routes = {name: (get.getRoute(name), get.getRouteIndex(name)) for name in names}
         return self._piece()
 
     def _piece(self) -> Piece:
@@ -150,7 +138,7 @@ class World:
         if name not in self._sway:
             rng = stream("sway", self._scenario.name, self._seed, name)
             longest_s = self._traffic.run_in_s + self._traffic.duration_s
-            self._sway[name] = _Sway.of(self.vehicles[name].width_m, width_m, settings, rng, longest_s)
+            self._sway[name] = _Sway.of(self._vehicles[name].width_m, width_m, settings, rng, longest_s)
         offset = self._sway[name].offsets(rows, width_m, self._traffic.step_s, settings)
         offset = -offset if self._scenario.lefthand else offset
         sideways = 1j * lane_headings(lanes, lane, rows[:, LANE_POS]) * offset
@@ -166,15 +154,24 @@ class World:
             if len(raw) < back:
                 continue
             x, y, speed, lane, place, aside = (raw[-back : len(raw) - back + 1, column] for column in range(6))
-            vehicle = self.vehicles[name]
+            vehicle = self._vehicles[name]
             tracks[name] = Track(
                 name, vehicle.kind, vehicle.length_m, vehicle.width_m, step, x, y, speed, lane.astype(np.int64), place,
-                aside,
+                aside, self._onward(name, int(lane[0])),
             )  # fmt: skip
         return Recording(
             self._scenario.name, self._seed, self._traffic.step_s, self._scenario.lanes, tracks,
             lefthand=self._scenario.lefthand,
         )  # fmt: skip
+
+    def _onward(self, name: str, lane: int) -> tuple[str, ...]:
+        """Return the edges that a vehicle had still to drive when it was in a lane, a moment before SUMO's time."""
+        route, index = self._routes[name]
+        edge, inside = self._scenario.lanes[lane], False
+        while edge.edge.startswith(":") and edge.successors:
+            edge, inside = self._scenario.lanes[self._lane_number[edge.successors[0]]], True
+        place = next((k for k in range(min(index + 1, len(route) - 1), -1, -1) if route[k] == edge.edge), max(index, 0))
+        return tuple(route[place if inside else place + 1 :])
 
 
 @dataclass
@@ -201,9 +198,3 @@ class _Sway:
         self.passed_s = float(swayed[-1])
         to_marking = np.clip(1.0 - 2.0 * np.abs(rows[:, LANE_LAT]) / lane_width_m, 0.0, 1.0)
         return np.asarray(self.sd_m * smooth_step(to_marking) * self.path(swayed))
-
-
-def numbers(names: Sequence[str], wanted: Sequence[str]) -> IntArray:
-    """Return the places of wanted names among names, (n,)."""
-    place = {name: k for k, name in enumerate(names)}
-    return np.array([place[name] for name in wanted], dtype=np.int64)

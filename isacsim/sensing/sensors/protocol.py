@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Protocol, runtime_checkable
 
 from pydantic import Field, JsonValue
 
-from isac_cosim.base.arrays import Array
+from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.settings import Settings
-from isac_cosim.isacsim.scenarios.scenario import Site
-from isac_cosim.isacsim.sensing.chain import SensedRecord, SensingSettings
-from isac_cosim.isacsim.sensing.onboard_radar import Carrier, RadarSettings
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
+from isac_cosim.isacsim.sensing.passages import Passage, Piece, SensedPiece, SensedRecord, WatchedTraffic
 
 
 class SensorSettings(Settings):
@@ -25,33 +24,37 @@ class SensorSettings(Settings):
     )
 
 
-@dataclass(frozen=True)
-class StoredRecords:
-    """B records as a dataset holds them; the other vehicles are not among it.
+class Picture(Protocol):
+    """What a sensor knows of one episode. It may keep what it needs from call to call; it stays in its process.
 
-    truth: x, y, vx, vy, ax, ay of the TVs, m, m/s, m/s2, (B, 6, S) at rate_hz. keys: one for each record, which seeds
-    its draws. sites: of the scenario. carrier: the UVs. past: true states of the TVs just before the records,
-    (B, 6, P) at rate_hz, where the dataset holds them.
+    `isacsim.sensing.sensors.by_record.RecordPicture` is one that needs nothing but `record`.
     """
 
-    truth: Array
-    rate_hz: float
-    keys: Sequence[tuple[str | int, ...]]
-    sites: Sequence[Site]
-    carrier: Carrier
-    past: Array | None = None
+    def in_view(self, passage: Passage) -> BoolArray:
+        """Return at which instants the sensor can follow the TV, (S,). Streams are cut into parts where it can."""
+
+    def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
+        """Return what is known of each passage, in order: of stored records, or of stretches of the recording.
+
+        A sensor that senses vehicles one by one seeds each draw by the passage's key (`base.seeding.stream`), so that
+        records do not depend on their company.
+        """
+
+    def step(self, piece: Piece, uv_of: Mapping[str, str]) -> SensedPiece:
+        """Go on by one piece of a world that runs; pieces come in order, without gaps.
+
+        uv_of: the TVs to follow, each with the UV that is ahead of it. A TV that is not returned for a piece begins
+        anew when it comes back. Draws are seeded by the scenario, the seed, the vehicle and the time.
+        """
 
 
-class Sensor(Protocol):
-    """A way of knowing a TV's motion.
+class Described(Protocol):
+    """What is said of every sensor.
 
     label: a few words for tables and help texts. cost_s: processor time of one sensing instant of one record, s, for
     estimates. by_sites: whether the sites sense, so that the channel's SNR matters. filtered: whether fixes come
     before the states, so that their error is worth recording. unusable: why a record is left out that the sensor
     cannot follow, as the key under which such records are counted.
-
-    A sensor is sent to worker processes, so its class has to be importable there. Every draw must be seeded by the
-    record's key (`base.seeding.stream`), so that records do not depend on their company.
     """
 
     label: str
@@ -63,5 +66,14 @@ class Sensor(Protocol):
     def refusal(self, settings: SensorSettings) -> str | None:
         """Return in one line why stored records cannot be sensed like this, and the fix; None if they can."""
 
-    def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
-        """Return what is known of each record, in order."""
+
+@runtime_checkable
+class Sensor(Described, Protocol):
+    """A way of knowing the motion of TVs. It is sent to worker processes, so its class has to be importable there."""
+
+    def watch(self, traffic: WatchedTraffic, settings: SensorSettings) -> Picture:
+        """Watch an episode: called once, before anything is asked about it.
+
+        A sensor that senses all vehicles together does so here, where the recording is at hand.
+        Raises InputError if the traffic cannot be sensed with these settings.
+        """

@@ -36,7 +36,11 @@ class SpeedWanderSettings(Settings):
         4.0, "time in which the driver corrects, s", "chosen: accelerations of about 0.1 m/s²", ge=0.1, le=60.0
     )
     change_per_s: float = sourced(
-        0.01, "largest change of the desired speed in 1 s, as a share of it", "chosen: 0.3 m/s² at 30 m/s", gt=0.0
+        0.01,
+        "largest change of the desired speed in 1 s, as a share of it",
+        "chosen: 0.3 m/s² at 30 m/s",
+        gt=0.0,
+        le=100,
     )
 
 

@@ -43,7 +43,11 @@ class SwaySettings(Settings):
         1.5, "time in which steering corrects, s", "chosen: lateral speeds of about 0.08 m/s", ge=0.1, le=60.0
     )
     full_mps: float = sourced(
-        5.0, "speed from which a vehicle sways fully; a slower one less, m/s", "chosen: none stands and sways", gt=0.0
+        5.0,
+        "speed from which a vehicle sways fully; a slower one less, m/s",
+        "chosen: none stands and sways",
+        gt=0.0,
+        le=1e3,
     )
     change_s: float = sourced(
         2.5, "time before and after crossing a marking in which the sway fades, s",

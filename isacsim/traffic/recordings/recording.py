@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,9 @@ class Track:
     x, y: front bumper centre in the scenario's plane, m, shape (n,) as all that follow. speed: along the lane, m/s.
     lane: index of the lane in `Recording.lanes`. lane_pos: position of the front bumper along that lane, m.
     lane_lat: offset of the vehicle from the lane's centre line, positive to the left in the plane, m.
+    onward: the edges outside of junctions that the vehicle had still to drive when the recording ended, in order, the
+    latest one that it drove or earlier ones possibly among them; none for one that arrived before. None if not known.
+    departed: when the demand lets the vehicle depart, s of simulation time; NaN if not known.
     """
 
     vehicle: str
@@ -37,6 +42,8 @@ class Track:
     lane: npt.NDArray[np.integer[Any]]
     lane_pos: Array
     lane_lat: Array
+    onward: tuple[str, ...] | None = None
+    departed: float = nan
 
     def __len__(self) -> int:
         return len(self.x)
@@ -70,7 +77,7 @@ class Incidents:
 class Recording:
     """The states of all vehicles of one scenario and seed. Vehicles in `incidents` have no track.
 
-    tracks: by vehicle. warnings: how many warnings SUMO gave during the simulation.
+    tracks: by vehicle. facts: what became of the demand in the simulation; None where the motion is not SUMO's.
     lefthand: whether traffic keeps left (see `Scenario`); it does not change what left means in a track.
     parked: for each vehicle that stood beside the road, its stays there: first step, and step after the last. Its track
     goes on meanwhile, but it is in no lane and nobody's leader.
@@ -83,7 +90,7 @@ class Recording:
     tracks: dict[str, Track]
     commands: tuple[Command, ...] = ()
     incidents: Incidents = field(default_factory=Incidents)
-    warnings: int = 0
+    facts: TrafficFacts | None = None
     lefthand: bool = False
     parked: dict[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
 
@@ -118,6 +125,8 @@ class Recording:
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
 """The columns of a track."""
+HEAD = ("vehicle", "kind", "length_m", "width_m", "first_step", "onward")
+"""What is stored once for each track, as it is."""
 
 
 @dataclass(frozen=True)

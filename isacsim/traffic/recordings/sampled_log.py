@@ -69,6 +69,10 @@ class SampledLog(StateLog):
     def attach(self) -> None:
         """Do nothing: there is nothing to prepare."""
 
+    def close(self) -> None:
+        """Close the temporary file."""
+        self._file.close()
+
     def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
         """Note what happened, as every log does, and take the samples that are due."""
         returned = self._returning

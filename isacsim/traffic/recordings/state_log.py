@@ -14,16 +14,20 @@ from __future__ import annotations
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isac_cosim.base import landlock
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.temporary import temporary_error, writing_temporary
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 
@@ -54,7 +58,7 @@ class StateLog(ABC):
         self._scenario = scenario
         self._step_s = step_s
         self._first = first
-        self._facts: dict[str, tuple[str, float, float]] = {}
+        self._facts: dict[str, tuple[str, float, float, float]] = {}
         self._parked: dict[str, list[tuple[int, int | None]]] = {}
         # Of the latest step: who departed, began to teleport, began to park, and is about to return to the road.
         self._departed: Sequence[str] = ()
@@ -79,8 +83,17 @@ class StateLog(ABC):
         The rows are those of `COLUMNS`, and the lane's index as an integer of the same bits. Call after SUMO has ended.
         """
 
+    @property
+    def departed(self) -> Mapping[str, str]:
+        """The SUMO vehicle class of each vehicle that has departed."""
+        return {name: kind for name, (kind, *_) in self._facts.items()}
+
     def finish(self, sumo: Any) -> None:  # noqa: B027 - most logs have nothing left to do
         """Take what is missing of the last step. Call after it, while SUMO is still running."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files. Tracks that have been returned stay valid, and no others can be had any more."""
 
     def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
         """Note which vehicles departed, parked, collided or teleported in this step.
@@ -91,7 +104,10 @@ class StateLog(ABC):
         direct, vehicle = sumo._libsumo, sumo.vehicle
         self._departed = direct.simulation_getDepartedIDList()
         for name in self._departed:
-            self._facts[name] = (vehicle.getVehicleClass(name), vehicle.getLength(name), vehicle.getWidth(name))
+            size = vehicle.getLength(name), vehicle.getWidth(name)
+            # When it was due: it may have waited for room.
+            due = vehicle.getDeparture(name) - vehicle.getDepartDelay(name)
+            self._facts[name] = (vehicle.getVehicleClass(name), *size, round(due, 3))
         for collision in direct.simulation_getCollisions():
             self.collided |= {collision.collider, collision.victim}
         self.parking = direct.simulation_getParkingStartingVehiclesIDList()
@@ -121,22 +137,25 @@ class StateLog(ABC):
     def tracks(self) -> dict[str, Track]:
         """Return tracks by vehicle, in order of first appearance, without vehicles that had an incident.
 
-        Call after SUMO has ended.
+        Call once, after SUMO has ended. The files are closed.
         """
         tracks = {}
-        for name, first_step, block in self.blocks():
-            if name in self.collided or name in self.teleported:
-                continue
-            kind, length, width = self._facts[name]
-            tracks[name] = Track(
-                vehicle=name,
-                kind=kind,
-                length_m=length,
-                width_m=width,
-                first_step=first_step,
-                lane=np.asarray(block[-1].view(np.int64)),
-                **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
-            )
+        with closing(self):
+            for name, first_step, block in self.blocks():
+                if name in self.collided or name in self.teleported:
+                    continue
+                kind, length, width, departed = self._facts[name]
+                tracks[name] = Track(
+                    vehicle=name,
+                    kind=kind,
+                    length_m=length,
+                    width_m=width,
+                    first_step=first_step,
+                    onward=None,
+                    departed=departed,
+                    lane=np.asarray(block[-1].view(np.int64)),
+                    **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
+                )
         return tracks
 
 
@@ -167,6 +186,11 @@ class EveryStepLog(StateLog):
         self._states = self._path.open("rb")
         self._path.unlink()
 
+    def close(self) -> None:
+        """Close SUMO's file."""
+        if self._states is not None:
+            self._states.close()
+
     def step(self, sumo: Any, commanded: Collection[str] = ()) -> None:
         """Note what happened, as every log does. Raises InputError for a vehicle that SUMO does not write."""
         super().step(sumo, commanded)
@@ -179,16 +203,20 @@ class EveryStepLog(StateLog):
 
     def blocks(self) -> Iterator[tuple[str, int, Array]]:
         """Yield the states of each vehicle; only when SUMO has ended is its file complete."""
-        sorter = RowSorter()
-        for rows in self._batches():
-            sorter.add(*rows)
-        yield from sorter.blocks()
+        with closing(RowSorter()) as sorter:
+            for rows in self._batches():
+                sorter.add(*rows)
+            yield from sorter.blocks()
 
     def _batches(self) -> Iterator[tuple[list[str], Numbers, Numbers, Array]]:
         """The arguments of `RowSorter.add`, for one batch of the file's rows after the other."""
         assert self._states is not None, "the log was never attached"
         lane_number = {lane.id: k for k, lane in enumerate(self._scenario.lanes)}
-        if VEHICLE not in pq.read_schema(self._states).names:  # no vehicle was ever on the road
+        try:
+            names = pq.read_schema(self._states).names
+        except pa.ArrowInvalid:  # SUMO does not say that it could not write
+            raise temporary_error("SUMO could not finish its file of states") from None
+        if VEHICLE not in names:  # no vehicle was ever on the road
             return
         file = pq.ParquetFile(self._states, read_dictionary=[VEHICLE, LANE])
         wanted = [TIME, VEHICLE, LANE, *COLUMNS.values()]
@@ -224,19 +252,26 @@ class BlockFile:
     """A temporary file of blocks of states, which come back as views into it."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(prefix="cosim-")  # noqa: SIM115 - closed when the last view is gone
+        with writing_temporary():
+            self._file = tempfile.TemporaryFile(prefix="cosim-", dir=landlock.folder())  # noqa: SIM115 - closed by `close`
         self._written = 0
+
+    def close(self) -> None:
+        """Close the file. Views into it stay valid, and keep its content until the last one is gone."""
+        self._file.close()
 
     def write(self, block: Array) -> tuple[int, int]:
         """Append a block, shape (6, n). Returns its place: the index of its first value, and n."""
         place = self._written, block.shape[1]
-        self._file.write(np.ascontiguousarray(block).data)
+        with writing_temporary():
+            self._file.write(np.ascontiguousarray(block).data)
         self._written += block.size
         return place
 
     def views(self, places: Iterable[tuple[int, int]]) -> Iterator[Array]:
         """Yield the blocks of some places, shape (6, n). Call once everything is written."""
-        self._file.flush()
+        with writing_temporary():
+            self._file.flush()
         values = np.empty(0)
         if self._written:
             # As a plain array, because slices of a memory map take longer.
@@ -252,6 +287,10 @@ class RowSorter:
         self._vehicles: dict[str, _Vehicle] = {}
         self._present: set[str] = set()
         self._file = BlockFile()
+
+    def close(self) -> None:
+        """Close the temporary file. Blocks that have been yielded stay valid."""
+        self._file.close()
 
     def add(self, names: Sequence[str], which: Numbers, steps: Numbers, block: Array) -> None:
         """Add rows: block[:, k] is the state of vehicle names[which[k]] at steps[k].

@@ -72,6 +72,17 @@ class MotionSource(Protocol):
         """
         ...
 
+    def remarks(self, scenario: Scenario) -> Sequence[str]:
+        """Return what the author of a scenario should know before it is used, a line each."""
+        return ()
+
+    def drivers_at(self, scenario: Scenario, thresholds: Mapping[str, float]) -> Sequence[str]:
+        """Return what is to be said of drivers whose limits sit at thresholds of the labels, a line each.
+
+        thresholds: of the limits `accel` and `decel`, m/s2.
+        """
+        return ()
+
     def expected_cpu_s(self) -> float:
         """Return about how much processor time one recording takes, s, for estimates."""
         return 1.0

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import ClassVar
 
 from isac_cosim.base.files import digests_of
 from isac_cosim.isacsim.scenarios import scenario
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
+from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.traffic.drivers.settings import NATURAL, WORLDS, ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
@@ -43,6 +45,13 @@ class SumoSource(MotionSource):
 
     def run(self, scenario: Scenario, seed: int) -> Generator[Moment, None, Recording]:
         return record_stepwise(scenario, seed, self.traffic, self.maneuvers)
+
+    def remarks(self, scenario: Scenario) -> Sequence[str]:
+        return remarks(scenario)
+
+    def drivers_at(self, scenario: Scenario, thresholds: Mapping[str, float]) -> Sequence[str]:
+        files = (*scenario.demand, *scenario.additional)
+        return () if self.traffic.drivers == "ours" else limits_at_thresholds(files, thresholds)
 
     def expected_cpu_s(self) -> float:
         # Smaller or larger steps than the usual 0.01 s cost in proportion.

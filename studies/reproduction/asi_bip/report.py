@@ -13,10 +13,11 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, mean_f1
 from isac_cosim.evaluation.report import figures
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.page import FIGURES, Part, Row, write_table
+from isac_cosim.evaluation.report.parts import Part, Row, write_table
 from isac_cosim.evaluation.statistics import (
     Trainings,
     between_0_and_1,
+    class_mean,
     difference,
     estimate,
     of_left_out,
@@ -27,7 +28,7 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
 from isac_cosim.studies.reproduction.experiments import drawings
-from isac_cosim.studies.reproduction.experiments.pages import TABLES, claims_part
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, TABLES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from isac_cosim.studies.reproduction.experiments.sensing_cases import TRAINED, weather_cases, weather_stage
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize
@@ -100,7 +101,7 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
         if case.name not in cases:
             continue
         counts = cases[case.name]
-        f1 = score(mean_f1, counts)
+        f1 = class_mean(mean_f1, counts)
         reference = CASES.get(case.paper_case) if case.paper_case else None
         rows.append(
             {
@@ -226,7 +227,7 @@ def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
         {
             "SNR, dB": level,
             "windows": int(pooled(by_snr[level]).sum()) // len(by_snr[level]),
-            "macro-F1": score(mean_f1, by_snr[level]),
+            "macro-F1": class_mean(mean_f1, by_snr[level]),
             **{spoken(name): score(class_f1(k), by_snr[level]) for k, name in enumerate(CLASSES)},
         }
         for level in levels
@@ -253,7 +254,7 @@ def _literal(out: Path) -> Part | None:
         {
             "tokens": training.name,
             "accuracy": score(accuracy, of_measure([training], "test")),
-            "macro-F1": score(mean_f1, of_measure([training], "test")),
+            "macro-F1": class_mean(mean_f1, of_measure([training], "test")),
             "parameters": training.parameters,
             "processor time of the training, s": training.cpu_s,
         }
@@ -280,7 +281,7 @@ def _fast(out: Path, cases: dict[str, Trainings]) -> Part | None:
             {
                 "training": name,
                 "accuracy": score(accuracy, counts),
-                "macro-F1": score(mean_f1, counts),
+                "macro-F1": class_mean(mean_f1, counts),
                 "macro-F1 minus that of ISAC": estimate(difference(mean_f1), counts, plain) if plain else None,
             }
         )

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.models.data.clips import Clip, load_clips
 from isac_cosim.models.predictors.castformer import CastformerCore
@@ -54,6 +54,7 @@ def shortened(clip: Clip, horizon_s: float) -> Clip:
     return replace(clip, inner=clip.inner[:kept], outer=clip.outer[:kept])
 
 
+@limited()
 def measure_clips(task: ClipTraining) -> Scores:
     """Train a network on the clips outside a fold, and measure it on those of the fold at every horizon."""
     clips = clips_in(task.folder)
@@ -62,12 +63,7 @@ def measure_clips(task: ClipTraining) -> Scores:
     train, test = folds(np.array([clip.label for clip in clips], dtype=np.int64), settings)[task.fold]
     held_out = [shortened(clips[i], horizon_s) for horizon_s in HORIZONS_S for i in test]
     began = time.process_time()
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        predicted = predict_fold([clips[i] for i in train], held_out, settings, task.fold)
-    finally:
-        torch.set_num_threads(before)
+    predicted = predict_fold([clips[i] for i in train], held_out, settings, task.fold)
     label = np.array([clips[i].label for i in test], dtype=np.int64)
     part = np.arange(len(test)) % PARTS
     counts = {

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.evaluation.on_windows.metrics import maneuver_f1
-from isac_cosim.evaluation.report.page import FIGURES, Part, Row
-from isac_cosim.evaluation.statistics import Trainings, pooled, score
+from isac_cosim.evaluation.report.parts import Part, Row
+from isac_cosim.evaluation.statistics import Trainings, class_mean, pooled
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
 from isac_cosim.studies.reproduction.experiments import drawings
-from isac_cosim.studies.reproduction.experiments.pages import claims_part
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ABLATION,
     HORIZON,
@@ -119,7 +119,7 @@ def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
     curves: dict[str, list[float]] = {}
     reference: dict[str, list[float]] = {}
     for row in measured:
-        scores = {h: score(maneuver_f1, row.at(h)) for h in HORIZONS_S}
+        scores = {h: class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S}
         cells: dict[str, Any] = {"network": row.title}
         for k, h in enumerate(HORIZONS_S):
             if row.name in paper:
@@ -153,7 +153,7 @@ def _compared(out: Path) -> Part | None:
                 "parameters": row.scores[0].parameters,
                 "processor time of a training, s": float(np.mean([fold.cpu_s for fold in row.scores])),
                 "time of a prediction, ms": float(np.mean(window_ms)) if window_ms else None,
-                **{f"F1: {end_of(h)}": score(maneuver_f1, row.at(h)) for h in HORIZONS_S},
+                **{f"F1: {end_of(h)}": class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S},
             }
         )
     text = (

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from pathlib import Path
 
-from isac_cosim.base.files import replace_file
-from isac_cosim.evaluation.report import page as html_page
-from isac_cosim.evaluation.report.page import Part, Row, _section, write_table
+from isac_cosim.evaluation.report.page import write_page
+from isac_cosim.evaluation.report.parts import Part, Row, Shown, write_table
+from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.studies.reproduction.experiments.stages import Claim, Identity
 
-TABLES, PAGE, CLAIMS = "tables", "index.html", "claims"
+TABLES, FIGURES, CLAIMS = "tables", "figures", "claims"
+SMALL = "Size {}: these figures only show that every stage runs. They say nothing about the paper."
 
 
 def write_pages(title: str, identity: Identity, parts: Sequence[Part], missing: Sequence[str], out: Path) -> Path:
     """Write a CSV file for each part with rows, and the page. Returns the page's path.
 
-    missing: stages that were not run, with what they answer. The figures must be there already.
+    missing: stages that were not run, with what they answer. The figures must be there already, in FIGURES.
     """
     (out / TABLES).mkdir(exist_ok=True)
     for part in parts:
         if part.rows:
             write_table(part.rows, out / TABLES / f"{part.name}.csv")
-    page = out / PAGE
-    content = html_page.document(title, _body(identity, parts, missing, out))
-    replace_file(page, lambda path: path.write_text(content, encoding="utf-8"))
-    return page
+    small = [] if identity.size == "full" else [Part("size", sentences=[SMALL.format(identity.size)])]
+    not_run = [Part("not-run", "Not run", lines=missing)] if missing else []
+    shown = [*small, *not_run, *parts, *parts_of(Shown(identity, out / FIGURES))]
+    return write_page(title, shown, identity.model_dump_json(indent=1), out, out / FIGURES)
 
 
 def claims_part(claims: Sequence[Claim]) -> Part:
@@ -42,22 +42,7 @@ def claims_part(claims: Sequence[Claim]) -> Part:
         for claim in claims
     ]
     text = (
-        "A verdict follows from the 95 % interval alone: a claim holds, or does not hold, where the whole interval "
-        "says so, and is not told otherwise. Intervals cover the test seeds or folds, and the trainings "
-        "where there are several."
+        "The 95 % interval alone decides: a claim holds, or does not hold, where the whole interval says so; otherwise "
+        "it is undecided. Intervals cover the test seeds or folds, and the trainings where there are several."
     )
     return Part(CLAIMS, "What the paper claims", text, rows)
-
-
-def _body(identity: Identity, parts: Sequence[Part], missing: Sequence[str], out: Path) -> str:
-    notice = ""
-    if identity.size != "full":
-        notice = (
-            f"<p class=verdict><b>Size {html.escape(identity.size)}: these figures only show that every stage runs. "
-            "They say nothing about the paper.</b></p>"
-        )
-    if missing:
-        items = "".join(f"<li>{html.escape(line)}</li>" for line in missing)
-        notice += f"<h2>Not run</h2><ul>{items}</ul>"
-    sections = "".join(_section(part, out) for part in parts)
-    return f"{notice}{sections}{html_page.made_by(identity.model_dump_json(indent=1))}"

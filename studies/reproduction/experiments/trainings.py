@@ -24,6 +24,7 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.evaluation.on_windows.predictions import Predictions, predict
 from isac_cosim.evaluation.statistics import Counts
@@ -136,6 +137,7 @@ def run_tasks(
     return [result for task in tasks if (result := scores[task.name]) is not None]
 
 
+@limited()
 def train_and_measure(task: WindowTraining) -> Scores:
     """Train a predictor, unless its folder holds it already, and measure it."""
     dataset = Dataset.open(task.dataset)

@@ -1,4 +1,4 @@
-"""Ctrl-C in a terminal, which reaches the command and its worker processes alike: one line, and nothing is lost."""
+"""Signals that end a command, whether they reach its worker processes too or not: one line, and nothing is lost."""
 
 from __future__ import annotations
 
@@ -12,95 +12,56 @@ from pathlib import Path
 import psutil
 import pytest
 
-import cosim
 from isac_cosim.base.workers import interrupts
 from isac_cosim.labeling.dataset.dataset import read_meta
 from isac_cosim.labeling.generation.generate import generate
+from tests.support.held_command import started, wait_until_held
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 from tests.support.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX")
 
-ROOT = Path(cosim.__file__).parent
-COMMAND = """
-import signal, sys, time
-from functools import partial
-from pathlib import Path
-
-from isac_cosim.labeling.generation import generate, resense
-from tests.support.scripted import ScriptedSource
-
-road, gate = Path("road"), Path("gate")
-source = ScriptedSource(road.resolve(), held=(2, 3), gate=gate.resolve())
-generate.generate = partial(generate.generate, source=source)
-write_shard = resense.write_shard
-
-
-def write_or_wait(folder, samples, episode, *lengths):
-    "In the workers of `cosim sense`, which load this file, too."
-    if episode.seed in source.held:
-        source._pass_gate(episode.seed)
-    return write_shard(folder, samples, episode, *lengths)
-
-
-resense.write_shard = write_or_wait
-
-if __name__ == "__main__":
-    import cosim
-
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-    sys.exit(cosim.main())
-"""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 KEPT = "cosim: interrupted; what was finished is kept, and the same command continues from there"
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder with the command, whose episodes of seeds 2 and 3 never end."""
-    (tmp_path / "command.py").write_text(COMMAND)
-    for name in ("road", "gate"):
-        (tmp_path / name).mkdir()
-    return tmp_path
-
-
-def started(folder: Path, words: str) -> subprocess.Popen[str]:
-    """Start the command as a terminal does: at the head of a process group of its own."""
-    path = os.pathsep.join(map(str, (ROOT, *filter(None, [os.environ.get("PYTHONPATH")]))))
-    return subprocess.Popen(
-        [sys.executable, "command.py", *words.split()],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def wait_until_held(process: subprocess.Popen[str], folder: Path) -> None:
-    """Wait until both workers are at an episode that never ends."""
-    held = {"2", "3"}
-    wait_until(lambda: {path.name for path in (folder / "gate").iterdir()} == held, lambda: process.poll() is None)
-
-
-def interrupted(process: subprocess.Popen[str]) -> list[str]:
-    """Send Ctrl-C to the whole group; return the lines of standard error."""
-    os.killpg(process.pid, signal.SIGINT)
+def ended(process: subprocess.Popen[str], number: int, group: bool = True) -> list[str]:
+    """Send a signal to the command, or to its whole group; return the lines of standard error. No process is left."""
+    children = psutil.Process(process.pid).children(recursive=True)
+    (os.killpg if group else os.kill)(process.pid, number)
     out, err = process.communicate()
     assert out == ""
-    assert process.returncode == 130, err
+    assert process.returncode == 128 + number, err
+    assert gone(children)
     return [line for line in err.splitlines() if line.strip()]
 
 
-def test_generate_shows_progress_and_one_line(folder: Path) -> None:
+def gone(processes: list[psutil.Process]) -> bool:
+    """Wait until processes have ended; a killed one may wait for its parent."""
+    return wait_until(lambda: not any(is_at_work(process) for process in processes))
+
+
+def is_at_work(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+@pytest.mark.parametrize(
+    ("number", "group"), [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGTERM, False), (signal.SIGHUP, True)]
+)
+def test_generate_shows_progress_and_one_line(folder: Path, number: int, group: bool) -> None:
     process = started(folder, "generate road -o data --seeds 1:4 --jobs 2 --verbose")
     wait_until_held(process, folder)
-    lines = interrupted(process)
+    assert len(list((folder / "temporary").glob("cosim-*"))) == 1
+    lines = ended(process, number, group)
     assert lines[-1] == KEPT
     # Beside the progress bar, in which there is no other line, and the episode that was finished.
     others = [line for line in lines[:-1] if not line.startswith("generating ")]
     assert [line.split(",")[0] for line in others] == ["road-1: 2 samples"]
     assert [path.name for path in (folder / "data/shards").iterdir()] == ["road-1.parquet"]
+    assert list((folder / "temporary").glob("cosim-*")) == []
 
 
 def test_sense_shows_progress_and_one_line(folder: Path) -> None:
@@ -108,13 +69,14 @@ def test_sense_shows_progress_and_one_line(folder: Path) -> None:
     generate(study, folder / "made", InlineEngine(), source=ScriptedSource(folder / "road"))
     process = started(folder, "sense made -o data --sensor truth --jobs 2")
     wait_until_held(process, folder)
-    lines = interrupted(process)
+    lines = ended(process, signal.SIGTERM)
     assert lines[-1] == KEPT
     assert [line for line in lines[:-1] if not line.startswith("sensing ")] == []
     assert [path.name for path in (folder / "data/shards").iterdir()] == ["road-1.parquet"]
 
 
-def test_an_interrupt_while_workers_start_shows_the_same(folder: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_a_signal_while_workers_start_shows_the_same(folder: Path, number: int) -> None:
     process = started(folder, "generate road -o data --seeds 2:3 --jobs 2 --quiet")
     command = psutil.Process(process.pid)
 
@@ -122,42 +84,89 @@ def test_an_interrupt_while_workers_start_shows_the_same(folder: Path) -> None:
         return any("spawn_main" in " ".join(child.cmdline()) for child in command.children())
 
     wait_until(worker_starts, lambda: process.poll() is None)
-    assert interrupted(process) == [KEPT]
+    assert ended(process, number) == [KEPT]
     meta = read_meta(folder / "data")
     assert meta is not None
     assert not meta.complete
+    assert list((folder / "temporary").glob("cosim-*")) == []
 
 
-def test_workers_ignore_the_interrupt_where_it_cannot_be_hidden_from_them() -> None:
-    """As on Windows, where signals have no masks: the preload of a worker's process alone."""
-    script = (
-        "import os, signal; from isac_cosim.base.workers import interrupts; "
-        "signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "interrupts.dask_setup(None); os.kill(os.getpid(), signal.SIGINT); print('alive')"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "alive\n"
+def test_a_hangup_that_is_ignored_ends_nothing(folder: Path) -> None:
+    process = started(folder, "generate road -o data --seeds 1:3 --jobs 2 --quiet", "nohup")
+    wait_until_held(process, folder)
+    os.killpg(process.pid, signal.SIGHUP)
+    (folder / "gate/open").touch()
+    process.communicate()
+    assert process.returncode == 0
+    assert len(list((folder / "data/shards").iterdir())) == 3
 
 
-def test_an_interrupt_is_delayed_and_not_lost() -> None:
+def test_workers_end_with_a_command_that_is_killed_and_the_next_one_cleans_up(folder: Path) -> None:
+    process = started(folder, "generate road -o data --seeds 1:3 --jobs 2 --quiet")
+    wait_until_held(process, folder)
+    children = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.communicate()
+    assert gone(children)
+    left = set((folder / "temporary").glob("cosim-*"))
+    assert len(left) == 1
+    (folder / "gate/open").touch()
+    again = started(folder, "generate road -o data --seeds 1:3 --jobs 2 --quiet")
+    again.communicate()
+    assert again.returncode == 0
+    assert list((folder / "temporary").glob("cosim-*")) == []
+
+
+BUSY = """
+import ctypes, sys
+from pathlib import Path
+
+from isac_cosim.base.workers.engine import LocalEngine
+
+
+def keep_the_lock(file):
+    "As C++ code that runs for long, such as SUMO reading a large network."
+    file.touch()
+    ctypes.PyDLL(None).sleep(600)
+
+
+if __name__ == "__main__":
+    list(LocalEngine(1).run(keep_the_lock, [Path("begun")]))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere the process ends when the code returns")
+def test_a_worker_in_the_middle_of_a_library_ends_with_a_killed_command(folder: Path) -> None:
+    (folder / "command.py").write_text(BUSY)
+    process = started(folder, "")
+    wait_until((folder / "begun").exists, lambda: process.poll() is None)
+    children = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.communicate()
+    assert gone(children)
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_signal_is_delayed_and_not_lost(number: int) -> None:
     """Also where another thread, which was started before, receives the signal."""
     ended = threading.Event()
     thread = threading.Thread(target=ended.wait)
     thread.start()
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = signal.signal(number, signal.default_int_handler)
     reached: list[str] = []
 
     def interrupt_in_the_block() -> None:
-        with interrupts.deferred():
-            os.kill(os.getpid(), signal.SIGINT)
+        with interrupts.raised_alike(), interrupts.deferred(), interrupts.deferred():
+            os.kill(os.getpid(), number)
             reached.append("the end of the block")
 
     try:
         with pytest.raises(KeyboardInterrupt):
             interrupt_in_the_block()
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
         ended.set()
         thread.join()
     assert reached == ["the end of the block"]
+    assert interrupts.received() == number
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

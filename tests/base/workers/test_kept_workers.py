@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import os
-import threading
-import time
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
-import dask
-import psutil
 import pytest
 
-from isac_cosim.base.workers import engine
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.kept_workers import KeptWorkers, kept_running
 from tests.support.scripted import InlineEngine
@@ -31,14 +25,6 @@ def test_one_process_serves_every_run_until_the_block_ends() -> None:
     assert [item for item, _ in results] == [1, 2, 3]
     (process,) = {process for _, process in results}
     assert process != os.getpid()
-
-
-def test_workers_keep_no_profile_of_their_tasks() -> None:
-    """Sampling what a task does every 10 ms slows it."""
-    with LocalEngine(1).started() as client:
-        (periodic,) = client.run(lambda dask_worker: set(dask_worker.periodic_callbacks)).values()
-    assert "profile" not in periodic
-    assert "heartbeat" in periodic
 
 
 def test_no_process_starts_without_a_run() -> None:
@@ -71,52 +57,6 @@ def test_tasks_of_several_threads_leave_workers_idle(two_workers: KeptWorkers) -
             assert len(list(outcomes)) == 3
 
 
-def dying(folder: Path) -> int:
-    """Return at first, and end the process afterwards; end it at once the second time; only return the third time."""
-    runs = len(list(folder.iterdir()))
-    (folder / f"{runs}-{os.getpid()}").touch()
-    if runs == 0:
-        threading.Timer(0.2, os._exit, (1,)).start()
-    elif runs == 1:
-        os._exit(1)
-    return runs
-
-
-def test_a_result_that_is_lost_with_its_worker_is_computed_again(
-    one_worker: KeptWorkers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    read = engine._read
-
-    def late(future: Any) -> Any:
-        """Read when the first process has died."""
-        (first,) = tmp_path.glob("0-*")
-        while psutil.pid_exists(int(first.name[2:])):
-            time.sleep(0.02)
-        return read(future)
-
-    monkeypatch.setattr(engine, "_read", late)
-    (outcome,) = one_worker.run(dying, [tmp_path])
-    assert (outcome.result, outcome.error) == (2, None)
-    assert outcome.retries >= 1
-
-
-@pytest.mark.usefixtures("two_workers")
-def test_a_worker_that_died_is_not_given_up_while_its_replacement_starts() -> None:
-    assert dask.config.get("distributed.deploy.lost-worker-timeout") == engine.WORKER_BACK
-
-
-@pytest.mark.slow
-def test_a_replacement_may_start_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a busy machine; dask by itself gives a worker up after 15 s, and the task would wait forever."""
-    (tmp_path / "sitecustomize.py").write_text(
-        f"import pathlib, time\nif any(pathlib.Path({str(tmp_path / 'runs')!r}).iterdir()): time.sleep(25)\n"
-    )
-    (tmp_path / "runs").mkdir()
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    (outcome,) = LocalEngine(1).run(dying_at_once, [tmp_path / "runs"])
-    assert (outcome.result, outcome.retries) == (1, 1)
-
-
 def dying_at_once(folder: Path) -> int:
     """End the process the first time, return the second time."""
     runs = len(list(folder.iterdir()))
@@ -124,3 +64,15 @@ def dying_at_once(folder: Path) -> int:
     if not runs:
         os._exit(1)
     return runs
+
+
+@pytest.mark.slow
+def test_a_replacement_may_start_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a busy machine."""
+    (tmp_path / "sitecustomize.py").write_text(
+        f"import pathlib, time\nif any(pathlib.Path({str(tmp_path / 'runs')!r}).iterdir()): time.sleep(25)\n"
+    )
+    (tmp_path / "runs").mkdir()
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (outcome,) = LocalEngine(1).run(dying_at_once, [tmp_path / "runs"])
+    assert (outcome.result, outcome.retries) == (1, 1)

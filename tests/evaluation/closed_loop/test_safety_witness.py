@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
-from defusedxml import ElementTree
+import pytest
 
+from isac_cosim.base import landlock
 from isac_cosim.evaluation.closed_loop.safety import driving_of
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
@@ -23,7 +25,10 @@ FOLLOWS, STEP_S = "2", 0.01
 """The device's number of a follower that closes in on its leader."""
 
 
-def test_sumos_device_gives_the_same_time_to_collision_and_drac(tmp_path: Path) -> None:
+def test_sumos_device_gives_the_same_time_to_collision_and_drac(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(landlock, "version", lambda: 0)  # the device writes a file
     slow = '<vType id="slow" carFollowModel="IDM" maxSpeed="12" length="6" speedDev="0"/>'
     ahead = '<vehicle id="ahead" type="slow" route="all" depart="0" departLane="1" departPos="160" departSpeed="12"/>'
     queue = vehicle("behind", position=60.0, speed=28.0) + vehicle("third", position=20.0, speed=28.5)

@@ -29,12 +29,13 @@ def test_a_class_without_a_true_sample_is_left_out() -> None:
     result = metrics.summary(np.array([0, 0, 1]), np.array([0, 2, 1]), CLASSES)
     assert result.per_class_f1 == {"a": pytest.approx(2 / 3), "b": 1.0, "c": None, "d": None}
     assert result.macro_f1 == pytest.approx((2 / 3 + 1) / 2)
+    assert result.macro_f1_over == ["a", "b"]
 
 
 def test_bins_of_lead_time() -> None:
     lead = np.array([-0.21, -0.2, -0.01, 0.0, 0.19, 0.6])
     label = np.array([0, 1, 1, 0, 1, 1])
-    rows = metrics.by_lead_time(lead, label, np.array([0, 1, 0, 0, 0, 1]), 2)
+    rows = metrics.by_lead_time(lead, label, np.array([0, 1, 0, 0, 0, 1]), "ab")
     assert [(r.from_s, r.to_s, r.n, r.accuracy) for r in rows] == [
         (-0.4, -0.2, 1, 1.0), (-0.2, 0.0, 2, 0.5), (0.0, 0.2, 2, 0.5), (0.6, 0.8, 1, 1.0),
     ]  # fmt: skip
@@ -43,19 +44,20 @@ def test_bins_of_lead_time() -> None:
 def test_a_class_that_is_rare_in_a_bin_stays_out_of_its_macro_f1() -> None:
     label = np.array([0] * 6 + [1] * 5 + [2] * 4)
     predicted = np.array([0] * 6 + [1] * 5 + [0] * 4)
-    row = metrics.by_lead_time(np.full(15, 0.1), label, predicted, 3)[0]
+    row = metrics.by_lead_time(np.full(15, 0.1), label, predicted, "abc")[0]
     assert row.macro_f1 == pytest.approx((12 / 16 + 1) / 2)
-    assert metrics.by_lead_time(np.full(4, 0.1), label[-4:], predicted[-4:], 3)[0].macro_f1 is None
+    assert row.macro_f1_over == ["a", "b"]
+    assert metrics.by_lead_time(np.full(4, 0.1), label[-4:], predicted[-4:], "abc")[0].macro_f1 is None
 
 
 def test_multiples_of_the_bin_open_their_own_bin() -> None:
     lead = np.arange(-5, 6) * 0.2
-    rows = metrics.by_lead_time(lead, np.zeros(11, int), np.zeros(11, int), 2)
+    rows = metrics.by_lead_time(lead, np.zeros(11, int), np.zeros(11, int), "ab")
     assert [r.n for r in rows] == [1] * 11
 
 
 def test_records_without_snr_are_in_no_bin() -> None:
-    rows = metrics.by_snr(np.array([np.nan, 1.0, 3.0]), np.array([0, 0, 1]), np.array([0, 0, 1]), 2)
+    rows = metrics.by_snr(np.array([np.nan, 1.0, 3.0]), np.array([0, 0, 1]), np.array([0, 0, 1]), "ab")
     assert [(r.from_db, r.n) for r in rows] == [(0.0, 1), (2.0, 1)]
 
 

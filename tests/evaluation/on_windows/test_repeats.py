@@ -75,11 +75,13 @@ def test_the_verdict_sums_up_groups_with_their_spread(result: EvaluationResult) 
     trees, network = result.over_training_seeds
     line, other = verdict(result)[-2:]
     assert line == (
-        f"boosted trees, 2 training seed(s): macro-F1 before the commit {trees.before_commit_macro_f1.mean:.3f}, "
+        f"boosted trees, 2 training seed(s): macro-F1 before the commit over 2 of 6 intentions "
+        f"{trees.before_commit_macro_f1.mean:.3f}, "
         f"standard deviation {trees.before_commit_macro_f1.sd:.3f}."
     )
     assert other.startswith(
-        f"ASI-BIP, 1 training seed(s): macro-F1 before the commit {network.before_commit_macro_f1.mean:.3f}; "
+        f"ASI-BIP, 1 training seed(s): macro-F1 before the commit over 2 of 6 intentions "
+        f"{network.before_commit_macro_f1.mean:.3f}; "
         "boosted trees minus it"
     )
 

@@ -2,6 +2,7 @@
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,7 @@ from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDif
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.record_view import draw_record
-from isac_cosim.evaluation.report.report import record_view, write_page
-from isac_cosim.evaluation.report.score_table import table
+from isac_cosim.evaluation.report.report import record_view, show, write_page
 from isac_cosim.evaluation.report.verdict import verdict
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
@@ -51,7 +51,7 @@ def with_difference(result: EvaluationResult, groups: int, difference: float, lo
 
 def printed(result: EvaluationResult) -> str:
     console = Console(file=io.StringIO(), width=200)
-    console.print(table(result))
+    show(result, Path(), console)
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -195,6 +195,18 @@ def test_the_window_end_curve_is_drawn_where_it_was_measured(records: Records, t
     draw_figures(evaluate_records(trees_run, records, MADE_OF, tmp_path, settings), tmp_path)
     for name in ("window_end.png", "unknown_window_end.png"):
         assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_a_record_is_drawn_where_its_point_puts_it(records: Records, network_run: Run) -> None:
+    """Roads and sites are in the plane, and so is what is drawn of a record."""
+    moved = replace(records, table=records.table.assign(x0=20_000.0, y0=-300.0))
+    here, there = (record_view(network_run, placed, placed.tv[1], 1) for placed in (records, moved))
+    for name in ("tv", "truth", "uv"):
+        shift = getattr(there, name) - getattr(here, name)
+        np.testing.assert_allclose(shift[0], 20_000.0, atol=1e-9)
+        np.testing.assert_allclose(shift[1], -300.0, atol=1e-9)
+        np.testing.assert_array_equal(shift[2:], 0.0)
+    np.testing.assert_allclose(there.probabilities, here.probabilities, atol=1e-4)
 
 
 def test_a_record_s_view_predicts_every_window_that_fits(records: Records, network_run: Run) -> None:

@@ -19,8 +19,8 @@ from isac_cosim.isacsim.radio.estimators.candan import candan_offset
 from isac_cosim.isacsim.radio.estimators.maximum_likelihood import maximum_likelihood
 from isac_cosim.isacsim.radio.estimators.on_tensor import score
 from isac_cosim.isacsim.radio.waveform import Waveform, centred, steering
-from isac_cosim.isacsim.sensing.chain import SensingSettings, sense
-from tests.support.sensing_road import RATE_HZ, drive, road_sites
+from isac_cosim.isacsim.sensing.chain import SensingSettings
+from tests.support.sensing_road import drive, road_sites, sense
 
 WAVEFORM = Waveform()
 
@@ -166,7 +166,7 @@ def test_an_estimator_that_another_package_offers_works_in_the_chain(monkeypatch
         SensingSettings(estimator="perfect")
     monkeypatch.setitem(ESTIMATORS._items, "perfect", Perfect())
     truth = drive(20, 130.0, 1.0, 25.0)
-    record = sense(truth[None], RATE_HZ, road_sites(), SensingSettings(estimator="perfect"), [("p",)])[0]
+    record = sense(truth[None], road_sites(), SensingSettings(estimator="perfect"), [("p",)])[0]
     assert np.abs(record.fixes - truth[:4]).max() < 1e-6
     assert observe_tensor(np.ones((3, 3)), np.ones(3), Perfect(), WAVEFORM, 1).power.tolist() == [1, 1, 1]
 
@@ -179,9 +179,9 @@ def test_names_that_are_near_are_suggested() -> None:
 def test_drawing_dft_blocks_does_not_load_torch() -> None:
     """Workers that only sense would wait seconds for it."""
     code = (
-        "import sys, numpy as np; from isac_cosim.isacsim.sensing.chain import SensingSettings, sense; "
-        "from tests.support.sensing_road import drive, road_sites; "
-        "sense(drive(4, 130.0, 1.0, 25.0)[None], 400.0, road_sites(), SensingSettings(), [(1,)]); "
+        "import sys, numpy as np; from isac_cosim.isacsim.sensing.chain import SensingSettings; "
+        "from tests.support.sensing_road import drive, road_sites, sense; "
+        "sense(drive(4, 130.0, 1.0, 25.0)[None], road_sites(), SensingSettings(), [(1,)]); "
         "sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -20,9 +20,34 @@ def test_the_worst_edge_is_named_and_gentle_ones_are_not_counted() -> None:
     assert corners is not None
     assert (corners.edges, corners.worst_edge, corners.speed_mps) == (2, "worst", 30.0)
     assert 0.5 < corners.shift_m <= 1.0
+    assert str(corners).startswith("2 of 3 edges bend too sharply")
     assert "worst" in str(corners)
 
 
 def test_a_lower_limit_or_a_gentler_road_gives_no_warning() -> None:
     assert sharp_corners((road("a", 20.0),), {"a"}, {"a_0": 5.0}, RoundingSettings()) is None
     assert sharp_corners((road("a", 2.0),), {"a"}, {"a_0": 30.0}, RoundingSettings()) is None
+
+
+def test_lanes_and_junctions_do_not_count_as_edges() -> None:
+    """Two lanes turn on two lanes inside a junction, into an edge that was not asked for and turns sharply itself."""
+
+    def piece(edge: str, index: int, points: list[complex], successor: str = "") -> Lane:
+        shape = np.array([[point.real, point.imag + 3.2 * index] for point in points])
+        following = (f"{successor}_{index}",) if successor else ()
+        return Lane(f"{edge}_{index}", edge, index, 3.2, float(abs(points[-1] - points[0])), shape, following)
+
+    turn, away = np.exp(0.35j), np.exp(1.0j)
+    lanes = tuple(
+        lane
+        for k in range(2)
+        for lane in (
+            piece("in", k, [0j, 200 + 0j], ":J"),
+            piece(":J", k, [200 + 0j, 205 + 0j, 205 + 10 * turn], "out"),
+            piece("out", k, [205 + 10 * turn, 205 + 20 * turn, 205 + 20 * turn + 200 * away]),
+        )
+    )
+    limits = dict.fromkeys((lane.id for lane in lanes), 30.0)
+    corners = sharp_corners(lanes, {"in"}, limits, RoundingSettings())
+    assert corners is not None
+    assert (corners.edges, corners.of, corners.worst_edge) == (1, 1, ":J")

@@ -1,4 +1,4 @@
-"""Input files may come from anyone: no entity is expanded, no other file read, and SUMO writes no file for them."""
+"""Input files may come from anyone: no entity is expanded, no other file read, and none fills the memory."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from isac_cosim.base.errors import InputError
@@ -15,7 +16,7 @@ from isac_cosim.isacsim.scenarios.demand import DemandSettings
 from isac_cosim.isacsim.scenarios.making import import_map
 from isac_cosim.isacsim.scenarios.scenario import load, load_without_sites
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
-from isac_cosim.isacsim.scenarios.sumo_files import BLOCK, parse
+from isac_cosim.isacsim.scenarios.xml_files import LIMIT_VARIABLE, LONGEST_PIECE, elements, read_through
 from tests.support.roads import straight_road, vehicle
 
 
@@ -100,48 +101,85 @@ def test_a_file_that_is_not_xml_is_refused_in_one_line(tmp_path: Path, content: 
     for name, packed in (("a.xml", content), ("a.xml.gz", gzip.compress(content)), ("b.xml.gz", content)):
         (tmp_path / name).write_bytes(packed)
         with pytest.raises(InputError, match=rf"{name} cannot be read as XML \(.+\): fix the file") as caught:
-            parse(tmp_path / name)
+            read_through(tmp_path / name)
         assert "\n" not in str(caught.value)
 
 
-SSM = '<param key="has.ssm.device" value="true"/><param key="device.ssm.file" value="evil.xml"/>'
-WRITERS = {
-    "rou device": ("r.rou.xml", '<vType id="car"', f'<vType id="evil">{SSM}</vType><vType id="car"'),
-    "rou hidden": (
-        "r.rou.xml", '<vType id="car"', f'<vType id="evil">{SSM.replace("ssm", "&#115;sm")}</vType><vType id="car"'
-    ),
-    "net detector": ("r.net.xml", "</net>", '<e1Detector id="evil" lane="e0_0" pos="1" file="evil.xml"/></net>'),
-    "net calibrator": ("r.net.xml", "</net>", '<calibrator id="evil" edge="e0" output="evil.xml"/></net>'),
-    "net signals": ("r.net.xml", "</net>", '<tlLogic id="t"><param key="file" value="evil.xml"/></tlLogic></net>'),
-}  # fmt: skip
+ELEMENTS = b"<a/>" * 250_000
+"""A megabyte, of which a bomb holds a thousand."""
+LARGE = {
+    "attribute": (b'<net a="' + b" " * 50_000_000, r"has a tag or comment of more than 16 MB: shorten it"),
+    "comment": (b"<net><!--" + b"x" * 50_000_000, r"has a tag or comment of more than 16 MB: shorten it"),
+    "depth": (b"<net>" * 1_000_000, r"has more than 200 elements within each other: fix it"),
+}
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("case", WRITERS)
-def test_a_file_that_makes_sumo_write_another_is_refused(tmp_path: Path, case: str, encoding: str) -> None:
-    name, old, new = WRITERS[case]
+def bomb_file(file: Path, start: bytes, megabyte: bytes) -> None:
+    """Write a gigabyte as a megabyte."""
+    file.write_bytes(gzip.compress(start) + gzip.compress(megabyte) * 1000)
+
+
+def test_a_small_file_that_holds_a_gigabyte_is_refused(tmp_path: Path) -> None:
     road = straight_road(tmp_path / "road", vehicle("a"))
-    text = (road / name).read_text().replace('<?xml version="1.0" encoding="UTF-8"?>', "")
-    assert old in text
-    (road / name).write_text(text, encoding=encoding)
-    load(road)
-    (road / name).write_text(text.replace(old, new), encoding=encoding)
-    with pytest.raises(InputError, match=rf"{name}: \w+ '[\w.]+' makes SUMO write a file: remove it"):
+    bomb_file(road / "r.net.xml.gz", b"<net>", ELEMENTS)
+    change_name(road)
+    tracemalloc.start()
+    with pytest.raises(
+        InputError, match=r"r\.net\.xml\.gz holds more than 200 times its size: decompress it"
+    ) as caught:
         load(road)
+    assert tracemalloc.get_traced_memory()[1] < 80e6
+    tracemalloc.stop()
+    assert "\n" not in str(caught.value)
 
 
-def test_parameters_that_write_no_file_are_accepted(tmp_path: Path) -> None:
-    """Also where a word that does lies across two blocks of reading."""
-    road = straight_road(tmp_path / "road", vehicle("a"))
-    routes = road / "r.rou.xml"
-    text = routes.read_text()
-    routes.write_text(
-        text.replace("</routes>", '<vType id="x"><param key="has.ssm.device" value="false"/></vType></routes>')
-    )
-    load(road)
-    at = text.index("</routes>")
-    for shift in range(-70, 10, 5):
-        filler = f"<!--{'x' * (BLOCK - at + shift - 7)}-->"
-        routes.write_text(f'{text[:at]}{filler}<vType id="evil">{SSM}</vType></routes>')
-        with pytest.raises(InputError, match=r"has\.ssm\.device"):
-            load(road)
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("kind", LARGE)
+def test_what_would_fill_the_memory_is_refused(tmp_path: Path, kind: str, packed: bool) -> None:
+    text, message = LARGE[kind]
+    file = tmp_path / "a.xml"
+    file.write_bytes(gzip.compress(text, 1) if packed else text)
+    tracemalloc.start()
+    with pytest.raises(InputError, match=rf"a\.xml {message}") as caught:
+        read_through(file)
+    assert tracemalloc.get_traced_memory()[1] < 80e6
+    tracemalloc.stop()
+    assert "\n" not in str(caught.value)
+
+
+def change_name(road: Path) -> None:
+    config = road / "r.sumocfg"
+    config.write_text(config.read_text().replace("r.net.xml", "r.net.xml.gz"))
+
+
+def test_a_map_that_holds_a_gigabyte_is_refused_before_netconvert_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(making, "_netconvert", unreachable)
+    bomb_file(tmp_path / "map.osm.gz", b"<osm>", ELEMENTS)
+    with pytest.raises(InputError, match="holds more than 200 times its size"):
+        import_map(tmp_path / "map.osm.gz", tmp_path / "out", None, PlacementSettings(), DemandSettings())
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_how_much_is_read_is_a_setting(tmp_path: Path, packed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "a.xml"
+    rng = np.random.default_rng(0)
+    text = b"<a>" + b"".join(b'<b c="%d"/>' % number for number in rng.integers(1 << 60, size=50_000)) + b"</a>"
+    file.write_bytes(gzip.compress(text) if packed else text)
+    monkeypatch.setenv(LIMIT_VARIABLE, "0.001")
+    with pytest.raises(InputError, match=r"a\.xml holds more than 0\.001 GB: set ISAC_COSIM_XML_LIMIT_GB higher"):
+        read_through(file)
+    monkeypatch.setenv(LIMIT_VARIABLE, "0.002")
+    assert sum(1 for _ in elements(file)) == 50_001
+    for wrong in ("much", "nan", "0", "-1"):
+        monkeypatch.setenv(LIMIT_VARIABLE, wrong)
+        with pytest.raises(InputError, match=rf"ISAC_COSIM_XML_LIMIT_GB = '{wrong}' is not a number above 0"):
+            read_through(file)
+
+
+def test_a_long_attribute_is_read(tmp_path: Path) -> None:
+    """The edges of a long route."""
+    (tmp_path / "a.xml").write_text(f'<a b="{"x" * (LONGEST_PIECE - 3_000_000)}"/>')
+    ((_, name, attributes),) = elements(tmp_path / "a.xml")
+    assert (name, len(attributes["b"])) == ("a", LONGEST_PIECE - 3_000_000)

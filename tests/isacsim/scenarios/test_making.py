@@ -1,14 +1,11 @@
 """Scenarios made from maps and bare networks, and users' scenarios used as they are."""
 
 import gzip
-import re
-import subprocess
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-import sumo
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.panels import Panels
@@ -16,7 +13,7 @@ from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
 from isac_cosim.isacsim.scenarios.making import add_sites, import_map
 from isac_cosim.isacsim.scenarios.scenario import bundled, load, resolved
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place
-from isac_cosim.isacsim.scenarios.sumo_files import KEPT, parse, without_outputs
+from isac_cosim.isacsim.scenarios.xml_files import elements
 from isac_cosim.isacsim.sensing.chain import LEAST_SITES, ViewSettings, assign
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
@@ -63,28 +60,6 @@ def test_nothing_is_written_beside_a_users_scenario(tmp_path: Path) -> None:
     times = recording.times(recording.tracks["a"])
     assert 102.0 < times[0] < 102.05
     np.testing.assert_allclose(np.diff(times), 0.01)
-
-
-def test_additional_files_keep_everything_but_outputs(tmp_path: Path) -> None:
-    file = tmp_path / "a.add.xml"
-    file.write_text(
-        '<additional><edgeData id="m" file="x"/><busStop id="b"/><calibrator id="c" output="x" freq="1"/>'
-        '<vType id="t"><param key="has.ssm.device" value="true"/><param key="color" value="red"/></vType></additional>'
-    )
-    (folder := tmp_path / "copies").mkdir()
-    copy = without_outputs(file, folder)
-    assert [node.tag for node in parse(copy)] == ["busStop", "calibrator", "vType"]
-    assert [node.attrib for node in parse(copy).iter("calibrator")] == [{"id": "c", "freq": "1", "output": "NUL"}]
-    assert [node.get("key") for node in parse(copy).iter("param")] == ["color"]
-    harmless = tmp_path / "b.add.xml"
-    harmless.write_text('<additional><busStop id="b"/></additional>')
-    assert without_outputs(harmless, folder) == harmless
-
-
-def test_what_is_kept_of_a_configuration_are_options_of_sumo() -> None:
-    program = Path(sumo.SUMO_HOME) / "bin" / "sumo"
-    lines = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
-    assert set(KEPT) <= set(re.findall(r"--([\w.-]+)", lines))
 
 
 def test_a_folder_of_results_does_not_hide_the_bundled_scenario_of_its_name(
@@ -192,7 +167,8 @@ def test_a_map_becomes_a_scenario(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("m.osm", "<osm>", "netconvert cannot make a network of .*: fix the map"),
+        ("m.osm", "<osm>", r"m\.osm cannot be read as XML \(.*\): fix the file"),
+        ("m.osm", "<osm/>", "netconvert cannot make a network of .*: fix the map"),
         ("m.png", "", "not an OpenStreetMap file: give one that ends in .osm"),
         ("gone.osm", None, "there is no file .*gone.osm: give"),
     ],
@@ -214,7 +190,7 @@ def test_demand_is_reproducible_and_its_routes_are_connected(tmp_path: Path) -> 
     assert text != make_demand(motorway.network, DemandSettings(), 4)
     file = tmp_path / "d.rou.xml"
     file.write_text(text)
-    routes = [node.get("edges", "").split() for node in parse(file).iter("route")]
+    routes = [node.attributes["edges"].split() for node in elements(file) if node.name == "route"]
     follows = {
         (lane.edge, last.edge)
         for lane in motorway.lanes
@@ -268,8 +244,8 @@ def test_two_of_the_sites_made_for_a_bare_network_see_each_road_of_its_traffic(n
     network = straight_road(tmp_path / name, vehicle("a")) / "r.net.xml" if name == "straight" else load(name).network
     add_sites(str(network), tmp_path / "new", PlacementSettings(), DemandSettings(vehicles=30))
     scenario = load(tmp_path / "new")
-    routes = parse(tmp_path / "new" / "new.rou.xml").iter("route")
-    used = {edge for route in routes for edge in route.get("edges", "").split()}
+    routes = [node.attributes for node in elements(tmp_path / "new" / "new.rou.xml") if node.name == "route"]
+    used = {edge for route in routes for edge in route["edges"].split()}
     panels = Panels.of(scenario.sites, 0.8)
     for lane in scenario.lanes:
         if lane.edge not in used:

@@ -1,5 +1,6 @@
 """Reading scenarios: the bundled ones, and what is wrong with a user's."""
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.demand import DemandSettings
 from isac_cosim.isacsim.scenarios.making import add_sites
-from isac_cosim.isacsim.scenarios.scenario import bundled, load, load_without_sites
+from isac_cosim.isacsim.scenarios.remarks import remarks
+from isac_cosim.isacsim.scenarios.scenario import Elevation, bundled, load, load_without_sites
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
 from tests.support.roads import SITE, straight_road, vehicle
 
@@ -124,3 +126,23 @@ def test_a_network_file_alone_is_read_but_has_no_demand(tmp_path: Path) -> None:
     assert load_without_sites(network).name == "r"
     with pytest.raises(InputError, match="has no demand: make a scenario with demand by `cosim network sites"):
         load(network)
+
+
+@pytest.mark.parametrize("height", ["-30", "0", "1e5"])
+def test_a_site_in_the_ground_or_in_the_sky_is_refused(tmp_path: Path, height: str) -> None:
+    folder = straight_road(tmp_path / "road", vehicle("a"), SITE.replace('value="15"', f'value="{height}"'))
+    with pytest.raises(InputError, match=r"site s0 is -?\d+ m high: give the height .* more than 0 and at most 1000 m"):
+        load(folder)
+
+
+def test_edges_that_are_not_level_are_counted_and_reported(tmp_path: Path) -> None:
+    """The second of two edges rises by 12.5 m."""
+    folder = straight_road(tmp_path / "road", vehicle("a"))
+    assert load(folder).elevation is None
+    assert remarks(load(folder)) == []
+    network = folder / "r.net.xml"
+    rising = re.sub(r'(<lane id="e1_\d"[^>]*shape="[^" ]+ [^" ]+)"', r'\1,12.5"', network.read_text())
+    network.write_text(rising)
+    assert load(folder).elevation == Elevation(edges=1, of=2, low_m=0.0, high_m=12.5)
+    (remark,) = remarks(load(folder))
+    assert "1 of 2 edges leave the median height by more than 1 m (0 to 12.5 m): the network is taken as flat" in remark

@@ -1,5 +1,7 @@
 """The onboard radar: its accuracy, what each condition takes away, and what it sees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,28 +9,29 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
 from isac_cosim.isacsim.sensing.onboard_radar import (
     UNKNOWN_SPEED_MPS,
-    Carrier,
     Cycles,
     Pose,
     RadarSettings,
     scan,
-    sense_onboard,
 )
-from tests.support.sensing_road import RATE_HZ, drive, hard_brake
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage, WatchedTraffic
+from isac_cosim.isacsim.sensing.sensors import watch
+from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from tests.support.sensing_road import RATE_HZ, drive, hard_brake, sense_onboard
 
 RECORDS = 8
 KEYS = [("radar", k) for k in range(RECORDS)]
 
 
-def scene(gap: float = 30.0, snapshots: int = 2000) -> tuple[np.ndarray, Carrier]:
+def scene(gap: float = 30.0, snapshots: int = 2000) -> tuple[np.ndarray, list[Carrier]]:
     """A TV that brakes hard behind a UV that drives on at its first speed."""
     truth = np.stack([hard_brake(snapshots)] * RECORDS)
     time = np.arange(snapshots // 4) / 100
-    state = np.zeros((RECORDS, 6, len(time)))
-    state[:, 0] = truth[0, 0, 0] + gap + 30 * time
-    state[:, 1] = truth[0, 1, 0]
-    state[:, 2] = 30
-    return truth, Carrier(state, 100.0)
+    state = np.zeros((6, len(time)))
+    state[0] = truth[0, 0, 0] + gap + 30 * time
+    state[1] = truth[0, 1, 0]
+    state[2] = 30
+    return truth, [Carrier(state, 100.0)] * RECORDS
 
 
 def rms(records: list, truth: np.ndarray, part: slice) -> float:
@@ -36,8 +39,8 @@ def rms(records: list, truth: np.ndarray, part: slice) -> float:
 
 
 def test_clear_weather_is_as_accurate_as_the_radar() -> None:
-    truth, carrier = scene()
-    records = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(), KEYS)
+    truth, carriers = scene()
+    records = sense_onboard(truth, carriers, RadarSettings(), KEYS)
     assert all(r.usable and r.n_sites == 0 and r.detected > 0.95 for r in records)
     assert rms(records, truth, slice(0, 2)) < 0.2
     assert rms(records, truth, slice(2, 4)) < 0.4
@@ -49,9 +52,9 @@ def test_clear_weather_is_as_accurate_as_the_radar() -> None:
 
 @pytest.mark.parametrize("pattern", ["random", "contiguous"])
 def test_partial_sight_drops_three_quarters(pattern: str) -> None:
-    truth, carrier = scene()
-    clear = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(), KEYS)
-    partial = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(condition="nlos", pattern=pattern), KEYS)
+    truth, carriers = scene()
+    clear = sense_onboard(truth, carriers, RadarSettings(), KEYS)
+    partial = sense_onboard(truth, carriers, RadarSettings(condition="nlos", pattern=pattern), KEYS)
     assert [r.detected for r in partial] == pytest.approx([0.25] * RECORDS, abs=0.03)
     assert rms(partial, truth, slice(0, 2)) > 1.5 * rms(clear, truth, slice(0, 2))
     longest = [
@@ -64,28 +67,26 @@ def test_partial_sight_drops_three_quarters(pattern: str) -> None:
 
 
 def test_weather_takes_20_db_and_cycles() -> None:
-    truth, carrier = scene()
-    clear = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(), KEYS)
-    weather = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(condition="weather"), KEYS)
+    truth, carriers = scene()
+    clear = sense_onboard(truth, carriers, RadarSettings(), KEYS)
+    weather = sense_onboard(truth, carriers, RadarSettings(condition="weather"), KEYS)
     assert clear[0].snr_db - weather[0].snr_db == pytest.approx(20)
     assert np.mean([r.detected for r in weather]) == pytest.approx(0.7, abs=0.1)
     assert rms(weather, truth, slice(0, 2)) > rms(clear, truth, slice(0, 2))
 
 
 def test_rain_at_77_ghz_is_felt() -> None:
-    truth, carrier = scene(gap=100.0)
-    dry = sense_onboard(truth[:1], RATE_HZ, Carrier(carrier.state[:1], 100.0), RadarSettings(), KEYS[:1])
-    wet = sense_onboard(
-        truth[:1], RATE_HZ, Carrier(carrier.state[:1], 100.0), RadarSettings(rain_mm_per_h=50), KEYS[:1]
-    )
+    truth, carriers = scene(gap=100.0)
+    dry = sense_onboard(truth[:1], carriers[:1], RadarSettings(), KEYS[:1])
+    wet = sense_onboard(truth[:1], carriers[:1], RadarSettings(rain_mm_per_h=50), KEYS[:1])
     distance = np.mean(
-        np.abs(truth[0, 0] - np.interp(np.arange(2000) / 400, np.arange(500) / 100, carrier.state[0, 0]))
+        np.abs(truth[0, 0] - np.interp(np.arange(2000) / 400, np.arange(500) / 100, carriers[0].state[0]))
     )
     assert dry[0].snr_db - wet[0].snr_db == pytest.approx(2 * distance / 1000 * 18.8, rel=0.15)
 
 
 def test_a_truck_between_the_two_takes_the_line_of_sight() -> None:
-    truth, carrier = scene(gap=60.0)
+    truth, carriers = scene(gap=60.0)
     moving = np.arange(500) * 0.3
     truck = Blockers(
         ["t"],
@@ -98,19 +99,21 @@ def test_a_truck_between_the_two_takes_the_line_of_sight() -> None:
         np.array([TRUCK_HEIGHT_M]),
     )
     settings = RadarSettings(condition="nlos", pattern="line_of_sight")
-    hidden = sense_onboard(truth, RATE_HZ, carrier, settings, KEYS, [truck] * RECORDS)
-    assert all(r.detected == 0 for r in hidden)
-    beside = Blockers(["t"], 0.01, truck.x, truck.y + 5, truck.heading, truck.length_m, truck.width_m, truck.height_m)
-    assert all(r.detected > 0.95 for r in sense_onboard(truth, RATE_HZ, carrier, settings, KEYS, [beside] * RECORDS))
+    beside = replace(truck, y=truck.y + 5)
+    time_s = np.arange(2000) / RATE_HZ
+    pose = Pose.of(carriers[0], time_s, ("truck",))
+    hidden, free = (scan(truth[0], time_s, pose, settings, ("truck",), others) for others in (truck, beside))
+    assert hidden.detected == 0
+    assert free.detected > 0.95
 
 
 def test_a_forward_radar_does_not_see_behind() -> None:
-    truth, carrier = scene()
-    behind = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(half_width_deg=60), KEYS)
+    truth, carriers = scene()
+    behind = sense_onboard(truth, carriers, RadarSettings(half_width_deg=60), KEYS)
     assert not any(r.usable for r in behind)
     assert all(np.isfinite(r.state).all() for r in behind)
-    ahead, carrier = scene(gap=-60.0, snapshots=400)
-    assert all(r.usable for r in sense_onboard(ahead, RATE_HZ, carrier, RadarSettings(half_width_deg=60), KEYS))
+    ahead, carriers = scene(gap=-60.0, snapshots=400)
+    assert all(r.usable for r in sense_onboard(ahead, carriers, RadarSettings(half_width_deg=60), KEYS))
 
 
 def parked(x: float, y: float, snapshots: int = 500) -> np.ndarray:
@@ -123,7 +126,7 @@ def parked(x: float, y: float, snapshots: int = 500) -> np.ndarray:
 def detected(state: np.ndarray, tv: np.ndarray, half_width_deg: float = 60.0) -> np.ndarray:
     """Which thirds of a record a radar with a narrow field of view detects the TV in."""
     settings = RadarSettings(half_width_deg=half_width_deg)
-    record = sense_onboard(tv[None], RATE_HZ, Carrier(state[None], 100.0), settings, [("parked", 0)])[0]
+    record = sense_onboard(tv[None], [Carrier(state, 100.0)], settings, [("parked", 0)])[0]
     changes = np.flatnonzero(np.any(np.diff(record.fixes, axis=1) != 0, axis=0))
     return np.array([((changes >= begin) & (changes < begin + 600)).any() for begin in (0, 700, 1400)])
 
@@ -205,38 +208,41 @@ def test_the_fixes_say_how_good_they_are() -> None:
 
 def test_errors_of_the_uvs_own_position_reach_the_fixes() -> None:
     """The radar rides on the true UV, and adds what it measures to where the UV believes to be."""
-    truth, carrier = scene()
-    offset = np.zeros((RECORDS, 6, 500))
-    offset[:, 1] = 1.5
-    moved = Carrier(carrier.state, 100.0, carrier.state + offset)
-    right = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(tracking={"run_in_s": 0.0}), KEYS)
-    wrong = sense_onboard(truth, RATE_HZ, moved, RadarSettings(tracking={"run_in_s": 0.0}), KEYS)
+    truth, carriers = scene()
+    offset = np.zeros((6, 500))
+    offset[1] = 1.5
+    moved = [replace(carrier, reported=carrier.state + offset) for carrier in carriers]
+    right = sense_onboard(truth, carriers, RadarSettings(tracking={"run_in_s": 0.0}), KEYS)
+    wrong = sense_onboard(truth, moved, RadarSettings(tracking={"run_in_s": 0.0}), KEYS)
     for one, other in zip(right, wrong, strict=True):
         np.testing.assert_allclose(
             other.fixes - one.fixes, np.array([[0], [1.5], [0], [0]]) + np.zeros(2000), atol=1e-9
         )
-    noisy = Carrier(carrier.state, 100.0, None, position_sd_m=0.5)
-    spread = _scan_run_in(truth, noisy) - _scan_run_in(truth, carrier)
+    noisy = [replace(carrier, position_sd_m=0.5) for carrier in carriers]
+    spread = _scan_run_in(truth, noisy) - _scan_run_in(truth, carriers)
     assert spread.std() == pytest.approx(0.4, rel=0.25)
 
 
-def _scan_run_in(truth: np.ndarray, carrier: Carrier) -> np.ndarray:
+def _scan_run_in(truth: np.ndarray, carriers: list[Carrier]) -> np.ndarray:
     """Fixes at the start of the records, which the run-in made."""
-    return np.stack([r.fixes[:2, 0] for r in sense_onboard(truth, RATE_HZ, carrier, RadarSettings(), KEYS)])
+    return np.stack([r.fixes[:2, 0] for r in sense_onboard(truth, carriers, RadarSettings(), KEYS)])
 
 
 def test_a_record_does_not_depend_on_its_company() -> None:
-    truth, carrier = scene(snapshots=400)
-    together = sense_onboard(truth, RATE_HZ, carrier, RadarSettings(condition="weather"), KEYS)
-    alone = sense_onboard(
-        truth[5:6], RATE_HZ, Carrier(carrier.state[5:6], 100.0), RadarSettings(condition="weather"), KEYS[5:6]
-    )
+    truth, carriers = scene(snapshots=400)
+    together = sense_onboard(truth, carriers, RadarSettings(condition="weather"), KEYS)
+    alone = sense_onboard(truth[5:6], carriers[5:6], RadarSettings(condition="weather"), KEYS[5:6])
     assert np.array_equal(alone[0].state, together[5].state)
 
 
-def test_arguments_that_do_not_fit_are_refused() -> None:
-    truth, carrier = scene(snapshots=400)
-    with pytest.raises(InputError, match="one of each per record"):
-        sense_onboard(truth, RATE_HZ, carrier, RadarSettings(), KEYS[:2])
+def test_a_tv_without_a_uv_is_not_usable() -> None:
+    passage = Passage("tv", 0.0, hard_brake(400), ("alone",))
+    picture = watch("radar", WatchedTraffic("road", 1, [], RATE_HZ), SensorSettings()).picture
+    assert not picture.in_view(passage).any()
+    assert not picture.record([passage])[0].usable
+
+
+def test_a_line_of_sight_needs_the_other_vehicles() -> None:
+    truth, carriers = scene(snapshots=400)
     with pytest.raises(InputError, match="line_of_sight"):
-        sense_onboard(truth, RATE_HZ, carrier, RadarSettings(condition="nlos", pattern="line_of_sight"), KEYS)
+        sense_onboard(truth, carriers, RadarSettings(condition="nlos", pattern="line_of_sight"), KEYS)

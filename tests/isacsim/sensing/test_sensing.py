@@ -19,15 +19,14 @@ from isac_cosim.isacsim.sensing.chain import (
     ViewSettings,
     _heading_rad,
     assign,
-    before,
     fix,
-    run_in,
-    sense,
 )
+from isac_cosim.isacsim.sensing.following import Approach, before, run_in
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.fusion import position_bound
 from isac_cosim.isacsim.tracking.fusion_methods import FusionSettings
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings
-from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, swerve
+from tests.support.sensing_road import RATE_HZ, drive, hard_brake, road_sites, sense, swerve
 
 SITES = road_sites()
 DEFAULT = SensingSettings()
@@ -46,7 +45,7 @@ def rms(values: np.ndarray) -> float:
 @pytest.mark.parametrize("motion", [lambda n, x: drive(n, x, 0.0, 28.0), hard_brake, swerve])
 def test_position_within_10_cm_and_the_filter_improves_it(motion) -> None:
     truth = np.stack([motion(2000, 60.0 * k) for k in range(6)])
-    records = sense(truth, RATE_HZ, SITES, DEFAULT, [("accuracy", k) for k in range(6)])
+    records = sense(truth, SITES, DEFAULT, [("accuracy", k) for k in range(6)])
     filtered, raw = errors(truth, records)
     assert all(r.n_sites == 4 and 0 <= r.snr_db <= 10 and r.detected == 1 for r in records)
     assert np.median(np.hypot(raw[:, 0], raw[:, 1])) < 0.1
@@ -62,9 +61,9 @@ def test_position_within_10_cm_and_the_filter_improves_it(motion) -> None:
 def test_a_record_does_not_depend_on_batch_or_order(order: list[int], cut: int) -> None:
     truth = np.stack([drive(80, 150.0 * k, 1.0, 20.0 + k) for k in range(4)])
     keys = [("scenario", 7, k) for k in range(4)]
-    reference = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
+    reference = sense(truth, SITES, DEFAULT, keys)
     for part in (order[:cut], order[cut:]):
-        again = sense(truth[list(part)], RATE_HZ, SITES, DEFAULT, [keys[k] for k in part])
+        again = sense(truth[list(part)], SITES, DEFAULT, [keys[k] for k in part])
         for k, record in zip(part, again, strict=True):
             assert np.array_equal(record.state, reference[k].state)
             assert np.array_equal(record.fixes, reference[k].fixes)
@@ -74,9 +73,9 @@ def test_a_record_does_not_depend_on_batch_or_order(order: list[int], cut: int) 
 def test_a_record_does_not_depend_on_how_many_are_filtered_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     truth = np.stack([drive(40, 150.0 * k, 1.0, 20.0) for k in range(5)])
     keys = [("together", k) for k in range(5)]
-    reference = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
-    monkeypatch.setattr("isac_cosim.isacsim.sensing.chain.TOGETHER", 2)
-    again = sense(truth, RATE_HZ, SITES, DEFAULT, keys)
+    reference = sense(truth, SITES, DEFAULT, keys)
+    monkeypatch.setattr("isac_cosim.isacsim.sensing.following.TOGETHER", 2)
+    again = sense(truth, SITES, DEFAULT, keys)
     assert all(np.array_equal(a.state, b.state) for a, b in zip(reference, again, strict=True))
 
 
@@ -85,12 +84,13 @@ def test_fixes_are_on_the_bound_and_their_covariances_honest(snr_db: float) -> N
     """Echo to fix, four sites: errors against the bound at the true SNR and against the covariance that comes out."""
     motion = hard_brake(2000)
     level = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=snr_db)})
+    panels = Panels.of(SITES, level.target_height_m)
+    approach = Approach(motion, run_in=200, before=200, carried=200)
     values, ratios = [], []
     for k in range(3):
-        fixes = fix(motion, RATE_HZ, SITES, level, ("honest", k)).fixes
+        fixes = fix(approach, RATE_HZ, panels, level, ("honest", k)).fixes
         error = fixes.state - motion[:4].T
         values.append(np.einsum("na,nab,nb->n", error, np.linalg.inv(fixes.covariance), error))
-        panels = Panels.of(SITES, level.target_height_m)
         sites = assign(motion[:2].T, RATE_HZ, panels, level.view)
         deviation = measured_bound(np.full(sites.shape, 10 ** (snr_db / 10)), level.waveform)
         bound = position_bound(motion[:4].T, deviation, panels.take(sites))
@@ -102,14 +102,14 @@ def test_fixes_are_on_the_bound_and_their_covariances_honest(snr_db: float) -> N
 
 def test_another_key_is_another_draw_and_the_same_key_the_same() -> None:
     truth = np.stack([drive(40, 100.0, 0.0, 25.0)] * 3)
-    one, same, other = sense(truth, RATE_HZ, SITES, DEFAULT, [("a", 1), ("a", 1), ("a", 2)])
+    one, same, other = sense(truth, SITES, DEFAULT, [("a", 1), ("a", 1), ("a", 2)])
     assert np.array_equal(one.state, same.state)
     assert not np.array_equal(one.state, other.state)
 
 
 def test_a_vehicle_that_two_sites_do_not_see_is_not_usable() -> None:
     truth = np.stack([drive(40, 100.0, 0.0, 25.0), drive(40, 1e5, 0.0, 25.0)])
-    seen, unseen = sense(truth, RATE_HZ, SITES, DEFAULT, [(0,), (1,)])
+    seen, unseen = sense(truth, SITES, DEFAULT, [(0,), (1,)])
     assert seen.usable
     assert not unseen.usable
     assert unseen.n_sites == 0
@@ -122,7 +122,7 @@ def test_a_vehicle_below_the_noise_is_not_usable_and_one_at_the_threshold_stays_
     truth = drive(80, 100.0, 0.0, 25.0)[None]
     for level, usable in ((-60, False), (-31, True)):
         faint = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=level)})
-        record = sense(truth, RATE_HZ, SITES, faint, [("faint", level)])[0]
+        record = sense(truth, SITES, faint, [("faint", level)])[0]
         assert record.usable == usable
         assert record.n_sites == (4 if usable else 0)
         assert np.isfinite(record.state).all()
@@ -176,7 +176,7 @@ def test_a_known_past_is_what_the_filter_settles_on() -> None:
     motion = np.stack([x, 0 * t, speed, 0 * t, np.where(t < 0, -6.0, 0.0), 0 * t])
     truth, past = motion[None, :, 200:], motion[None, :, :200]
     loud = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=20)})
-    (guessed,), (known,) = (sense(truth, RATE_HZ, SITES, loud, [(1,)], past=earlier) for earlier in (None, past))
+    (guessed,), (known,) = (sense(truth, SITES, loud, [(1,)], past=earlier) for earlier in (None, past))
     assert rms(known.fixes - truth[0, :4]) < 0.5
     # The filter follows what it saw: a deceleration that has only just ended.
     assert known.state[4, 0] < guessed.state[4, 0] - 1.0
@@ -186,10 +186,10 @@ def test_a_known_past_is_what_the_filter_settles_on() -> None:
 def test_the_snr_can_be_set() -> None:
     truth = drive(40, 100.0, 0.0, 25.0)[None]
     low = sense(
-        truth, RATE_HZ, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=-10)}), [(1,)]
+        truth, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=-10)}), [(1,)]
     )[0]
     high = sense(
-        truth, RATE_HZ, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=20)}), [(1,)]
+        truth, SITES, DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=20)}), [(1,)]
     )[0]
     assert (low.snr_db, high.snr_db) == (-10, 20)
     ratio = rms(low.fixes - truth[0, :4]) / rms(high.fixes - truth[0, :4])
@@ -203,8 +203,8 @@ def test_full_tensors_do_as_the_dft_block_does(estimator: str) -> None:
     base = {"estimator": estimator, "tracking": {"run_in_s": 0.02}}
     block = SensingSettings.model_validate(base)
     tensor = SensingSettings.model_validate({**base, "echo": "tensor"})
-    fast = [sense(truth, RATE_HZ, SITES, block, [("w", k)])[0] for k in range(20)]
-    slow = sense(truth, RATE_HZ, SITES, tensor, [("t", 0)])[0]
+    fast = [sense(truth, SITES, block, [("w", k)])[0] for k in range(20)]
+    slow = sense(truth, SITES, tensor, [("t", 0)])[0]
     spread = rms(np.stack([r.fixes for r in fast]) - truth[:, :4])
     assert 0.3 * spread < rms(slow.fixes - truth[0, :4]) < 3 * spread
 
@@ -214,13 +214,13 @@ def test_eq5_and_the_link_budget_run_through_the_chain() -> None:
     link = {"kind": "link", "rain_mm_per_h": 20}
     best = SensingSettings.model_validate({"channel": link})
     paper = best.model_copy(update={"fusion": FusionSettings(method="eq5")})
-    joint, linear = (sense(truth, RATE_HZ, SITES, s, [("link",)])[0] for s in (best, paper))
+    joint, linear = (sense(truth, SITES, s, [("link",)])[0] for s in (best, paper))
     assert joint.snr_db == linear.snr_db
     assert rms(joint.fixes - truth[0, :4]) < 0.5 * rms(linear.fixes - truth[0, :4])
 
 
-def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
-    truth = np.stack([drive(80, 105.0, 0.0, 25.0)] * 2)
+def test_a_truck_in_between_lowers_the_snr() -> None:
+    truth = drive(80, 105.0, 0.0, 25.0)
     near = np.arange(20) * 0.25
     ring = [(7.0, 0.0, 1.0, 0.0), (-7.0, 0.0, 1.0, 0.0), (0.0, 4.0, 1.0, 0.0), (0.0, -4.0, 1.0, 0.0)]
     trucks = Blockers(
@@ -235,10 +235,14 @@ def test_a_truck_in_between_lowers_the_snr_of_its_record_only() -> None:
     )
     blocked = DEFAULT.model_copy(update={"channel": ChannelSettings(kind="fixed", snr_db=0, blockage=True)})
     nobody = Blockers([], 0.01, *(np.zeros((0, 20)),) * 2, np.zeros((0, 20, 2)), *(np.zeros(0),) * 3)
-    hidden, free = sense(truth, RATE_HZ, SITES, blocked, [("b", 0), ("b", 1)], [trucks, nobody])
+    approach = Approach.of(Passage("tv", 0.0, truth, ("b",)), RATE_HZ, blocked.tracking)
+    panels = Panels.of(SITES, blocked.target_height_m)
+    hidden, free = (fix(approach, RATE_HZ, panels, blocked, ("b",), others) for others in (trucks, nobody))
     assert free.snr_db == 0
     assert hidden.snr_db < -2
-    assert np.isfinite(hidden.state).all()
+    assert np.isfinite(hidden.fixes.state).all()
+    with pytest.raises(InputError, match="blockage needs the other vehicles"):
+        sense(truth[None], SITES, blocked, [("b", 0)])
 
 
 def test_a_view_beyond_the_cyclic_prefix_is_refused() -> None:
@@ -267,9 +271,6 @@ def test_a_vehicle_that_drives_off_is_seen_from_where_it_will_go_in_the_run_in()
     assert np.all(_heading_rad(motion, 200) == 0)
 
 
-def test_wrong_input_says_what_is_wrong() -> None:
-    truth = drive(10, 0.0, 0.0, 20.0)[None]
-    with pytest.raises(InputError, match="one key per record"):
-        sense(truth, RATE_HZ, SITES, DEFAULT, [])
+def test_a_scenario_without_sites_is_refused() -> None:
     with pytest.raises(InputError, match="isac_site"):
-        sense(truth, RATE_HZ, [], DEFAULT, [(0,)])
+        sense(drive(10, 0.0, 0.0, 20.0)[None], [], DEFAULT, [(0,)])

@@ -31,9 +31,10 @@ from isac_cosim.labeling.dataset.dataset import (
     write_shard,
 )
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
 from isac_cosim.labeling.intentions import Intention
-from tests.support.former_dataset import without_index
+from tests.support.former_dataset import as_schema, without_index
 
 LENGTHS = (200, 50, 20)
 
@@ -45,7 +46,7 @@ def sample(k: int, seed: int = 1) -> Sample:
     cause = ("debris", 1.5 + 0.25 * (k % 5)) if origin == "reaction" else ("", float("nan"))
     return Sample(
         f"road-{seed}-{k}", "road", seed, "sumo", f"tv{k}", f"uv{k}", intention, origin, 1.0, 2.0, 3.0, 4.0,
-        "isac", 5.5, 4, tv, truth, uv, *cause, run_in,
+        "isac", 5.5, 4, tv, truth, uv, *cause, run_in, x0=100.0 * k, y0=-20_000.0,
     )  # fmt: skip
 
 
@@ -98,6 +99,8 @@ def test_what_was_written_is_read_back_bit_for_bit(dataset: Dataset) -> None:
         "t_commit",
         "t_end",
         "snr_db",
+        "x0",
+        "y0",
     ):
         assert list(frame[name]) == [getattr(row, name) for row in rows]
     np.testing.assert_array_equal(frame["cause_ttc_s"], np.float32([row.cause_ttc_s for row in rows]))
@@ -121,7 +124,8 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "cause_ttc_s": "float", "t_start": "double",
         "t_onset": "double", "t_commit": "double", "t_end": "double", "pull_out": "string", "t_pass": "double",
         "t_pair_end": "double", "sensor": "string", "snr_db": "float",
-        "n_sites": "int8", "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
+        "n_sites": "int8", "x0": "double", "y0": "double", "tv_departed": "double",
+        "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
         "tv_run_in": states.format(20),
     }  # fmt: skip
     assert {field.name: str(field.type) for field in columns} == expected
@@ -135,7 +139,8 @@ def test_every_column_is_documented() -> None:
     documented = {row[0].strip("`"): row[1:] for row in rows if len(row) == 4}
     columns = schema(2000, 500, 200)
     assert list(documented) == columns.names
-    units = {"t_": "s", "cause_ttc_s": "s", "snr_db": "dB", "tv": "m, m/s, m/s²", "uv": "m, m/s, m/s²"}
+    units = {"t_": "s", "tv_departed": "s", "cause_ttc_s": "s", "snr_db": "dB", "x0": "m", "y0": "m"}
+    units |= dict.fromkeys(("tv", "uv"), "m, m/s, m/s²")
     for field in columns:
         kind, unit, meaning = documented[field.name]
         numbers = {"double": "float64", "float": "float32"}
@@ -154,7 +159,7 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
     times = {"t_start", "t_onset", "t_commit", "t_end", "t_pass", "t_pair_end"}
-    assert split == {"cause_ttc_s", *times, "snr_db", *ARRAYS}
+    assert split == {"cause_ttc_s", *times, "snr_db", "x0", "y0", "tv_departed", *ARRAYS}
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -271,7 +276,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
     path = dataset.path / "dataset.json"
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "schema_version": 4}))
+    path.write_text(json.dumps({**content, "schema_version": 5}))
     with pytest.raises(InputError, match="schema_version"):
         Dataset.open(dataset.path)
     path.write_text("{")
@@ -299,40 +304,44 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
         Dataset.open(dataset.path)
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
-    """They have no causes, and say `stimulated` for `commanded`."""
+    """Before schema 4, positions are in the plane; before schema 3, nothing has a cause, and commands stimulate."""
     dataset = make(tmp_path / "data", (6, 3))
     shards = []
     for shard in dataset.meta.shards:
         path = dataset.shard_path(shard)
-        table = pq.read_table(path)
-        metadata = json.loads(table.schema.metadata[b"cosim.episode"]) | {"schema_version": version}
-        origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]
-        columns = schema(*LENGTHS[:2], version=version)
-        table = table.set_column(table.schema.get_field_index("origin"), "origin", pa.array(origins))
-        table = table.drop_columns(["cause", "cause_ttc_s", "tv_run_in", *PASSING]).cast(columns)
-        pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(metadata)}), path)
-        shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(Counter(origins))})
+        as_schema(path, version)
+        stored = Counter(pq.read_table(path, columns=["origin"])["origin"].to_pylist())
+        shards.append(read_shard(path).model_dump(mode="json") | {"by_origin": dict(stored)})
     meta = without_index(dataset.path)
-    meta |= {"schema_version": version, "shards": shards, "run_in_s": 0.0}
+    meta |= {"schema_version": version, "shards": shards, "run_in_s": 0.0 if version < 3 else 0.5}
     (dataset.path / "dataset.json").write_text(json.dumps(meta))
     former = Dataset.open(dataset.path)
     former.verify()
     frame = former.frame()
     assert list(frame.columns) == list(SCALARS)
-    assert set(frame["origin"]) == {"natural", "commanded"}
     assert former.meta.by_origin() == frame["origin"].value_counts().to_dict()
+    assert (frame[["x0", "y0"]] == 0.0).all(axis=None)
+    rows = [sample(k, seed) for seed, count in enumerate((6, 3)) for k in range(count)]
+    for name in ("tv", "uv"):
+        stored_states = np.stack([in_plane(getattr(row, name), row.x0, row.y0) for row in rows])
+        np.testing.assert_array_equal(former.arrays(name)[name], stored_states.astype(np.float32))
+    [first, *_] = samples = read_samples(former.shard_path(former.meta.shards[0]))
+    assert (first.x0, first.y0) == (0.0, 0.0)
+    if version == 3:
+        assert set(frame["cause"]) == {"", "debris"}
+        return
+    assert set(frame["origin"]) == {"natural", "commanded"}
     assert (frame["cause"] == "").all()
     assert frame["cause_ttc_s"].isna().all()
     assert len(former.frame(["cause"])) == len(former) == 9
-    samples = read_samples(former.shard_path(former.meta.shards[0]))
-    assert {(sample.origin, sample.cause) for sample in samples} == {("natural", ""), ("commanded", "")}
-    np.testing.assert_array_equal(former.arrays("tv")["tv"], dataset.arrays("tv")["tv"])
+    assert {(row.origin, row.cause) for row in samples} == {("natural", ""), ("commanded", "")}
 
 
 def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (6, 3))
+    written = dataset.frame()
     shards = []
     for shard in dataset.meta.shards:
         path = dataset.shard_path(shard)
@@ -345,7 +354,7 @@ def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Pat
     assert list(frame.columns) == list(SCALARS)
     assert (frame["pull_out"] == "").all()
     assert frame[["t_pass", "t_pair_end"]].isna().all(axis=None)
-    assert frame.drop(columns=list(PASSING)).equals(dataset.frame().drop(columns=list(PASSING)))
+    assert frame.drop(columns=list(PASSING)).equals(written.drop(columns=list(PASSING)))
     assert len(former.frame(["t_pass"])) == len(former) == 9
     [first, *_] = read_samples(former.shard_path(former.meta.shards[0]))
     assert first.pull_out == ""

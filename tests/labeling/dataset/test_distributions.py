@@ -31,7 +31,7 @@ def test_a_class_from_few_seeds_is_named_and_an_absent_one_is_not() -> None:
 def test_the_warning_names_the_classes_that_cannot_be_split() -> None:
     """Four seeds cannot hold one for each side of 60, 20 and 20 %, five can."""
     seeds = {"hard_brake": {"seeds": 5}, "overtake": {"seeds": 4}, "following": {"seeds": 0}}
-    summary = {"lost": [], "samples": 9, "short": [], "distributions": seeds}
+    summary = {"lost": [], "traffic": None, "samples": 9, "short": [], "distributions": seeds}
     assert faults(summary) == ["too few seeds to split into training, validation and test: overtake"]
     assert faults({**summary, "distributions": {"overtake": {"seeds": 5}}}) == []
 

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+from isac_cosim.base import landlock
 from isac_cosim.isacsim.scenarios.scenario import bundled, load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
@@ -68,6 +69,7 @@ def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     output = tmp_path_factory.mktemp("witness") / "changes.xml"
     start: Callable[[list[str]], Any] = libsumo.start
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(landlock, "version", lambda: 0)  # SUMO writes a file here
         patch.setattr(libsumo, "start", lambda args: start([*args, "--lanechange-output", str(output)]))
         steady = record(
             load(request.param),

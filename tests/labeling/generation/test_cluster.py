@@ -5,24 +5,30 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+import dask
 import psutil
 import pytest
 
+import cosim
 from isac_cosim.base.errors import InputError, RunError
-from isac_cosim.base.workers import engine
-from isac_cosim.base.workers.engine import ClusterEngine
+from isac_cosim.base.workers import cluster
+from isac_cosim.base.workers.cluster import ClusterEngine
+from isac_cosim.benchmarks.cluster import LOCAL, NO_PAGES, Credentials
+from isac_cosim.command_line.options import engine_of
 from isac_cosim.labeling.generation.generate import generate
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
+from tests.support.sockets import answer
 from tests.support.waiting import HANGING_S, wait_until
 
-ROOT = Path(engine.__file__).parents[2]
+ROOT = Path(cosim.__file__).parent
 
 
 @contextmanager
@@ -48,12 +54,12 @@ def kill(process: subprocess.Popen[bytes]) -> None:
             child.kill()
 
 
-def start(running: list[subprocess.Popen[bytes]], *words: str) -> None:
+def start(running: list[subprocess.Popen[bytes]], role: str, *words: str) -> None:
     path = os.pathsep.join(map(str, (ROOT, Path(__file__).parent)))
     running.append(
         subprocess.Popen(
-            [sys.executable, "-m", "dask", *words],
-            env={**os.environ, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "2"},
+            [sys.executable, "-m", "dask", role, *LOCAL, *words],
+            env={**os.environ, **NO_PAGES, "PYTHONPATH": path, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "2"},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
@@ -61,10 +67,10 @@ def start(running: list[subprocess.Popen[bytes]], *words: str) -> None:
     )
 
 
-def start_scheduler(running: list[subprocess.Popen[bytes]], folder: Path) -> str:
+def start_scheduler(running: list[subprocess.Popen[bytes]], folder: Path, *words: str) -> str:
     """Start a scheduler on a free port of this machine; returns its address."""
     file = folder / "scheduler.json"
-    start(running, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    start(running, "scheduler", "--port", "0", "--scheduler-file", str(file), *words)
     scheduler = running[-1]
 
     def address() -> str | None:
@@ -76,8 +82,22 @@ def start_scheduler(running: list[subprocess.Popen[bytes]], folder: Path) -> str
     return str(wait_until(address, lambda: scheduler.poll() is None))
 
 
+@pytest.fixture
+def credentials(tmp_path: Path) -> Iterator[Credentials]:
+    """A certificate for a cluster, which this process has in its configuration of dask, as a user would."""
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl makes the certificates")
+    made = Credentials.new(tmp_path)
+    with dask.config.set(made.configuration):
+        yield made
+
+
+def start_worker(running: list[subprocess.Popen[bytes]], address: str, *words: str) -> None:
+    start(running, "worker", address, "--nthreads", "1", *words)
+
+
 def test_no_scheduler_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine, "ANSWER_S", 0.5)
+    monkeypatch.setattr(cluster, "ANSWER_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nowhere", "carrier://pigeon"):
         with (
             pytest.raises(InputError, match="no dask scheduler answers"),
@@ -87,21 +107,23 @@ def test_no_scheduler_is_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_makes_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, credentials: Credentials
+) -> None:
     (tmp_path / "road").mkdir()
     (tmp_path / "died").mkdir()
     source, study = ScriptedSource(tmp_path / "road"), small_study(seeds={"first": 1, "last": 4})
     alone = generate(study, tmp_path / "alone", InlineEngine(), source=source)
     frail = ScriptedSource(source.folder, broken=(5,), frail=tmp_path / "died")
     with processes() as running:
-        address = start_scheduler(running, tmp_path)
-        monkeypatch.setattr(engine, "ANSWER_S", HANGING_S)
-        monkeypatch.setattr(engine, "FIRST_WORKER_S", 0.5)
+        address = start_scheduler(running, tmp_path, *credentials.words)
+        monkeypatch.setattr(cluster, "ANSWER_S", HANGING_S)
+        monkeypatch.setattr(cluster, "FIRST_WORKER_S", 0.5)
         with pytest.raises(InputError, match="has no workers"):
             generate(study, tmp_path / "none", ClusterEngine(address), source=source)
-        monkeypatch.setattr(engine, "FIRST_WORKER_S", HANGING_S)
+        monkeypatch.setattr(cluster, "FIRST_WORKER_S", HANGING_S)
         for _ in range(2):
-            start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
+            start_worker(running, address, *credentials.words)
         distributed = generate(study, tmp_path / "made", ClusterEngine(address), source=frail)
         assert {path.name for path in (tmp_path / "died").iterdir()} == {"1", "2", "3", "4"}
         assert distributed.digest == alone.digest
@@ -119,11 +141,76 @@ def test_a_cluster_makes_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-def test_a_worker_of_several_threads_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_of_several_threads_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, credentials: Credentials
+) -> None:
     for name in ("ANSWER_S", "FIRST_WORKER_S"):
-        monkeypatch.setattr(engine, name, HANGING_S)
+        monkeypatch.setattr(cluster, name, HANGING_S)
     with processes() as running:
-        address = start_scheduler(running, tmp_path)
-        start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "2", "--no-dashboard")
+        address = start_scheduler(running, tmp_path, *credentials.words)
+        start(running, "worker", address, "--nthreads", "2", *credentials.words)
         with pytest.raises(InputError, match="has 2 threads"), closing(ClusterEngine(address).run(str, [1])) as run:
             next(run)
+
+
+def dying(folder: Path) -> str:
+    """End the process, but on the machine of the command, which tries it last."""
+    tries = len(list(folder.iterdir()))
+    (folder / str(tries)).touch()
+    if tries < 3:
+        os._exit(1)
+    return "done"
+
+
+@pytest.mark.slow
+def test_a_task_whose_workers_die_is_tried_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, credentials: Credentials
+) -> None:
+    """Why they died shows here alone."""
+    for name in ("ANSWER_S", "FIRST_WORKER_S"):
+        monkeypatch.setattr(cluster, name, HANGING_S)
+    (tmp_path / "tries").mkdir()
+    with processes() as running:
+        address = start_scheduler(running, tmp_path, *credentials.words)
+        start_worker(running, address, *credentials.words)
+        (outcome,) = ClusterEngine(address).run(dying, [tmp_path / "tries"])
+    assert outcome.result == "done"
+
+
+@pytest.mark.slow
+def test_a_scheduler_with_certificates_answers_nobody_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, credentials: Credentials
+) -> None:
+    monkeypatch.setattr(cluster, "ANSWER_S", 3.0)
+    with processes() as running:
+        address = start_scheduler(running, tmp_path, *credentials.words)
+        for other in (address, address.replace("tls://", "tcp://")):
+            with (
+                dask.config.set({f"distributed.comm.tls.{key}": None for key in ("ca-file", "client")}),
+                pytest.raises(InputError, match="no dask scheduler answers"),
+            ):
+                ClusterEngine(other).check()
+        host, port = address.removeprefix("tls://").split(":")
+        assert answer((host, int(port))) == b""
+
+
+@pytest.mark.slow
+def test_an_address_without_certificates_is_warned_about_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "road").mkdir()
+    for name in ("ANSWER_S", "FIRST_WORKER_S"):
+        monkeypatch.setattr(cluster, name, HANGING_S)
+    with processes() as running:
+        address = start_scheduler(running, tmp_path)
+        start_worker(running, address)
+        engine_of(None, address, tmp_path / "data")
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"warning: --cluster {address}: without TLS, everyone who can connect")
+
+
+def test_only_encrypted_addresses_need_no_warning() -> None:
+    assert [ClusterEngine(f"{protocol}://host:1").encrypted for protocol in ("tls", "wss", "tcp", "ws")] == [
+        True, True, False, False,
+    ]  # fmt: skip
+    assert not ClusterEngine("host:1").encrypted

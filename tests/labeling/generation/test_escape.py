@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from pydantic import ValidationError
 
 from isac_cosim.base.errors import InputError, OutputError
-from isac_cosim.labeling.dataset.dataset import Dataset, read_shard
+from isac_cosim.labeling.dataset.dataset import Dataset, Episode, Lost, read_shard
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
 from isac_cosim.studies.study import read_study
@@ -54,6 +55,21 @@ def test_a_shard_that_names_another_episode_is_refused(dataset: Dataset) -> None
         pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(stored)}), path)
         with pytest.raises(InputError, match=r"road-1\.parquet: not a whole shard"):
             read_shard(path)
+
+
+@pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", ".hidden", "a/b", "a\0b", "road\n", "a ", ""])
+def test_no_episode_has_a_name_that_leads_elsewhere(name: str) -> None:
+    with pytest.raises(ValidationError):
+        Episode(scenario=name, seed=1)
+    with pytest.raises(ValidationError):
+        Lost(scenario=name, seed=1, reason="it broke")
+
+
+def test_samples_of_a_scenario_that_is_not_listed_lead_nowhere(dataset: Dataset) -> None:
+    assert dataset.roads("road")
+    for name in ("../roads/road", str(dataset.path / "roads" / "road"), "other"):
+        with pytest.raises(InputError, match=r"has samples of '.*', which it does not list as a scenario"):
+            dataset.roads(name)
 
 
 @pytest.mark.parametrize("part", ["shards", "roads"])

@@ -18,12 +18,14 @@ import psutil
 import pytest
 
 from isac_cosim.base.errors import RunError
-from isac_cosim.base.workers.engine import ClusterEngine, LocalEngine
+from isac_cosim.base.workers.cluster import ClusterEngine
+from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.benchmarks.cluster import Credentials
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from tests.labeling.generation.test_cluster import credentials, processes, start_scheduler, start_worker  # noqa: F401 - one is a fixture
 from tests.labeling.generation.test_cluster import kill as kill_tree
-from tests.labeling.generation.test_cluster import processes, start, start_scheduler
 from tests.labeling.generation.test_generate import workers
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.roads import straight_road, vehicle
@@ -151,12 +153,12 @@ def test_workers(scripted: Work, tmp_path: Path, turn: int) -> None:
 
 
 @pytest.mark.parametrize("turn", range(5))
-def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int) -> None:
+def test_the_scheduler(scripted: Work, tmp_path: Path, turn: int, credentials: Credentials) -> None:  # noqa: F811
     """One that runs by itself goes away at a random moment: one line, and another command finishes the dataset."""
     with processes() as running:
-        address = start_scheduler(running, tmp_path)
+        address = start_scheduler(running, tmp_path, *credentials.words)
         for _ in range(2):
-            start(running, "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard")
+            start_worker(running, address, *credentials.words)
         draw = random.Random(turn)
         after, pause_s = draw.randrange(1, 5), draw.uniform(0.0, 0.5)
 

@@ -37,6 +37,8 @@ def test_every_episode_leaves_a_line(tmp_path: Path, one_worker: KeptWorkers) ->
     assert feedback.details == [str(Entry.model_validate(line)) for line in lines(dataset.path)]
     assert (entries[1]["outcome"], entries[1]["retries"], entries[1]["reason"]) == ("made", 0, None)
     assert (entries[1]["samples"], entries[1]["collided"], entries[1]["warnings"]) == (2, 1, 7)
+    example = {"kind": "Vehicle '...' is slow.", "count": 7, "example": "Vehicle 'c' is slow."}
+    assert (entries[1]["vehicles"], entries[1]["sumo_warnings"]) == (5, [example])
     assert entries[1]["events"] == dataset.meta.shards[0].episode.events
     assert entries[1]["beyond_car"] == dataset.meta.shards[0].episode.counts["beyond_car"]
     assert float(str(entries[1]["seconds"])) > 0
@@ -96,10 +98,11 @@ def test_how_much_a_command_says(
     episodes = [line for line in captured.err.splitlines() if line.startswith("road-")]
     warned = [line for line in captured.err.splitlines() if line.startswith("warning: ")]
     assert any("episode road-2 was left out: RuntimeError: the simulation broke" in line for line in warned)
+    assert "warning: SUMO warned 3 times in 1 episode, for example: Vehicle 'c' is slow." in warned
     if option == "--verbose":
         assert len(episodes) == 2
         assert episodes[0].startswith("road-1: 2 samples")
-        assert episodes[0].endswith("1 collided, 3 warnings")
+        assert episodes[0].endswith("1 of 5 vehicles collided, 3 warnings")
         assert episodes[1].startswith("road-2: lost, RuntimeError: the simulation broke")
     else:
         assert episodes == []

@@ -17,9 +17,9 @@ from isac_cosim.labeling.dataset.dataset import DROPPED_PULL_OUTS, Dataset
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.labeling.dataset.shard import ARRAYS, SCALARS
 from isac_cosim.labeling.dataset.summary import summary
-from isac_cosim.labeling.generation.episode import select_pull_outs
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
+from isac_cosim.labeling.generation.selection import draw_of_pull_outs, select
 from isac_cosim.labeling.generation.settings import DatasetStudy, SelectionSettings
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.samples.candidates import Candidate
@@ -133,11 +133,16 @@ def test_the_draw_among_dropped_pull_outs_is_even() -> None:
         Candidate(f"tv{k}", "u", Intention.LEFT_LANE_CHANGE, "natural", k, k + 2.6, k + 4.0, k + 5.0, "ahead")  # type: ignore[arg-type]
         for k in range(10)
     ]
+
+    def chosen_of(settings: SelectionSettings, seed: int) -> list[Candidate]:
+        drawn = draw_of_pull_outs(offered, settings, ("road", seed))
+        return [candidate for candidate, _ in select([drawn], lambda batch: [True] * len(batch)).made]
+
     count = np.zeros(10)
     for seed in range(600):
-        chosen = select_pull_outs(offered, SelectionSettings(pull_outs=3), ("road", seed))
+        chosen = chosen_of(SelectionSettings(pull_outs=3), seed)
         assert [candidate.t_onset for candidate in chosen] == sorted({candidate.t_onset for candidate in chosen})
         assert len(chosen) == 3
         count[[offered.index(candidate) for candidate in chosen]] += 1
     assert (abs(count - 180) < 5 * np.sqrt(180 * 0.7)).all()
-    assert select_pull_outs(offered, SelectionSettings(), ("road", 1)) == offered
+    assert chosen_of(SelectionSettings(), 1) == offered

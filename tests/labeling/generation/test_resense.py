@@ -5,32 +5,27 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import file_digest
 from isac_cosim.base.parsing import channel
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.command_line.arguments import SenseArguments, resense_settings
-from isac_cosim.isacsim.sensing.chain import SensedRecord, SensingSettings, sense
-from isac_cosim.isacsim.sensing.sensors import SENSORS
-from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings, StoredRecords
-from isac_cosim.isacsim.sensing.sensors.truth import TruthSensor
+from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.labeling.dataset.dataset import Dataset, Shard, ShardIndex
+from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.dataset.shard import Episode, read_samples
 from isac_cosim.labeling.dataset.summary import summary
-from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.log import LOG_FILE
-from isac_cosim.labeling.generation.resense import ResenseSettings, _records, own_report, own_sensing, plan, resense
-from isac_cosim.studies.sweep_axes import SweepAxes, sensings
+from isac_cosim.labeling.generation.resense import ResenseSettings, _carrier, own_report, own_sensing, plan, resense
 from tests.support import sensing_road
-from tests.support.former_dataset import without_index
+from tests.support.former_dataset import as_schema, without_index
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -166,7 +161,8 @@ def test_repeats_have_echoes_of_their_own(dataset: Dataset, anew: Anew, tmp_path
 def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     shards = ShardIndex.of(
         Shard(
-            file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={}, by_origin={},
+            file=f"a-{k}.parquet", sha256="0" * 64, bytes=1, samples=samples, by_intention={"following": samples},
+            by_origin={"natural": samples},
             episode=Episode(scenario="a", seed=k),
         )
         for k, samples in enumerate((3, 0, 4))
@@ -174,7 +170,7 @@ def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     jobs = plan(shards, records)
     assert sum(job.records for job in jobs) == records
     assert [job.records for job in plan(shards, None)] == [3, 0, 4]
-    counts = np.concatenate([np.arange(job.samples) < job.more for job in jobs]) + jobs[0].times
+    counts = np.concatenate([np.arange(job.shard.samples) < job.more for job in jobs]) + jobs[0].times
     assert (np.diff(counts.astype(int)) <= 0).all()
     assert counts.max() - counts.min() <= 1
 
@@ -266,7 +262,8 @@ def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
     for shard in content["shards"]:
         shard["episode"]["schema_version"] = 1
         path = folder / "shards" / shard["file"]
-        pq.write_table(pq.read_table(path).drop_columns(["tv_run_in"]), path)
+        as_schema(path, 1)
+        shard |= {"sha256": file_digest(path), "bytes": path.stat().st_size}
     (folder / "dataset.json").write_text(json.dumps(content))
     return Dataset.open(folder)
 
@@ -286,7 +283,7 @@ def test_datasets_of_schema_1_are_sensed_as_they_were(
     settings = own_sensing(stored)
     truth = sensing_road.drive(80, 130.0, 1.0, 25.0)[None]
     sites = sensing_road.road_sites(12, 200.0)
-    record = sense(truth, sensing_road.RATE_HZ, sites, settings, [("old", 1)])[0]
+    record = sensing_road.sense(truth, sites, settings, [("old", 1)])[0]
     assert record.snr_db == pytest.approx(snr_db, abs=1e-12)
     assert record.state[:3, -1] == pytest.approx(state, abs=1e-9)
 
@@ -295,7 +292,7 @@ def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: 
     stored = former(dataset, tmp_path / "former")
     once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
     once.verify()
-    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (3, 3)
+    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (4, 4)
     assert once.meta.run_in_length == 0
     # Sensed a second time, its settings are not converted a second time.
     again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
@@ -317,31 +314,15 @@ def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> Non
         source=ScriptedSource(tmp_path),
     )
     noisy = read_samples(dataset.shard_path(dataset.meta.shards[0]))
-    truth = np.stack([sample.uv for sample in read_samples(quiet.shard_path(quiet.meta.shards[0]))])
-    carrier = _records(noisy, [], dataset.meta, own_report(dataset)).carrier
-    assert carrier.reported is not None
-    assert (carrier.reported - truth)[:, :2].std() == pytest.approx(0.02, rel=0.05)
-    assert (carrier.reported - truth)[:, 2:4].std() == pytest.approx(0.05, rel=0.05)
-    assert (carrier.reported - truth)[:, 4:].std() == pytest.approx(0.1, rel=0.05)
-    np.testing.assert_allclose(carrier.state, truth, atol=2e-4)
-    assert (carrier.position_sd_m, carrier.speed_sd_mps) == (0.02, 0.05)
-
-
-def test_a_sensor_that_another_package_offers_senses_a_dataset(
-    dataset: Dataset, anew: Anew, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Shifted(TruthSensor):
-        def sense(self, records: StoredRecords, settings: SensorSettings) -> list[SensedRecord]:
-            shift = np.array([3.0, 4.0, 0, 0, 0, 0])[:, None]
-            return [replace(record, state=record.state + shift) for record in super().sense(records, settings)]
-
-    monkeypatch.setitem(SENSORS._items, "shifted", Shifted())
-    sensed = anew("shifted")
-    assert set(sensed.frame()["sensor"]) == {"shifted"}
-    assert len(sensed) == len(dataset)
-    assert position_error_m(sensed) == pytest.approx(5, abs=1e-3)
-    assert sensed_anew(small_study(), estimate(small_study()), "shifted").cpu_s > 0
-    assert [sensing.sensor for sensing in sensings(SweepAxes(sensors=("shifted",)))] == ["shifted"]
+    silent = read_samples(quiet.shard_path(quiet.meta.shards[0]))
+    truth = np.stack([in_plane(sample.uv, sample.x0, sample.y0) for sample in silent])
+    carriers = [_carrier(sample, dataset.meta, own_report(dataset)) for sample in noisy]
+    error = np.stack([carrier.reported for carrier in carriers if carrier.reported is not None]) - truth
+    assert error[:, :2].std() == pytest.approx(0.02, rel=0.05)
+    assert error[:, 2:4].std() == pytest.approx(0.05, rel=0.05)
+    assert error[:, 4:].std() == pytest.approx(0.1, rel=0.05)
+    np.testing.assert_allclose([carrier.state for carrier in carriers], truth, atol=2e-4)
+    assert {(carrier.position_sd_m, carrier.speed_sd_mps) for carrier in carriers} == {(0.02, 0.05)}
 
 
 def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:

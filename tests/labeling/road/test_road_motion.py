@@ -1,7 +1,5 @@
 """Motion relative to the road: the same for the same driving, whatever the road is like."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -136,16 +134,6 @@ def test_centre_lines_that_do_not_meet_are_not_lateral_motion() -> None:
     assert not motion.crossings
     assert not motion.jumps
     assert np.allclose(motion.q, 0.1)
-
-
-def test_a_shift_along_the_road_is_a_jump() -> None:
-    """SUMO moves a vehicle forward where it changes lanes on a partly bent edge."""
-    recording = record(Road(), Drive("tv", speed=lambda t: 30 + 0 * t, duration_s=5))
-    track = recording.tracks["tv"]
-    shifted = replace(track, x=track.x + np.where(np.arange(len(track)) >= 250, 0.6, 0.0))
-    motion = road_motion(recording, shifted, LaneGraph(recording.lanes), WIDTH_S)
-    assert motion.jumps == pytest.approx((recording.times(track)[250],))
-    assert not motion_of(recording).jumps
 
 
 def test_a_step_within_a_lane_is_a_jump() -> None:

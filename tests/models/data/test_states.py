@@ -82,5 +82,5 @@ def test_another_process_maps_the_same_file_and_does_not_delete_it(dataset: Data
 
 def test_a_full_disk_is_an_error_of_one_line(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
-    with pytest.raises(OutputError, match=r"missing: cannot hold the dataset's records .*; set TMPDIR"):
+    with pytest.raises(OutputError, match=r"temporary files cannot be written \(.*missing: .*; .* set TMPDIR"):
         on_disk(dataset)

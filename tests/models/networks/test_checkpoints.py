@@ -14,7 +14,7 @@ from isac_cosim.base.errors import InputError, OutputError
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.networks import fitting
 from isac_cosim.models.networks.checkpoints import read_tensors, write_tensors
-from isac_cosim.models.networks.lightning_checkpoints import Checkpoints
+from isac_cosim.models.networks.lightning_checkpoints import PARTS, Checkpoints
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -123,9 +123,27 @@ def test_two_trainings_of_a_network_give_the_same_bytes(records: Records, networ
 def test_paths_in_a_checkpoint_are_relative_to_its_folder(tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     kept = {"dirpath": str(first), "best": {str(first / "best.ckpt"): 0.5}, "other": f"{first}_too", "score": 0.5}
-    Checkpoints().save_checkpoint({"callbacks": {"keeper": kept}, "epoch": 3}, first / "last.ckpt")
+    others = {name: {} for name in PARTS} | {"epoch": 3}
+    Checkpoints().save_checkpoint({**others, "callbacks": {"keeper": kept}}, first / "last.ckpt")
     assert str(first / "best.ckpt").encode() not in (first / "last.ckpt").read_bytes()
     first.rename(second)
     content = Checkpoints().load_checkpoint(second / "last.ckpt")
     expected = {"dirpath": str(second), "best": {str(second / "best.ckpt"): 0.5}, "other": f"{first}_too", "score": 0.5}
-    assert content == {"callbacks": {"keeper": expected}, "epoch": 3}
+    assert content == {**others, "callbacks": {"keeper": expected}}
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_checkpoint_without_one_of_its_parts_is_damaged(part: str, tmp_path: Path) -> None:
+    write_tensors(tmp_path / "last.ckpt", {name: {} for name in PARTS if name != part})
+    with pytest.raises(InputError, match=rf"last\.ckpt: is damaged \({part}: is missing\)"):
+        Checkpoints().load_checkpoint(tmp_path / "last.ckpt")
+
+
+def test_a_flipped_bit_in_a_checkpoint_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "last.ckpt"
+    write_tensors(path, {"weight": torch.ones(1000)})
+    content = bytearray(path.read_bytes())
+    content[content.index(torch.ones(8).numpy().tobytes())] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="checksum"):
+        read_tensors(path)

@@ -34,7 +34,9 @@ def test_without_the_extra_the_error_says_what_to_install(
     records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"needs the optional package aeon: pip install 'isac-cosim\[minirocket\]'"):
+    with pytest.raises(
+        InputError, match=r"needs the optional package aeon: pip install '\.\[minirocket\]' in a checkout"
+    ):
         train_records(records, MADE_OF, tmp_path / "run", SETTINGS)
 
 
@@ -82,6 +84,7 @@ def test_hydras_features_are_scaled_as_aeon_does() -> None:
 @needs_aeon
 def test_the_transforms_are_those_of_aeons_classifier(records: Records, tmp_path: Path) -> None:
     """With one stream twice, the features of each copy are those of aeon's transforms of that stream."""
+    records = records.take(records.label < 6)
     ends = draw_ends(records, SETTINGS.windows, "test")
     windows = cut(records, ends, SETTINGS.windows)
     label = records.label[ends.row]

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.statistics import STATISTICS, statistics
 from isac_cosim.models.data.windows import Records, Windows, WindowSettings, cut, draw_ends
-from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees
+from isac_cosim.models.predictors.trees import N_STATISTICS, TreesPredictor, TreesSettings, fit_trees
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
@@ -71,10 +72,10 @@ def test_two_trainings_give_the_same_bytes(records: Records, trees_run: Run, tmp
 
 
 def test_what_is_stored_differs_where_the_trees_differ(trees_run: Run, tmp_path: Path) -> None:
-    stored = read_trees(trees_run.path / "trees.skops")
+    stored = read_trees(trees_run.path / "trees.skops", N_STATISTICS, KNOWN)
     write_trees(tmp_path / "same.skops", stored)
     assert (tmp_path / "same.skops").read_bytes() == (trees_run.path / "trees.skops").read_bytes()
     stored.learning_rate = 0.2
     write_trees(tmp_path / "other.skops", stored)
     assert (tmp_path / "other.skops").read_bytes() != (trees_run.path / "trees.skops").read_bytes()
-    assert read_trees(tmp_path / "other.skops").learning_rate == 0.2
+    assert read_trees(tmp_path / "other.skops", N_STATISTICS, KNOWN).learning_rate == 0.2

@@ -3,6 +3,7 @@
 import json
 import pickle
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,24 @@ import skops.io
 import torch
 from pydantic import ValidationError
 
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
+from isac_cosim.evaluation.on_windows.prediction_table import PREDICTIONS_FILE
+from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import read_history
 from isac_cosim.labeling.intentions import Intention
-from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.data.windows import Records, Windows, cut, draw_ends
 from isac_cosim.models.networks import fitting
 from isac_cosim.models.networks.lightning_module import Share
 from isac_cosim.models.predictors.asi_bip import AsiBipSettings
+from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.predictors.trees import TreesPredictor
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training import training
 from isac_cosim.models.training.training import train_records
+from tests.support.forged import forge_run
 from tests.support.made_up import MADE_OF, SMALL_RUN, on_disk
 
 
@@ -181,6 +188,7 @@ def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request:
         lambda: np.savez(run / "reference.npz", features=objects, label=objects),
     ):
         write()
+        forge_run(run)
         with pytest.raises(InputError, match="damaged"):
             load_run(run)
         assert not (tmp_path / "mark").exists()
@@ -194,7 +202,8 @@ def test_a_file_of_something_else_is_reported(trees_run: Run, tmp_path: Path) ->
     run = tmp_path / "run"
     shutil.copytree(trees_run.path, run)
     skops.io.dump([1, 2], run / "trees.skops")
-    with pytest.raises(InputError, match=r"damaged \(trees\.skops holds no trees\)"):
+    forge_run(run)
+    with pytest.raises(InputError, match=r"damaged \(trees\.skops: holds no trees\)"):
         load_run(run)
 
 
@@ -202,6 +211,7 @@ def test_damaged_weights_are_reported(network_run: Run, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(network_run.path, run)
     (run / "weights.pt").write_bytes((run / "weights.pt").read_bytes()[:500])
+    forge_run(run)
     with pytest.raises(InputError, match="damaged"):
         load_run(run)
 
@@ -277,3 +287,46 @@ def test_a_training_in_bfloat16_answers_in_float32(records: Records, tmp_path: P
     run = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"optimiser": optimiser}))
     assert {value.dtype for value in run.predictor.network.parameters()} == {torch.float32}
     assert np.isfinite(run.predictor(windows_of(records, run)).logits).all()
+
+
+@pytest.mark.parametrize("devices", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_training_that_diverges_ends_in_one_line(records: Records, tmp_path: Path, devices: int) -> None:
+    """It says where, and what helps; the run is not finished."""
+    wild = {"learning_rate": 1e9, "clip_norm": 0.0, "schedule": "constant", "devices": devices}
+    content = SMALL_RUN.model_dump()
+    settings = TrainSettings.model_validate({**content, "optimiser": {**content["optimiser"], **wild}})
+    with pytest.raises(
+        RunError,
+        match=r"asi-bip: the loss of (validation )?batch \d+ in epoch 1 is (nan|inf): the training stopped; lower "
+        r"training\.optimiser\.learning_rate, now 1000000000\.0, and clip gradients \(clip_norm = 1\)$",
+    ):
+        train_records(records, MADE_OF, tmp_path / "run", settings)
+    with pytest.raises(InputError, match="not finished"):
+        load_run(tmp_path / "run")
+
+
+class DivergedPredictor(TreesPredictor):
+    """Trees that answer the first window of a batch with NaN."""
+
+    def __call__(self, windows: Windows) -> Outputs:
+        outputs = super().__call__(windows)
+        outputs.logits[0, 0] = np.nan
+        return outputs
+
+
+def test_answers_that_are_not_finite_are_not_stored(
+    records: Records, trees_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the evaluation of a run, and at the end of a training whose predictor does not look at its loss."""
+    run = replace(trees_run, predictor=DivergedPredictor(trees_run.predictor.trees))  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="logits are not finite"):
+        evaluate_records(run, records, MADE_OF, tmp_path / "evaluation", EvaluateSettings())
+    assert not (tmp_path / "evaluation" / PREDICTIONS_FILE).exists()
+    monkeypatch.setitem(PREDICTORS._items, "trees", DivergedPredictor)
+    settings = SMALL_RUN.model_copy(update={"model": "trees"})
+    with pytest.raises(
+        RunError, match=r"answers 1 of \d+ windows with values that are not finite; its training diverged"
+    ):
+        train_records(records, MADE_OF, tmp_path / "run", settings)
+    with pytest.raises(InputError, match="not finished"):
+        load_run(tmp_path / "run")

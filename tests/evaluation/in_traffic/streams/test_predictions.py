@@ -24,9 +24,14 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
 from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.stretches import watched
+from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.sensing.chain import fix
+from isac_cosim.isacsim.sensing.following import Approach
+from isac_cosim.isacsim.sensing.passages import Passage
 from isac_cosim.isacsim.tracking.streaming import StreamingFilter
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
@@ -37,7 +42,8 @@ from isac_cosim.models.runs.run import Run
 @pytest.fixture(scope="module")
 def sensing(study: LiveStudy, scenario: Scenario, recording: Recording, trees_run: Run) -> StretchSensing:
     timing = timing_of(study, trees_run.card.shape)
-    return StretchSensing(study.dataset, scenario, recording, timing.before_decision_s)
+    sensor = watch_episode(study.dataset, scenario, recording.seed, recording)
+    return StretchSensing(study.dataset, recording, sensor, timing.before_decision_s)
 
 
 @pytest.fixture(scope="module")
@@ -102,13 +108,18 @@ def test_lanes_add_the_situation_to_the_features(
 
 
 def test_the_batch_gives_what_ring_buffers_and_the_streaming_filter_give(
-    tracks: list[SensedStretch], sensing: StretchSensing, trees_run: Run
+    tracks: list[SensedStretch], sensing: StretchSensing, scenario: Scenario, trees_run: Run
 ) -> None:
     """Fix by fix and report by report in the order of time; nothing but the buffers is kept."""
     track = min(tracks, key=lambda one: one.state.shape[1])
     shape, stretch, infer = trees_run.card.shape, track.stretch, Infer.load(trees_run.path)
-    fixes = track.fixes.fixes
-    streaming, reports = StreamingFilter(1 / 400, sensing.study.sensing.tracking), Reports(sensing)
+    settings = sensing.study.sensing
+    key = ("live", "road", 1, stretch.tv, f"{stretch.start_s:.6f}")
+    approach = Approach.of(
+        Passage(stretch.tv, stretch.start_s, track.truth, key, acquired=True), 400, settings.tracking
+    )
+    fixes = fix(approach, 400, Panels.of(scenario.sites, settings.target_height_m), settings, key).fixes
+    streaming, reports = StreamingFilter(1 / 400, settings.tracking), Reports(sensing)
     tv_buffer: deque[np.ndarray] = deque(maxlen=shape.tv_length)
     batched = answers(track, sensing, trees_run)
     decisions = {round((t - stretch.start_s) * 400): k for k, t in enumerate(stretch.decision_s.tolist())}

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.predictions import Reports
-from isac_cosim.evaluation.in_traffic.streams.sensed import TOO_FEW_SITES, StretchSensing, spans
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.predictions import Reports, WindowCutter
+from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
+from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
+from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
+from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.models.data.windows import WindowSettings, in_frame
+from isac_cosim.models.predictors.protocol import WindowShape
 
 TIMING = Timing(
     decision_s=0.1, window_s=1.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0
@@ -38,9 +43,14 @@ def cut(recording: Recording, end_s: float) -> Recording:
     return replace(recording, tracks=tracks)
 
 
+def sensing_of(study: DatasetStudy, scenario: Scenario, recording: Recording, name: str = DEFAULT) -> StretchSensing:
+    sensor = watch_episode(study, scenario, recording.seed, recording, name)
+    return StretchSensing(study, recording, sensor, TIMING.before_decision_s)
+
+
 def states_of(recording: Recording, scenario: Scenario, study: LiveStudy, tv: str) -> dict[int, np.ndarray]:
     """What the network knows of a TV, (6,), and of its UV, (6,), by the number of the decision."""
-    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
     driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
     reports, known = Reports(sensing), {}
     for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == tv]):
@@ -72,8 +82,8 @@ def test_what_changes_within_the_reach_of_the_kernel_is_small(
 ) -> None:
     """The motion that all of it comes from, up to the cut itself: centimetres at 0.6 s, more at the very end."""
     cut_s = float(recording.times(recording.tracks["follow0"])[1400])
-    sensing = StretchSensing(study.dataset, scenario, recording, TIMING.before_decision_s)
-    blind = StretchSensing(study.dataset, scenario, cut(recording, cut_s), TIMING.before_decision_s)
+    sensing = sensing_of(study.dataset, scenario, recording)
+    blind = sensing_of(study.dataset, scenario, cut(recording, cut_s))
     times = cut_s - 2.0 + np.arange(200) / 100
     change = np.abs(
         blind.motion_of("follow0", cut_s - 2.0, 200, 100.0) - sensing.motion_of("follow0", cut_s - 2.0, 200, 100.0)
@@ -92,13 +102,13 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
     view = study.dataset.sensing.view.model_copy(update={"range_m": 200.0})
     sensing_settings = study.dataset.sensing.model_copy(update={"view": view})
     narrow = study.dataset.model_copy(update={"sensing": sensing_settings})
-    sensing = StretchSensing(narrow, replace(scenario, sites=tuple(sites)), recording, TIMING.before_decision_s)
+    sensing = sensing_of(narrow, replace(scenario, sites=tuple(sites)), recording)
     driving = watched(recording, Surroundings(recording), narrow.pairs, TIMING)
     stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
     tracks = list(sensing.tracks([stretch]))
     predicted = sum(len(track.stretch.decision_s) for track in tracks)
     assert len(tracks) == 2
-    assert predicted + sensing.uncovered[TOO_FEW_SITES] == len(stretch.decision_s)
+    assert predicted + sensing.uncovered["too_few_sites"] == len(stretch.decision_s)
     first, second = (track.stretch for track in tracks)
     assert second.start_s - first.end_s > 1.0
     assert second.decision_s[0] == pytest.approx(second.start_s + TIMING.before_decision_s, abs=0.11)
@@ -106,6 +116,74 @@ def test_a_gap_in_view_divides_a_stretch(recording: Recording, scenario: Scenari
         error = np.hypot(*(track.state[:2, 300:] - track.truth[:2, 300:]))
         assert np.median(error) < 0.5
         assert track.state.shape == track.truth.shape
+
+
+def spanned(stretch: Stretch) -> tuple[str, float, float, int]:
+    return stretch.tv, stretch.start_s, stretch.end_s, len(stretch.decision_s)
+
+
+def test_the_truth_is_the_motion_itself(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "truth")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        np.testing.assert_array_equal(track.state, track.truth)
+
+
+def test_the_radar_of_the_uv_ahead_senses_a_stretch(recording: Recording, scenario: Scenario, study: LiveStudy) -> None:
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    tracks = list(sensing.tracks(driving.stretches))
+    assert [spanned(track.stretch) for track in tracks] == [spanned(stretch) for stretch in driving.stretches]
+    for track in tracks:
+        error = (track.state - track.truth)[:2, 800:]
+        assert 0.01 < np.sqrt(np.mean(error**2)) < 0.5
+    assert driving.alone
+    assert list(sensing.tracks(driving.alone)) == []
+    assert sensing.uncovered["not_detected"] == sum(len(stretch.decision_s) for stretch in driving.alone)
+
+
+def test_when_the_uv_changes_the_track_goes_on_with_the_new_ones_radar(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The other leader drives 200 m further ahead. Halfway, it takes over."""
+    driving = watched(recording, Surroundings(recording), study.dataset.pairs, TIMING)
+    stretch = next(stretch for stretch in driving.stretches if stretch.tv == "follow0")
+    half = len(stretch.uv) // 2
+    shared = replace(stretch, uv=(*stretch.uv[:half], *["lead1"] * (len(stretch.uv) - half)))
+    sensing = sensing_of(study.dataset, scenario, recording, "radar")
+    (before,), (after,) = (list(sensing.tracks([of])) for of in (stretch, shared))
+    until = round((stretch.decision_s[half - 1] - stretch.start_s) * 400)
+    np.testing.assert_array_equal(before.state[:, :until], after.state[:, :until])
+    assert not np.array_equal(before.state[:, until:], after.state[:, until:])
+    assert np.sqrt(np.mean((after.state - after.truth)[:2, until : until + 800] ** 2)) < 1.0
+
+
+def test_windows_are_as_precise_20_km_from_the_origin(
+    recording: Recording, scenario: Scenario, study: LiveStudy
+) -> None:
+    """The same traffic, moved. float32 has steps of 2 mm there."""
+    far_m = 20_000.0
+    tracks = {name: replace(track, x=track.x + far_m, y=track.y + far_m) for name, track in recording.tracks.items()}
+    lanes = tuple(replace(lane, shape=lane.shape + far_m) for lane in scenario.lanes)
+    sites = tuple(replace(site, x=site.x + far_m, y=site.y + far_m) for site in scenario.sites)
+    far = replace(scenario, lanes=lanes, sites=sites), replace(recording, tracks=tracks, lanes=lanes)
+    windows = []
+    for where, traffic in ((scenario, recording), far):
+        sensing = sensing_of(study.dataset, where, traffic)
+        driving = watched(traffic, Surroundings(traffic), study.dataset.pairs, TIMING)
+        cutter = WindowCutter(Reports(sensing), study.dataset, WindowShape(6, 480, 120, 400.0, 100.0), 0.0, 0.1)
+        for track in sensing.tracks([stretch for stretch in driving.stretches if stretch.tv == "follow0"]):
+            settings = WindowSettings(window_s=1.2)
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track)]
+            windows += [in_frame(*streams, settings, 400.0, 100.0) for streams in cutter.batches(track.true)]
+    half = len(windows) // 2
+    assert half >= 2
+    for near, moved in zip(windows[:half], windows[half:], strict=True):
+        assert len(near) > 10
+        np.testing.assert_allclose(moved.tv, near.tv, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(moved.uv, near.uv, rtol=0, atol=1e-4)
 
 
 def test_spans_are_the_runs_of_a_mask() -> None:

@@ -54,6 +54,7 @@ def test_a_registered_source_is_all_that_a_study_needs(tmp_path: Path, monkeypat
     study = small_study(source="scripted", seeds={"first": 1, "last": 2})
     dataset = generate(study, tmp_path / "data", InlineEngine())
     assert set(dataset.frame(["source"])["source"]) == {"scripted"}
-    by_hand = generate(study, tmp_path / "by_hand", InlineEngine(), source=ScriptedSource(tmp_path))
+    source = ScriptedSource(tmp_path, warnings=round(study.traffic.run_in_s))
+    by_hand = generate(study, tmp_path / "by_hand", InlineEngine(), source=source)
     assert dataset.digest == by_hand.digest
     assert estimate(study).cpu_s < estimate(small_study(seeds={"first": 1, "last": 2})).cpu_s

@@ -1,7 +1,7 @@
 """Recordings: what SUMO reports, to the last bit, and the same for the same seed."""
 
 import tempfile
-from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,16 +9,18 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.temporary import LOCK_FILE
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.command_settings import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.director import Director
+from isac_cosim.isacsim.traffic.drivers.maneuvers.hard_brake import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog
-from isac_cosim.isacsim.traffic.sources.sumo import LOG_FILE, WARNING, TrafficSettings, record, session
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
+from isac_cosim.isacsim.traffic.sources.sumo import LOG_FILE, TrafficSettings, record, session
 from tests.support.roads import straight_road, vehicle
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
@@ -75,6 +77,30 @@ def test_the_recording_is_what_libsumo_returns(motorway: Recording) -> None:
         assert (track.kind, track.length_m, track.width_m) == facts[name]
         assert track.first_step == first_step[name]
         np.testing.assert_array_equal(np.stack([getattr(track, column) for column in COLUMNS], axis=1), returned[name])
+
+
+def test_a_recording_comes_back_from_disk_as_it_was(motorway: Recording, tmp_path: Path) -> None:
+    motorway.save(tmp_path / "r.npz")
+    back = Recording.load(tmp_path / "r.npz")
+    assert same(motorway, back)
+    assert [lane.id for lane in back.lanes] == [lane.id for lane in motorway.lanes]
+    assert back.lanes[5].successors == motorway.lanes[5].successors
+
+
+def test_tracks_say_which_edges_lay_still_ahead(tmp_path: Path) -> None:
+    """From the edge of the last state on; none for a vehicle that has arrived."""
+    arrives = vehicle("arrives", 0.0, 0, 1400.0).replace('depart="0.0"', 'depart="0.0" departEdge="1"')
+    others = vehicle("stays", 0.0, 1, 20.0) + vehicle("passes", 0.0, 2, 1480.0)
+    road = load(straight_road(tmp_path / "road", arrives + others))
+    tracks = record(road, 1, TrafficSettings(run_in_s=0.0, duration_s=10.0, **STEADY), NONE).tracks
+    assert {name: track.onward for name, track in tracks.items()} == {
+        "arrives": (), "stays": ("e0", "e1"), "passes": ("e1",),
+    }  # fmt: skip
+    assert [road.lanes[int(tracks[name].lane[-1])].edge for name in ("arrives", "stays", "passes")] == [
+        "e1",
+        "e0",
+        "e1",
+    ]
 
 
 def test_states_are_every_10_ms_and_agree_with_each_other(motorway: Recording) -> None:
@@ -149,7 +175,7 @@ def test_the_states_have_no_file_name_while_sumo_runs(tmp_path: Path, monkeypatc
         for _ in range(100):
             sumo.simulationStep()
             log.step(sumo)
-        assert [file.name for file in tmp_path.glob("cosim-*/*")] == [LOG_FILE]
+        assert {file.name for file in tmp_path.glob("cosim-*/*")} == {LOG_FILE, LOCK_FILE}
     assert len(log.tracks()["a"]) == 100
 
 
@@ -162,6 +188,57 @@ def test_a_step_that_sumo_would_round_is_refused(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize("begin_s", [1_000_003.0, 123_456.75, 1_732_518_000.0])
+def test_sumo_begins_when_the_recording_does(tmp_path: Path, begin_s: float) -> None:
+    """Every digit of `begin` reaches SUMO, so that the director and the states keep one time."""
+    scenario = replace(load(straight_road(tmp_path / "road", vehicle("a", depart=begin_s + 1.0))), begin_s=begin_s)
+    recording = record(scenario, 1, TrafficSettings(run_in_s=0.0, duration_s=4.0, **STEADY), NONE)
+    assert recording.times(recording.tracks["a"])[0] == pytest.approx(begin_s + 1.01, abs=1e-6)
+    assert recording.facts is not None
+    assert (recording.facts.from_s, recording.facts.to_s) == (begin_s, begin_s + 4.0)
+
+
+def test_a_begin_between_two_steps_is_refused(tmp_path: Path) -> None:
+    scenario = replace(load(straight_road(tmp_path / "road", vehicle("a"))), begin_s=0.005)
+    with pytest.raises(InputError, match=r"begins at 0\.005 s, which is no whole number of steps of 0\.01 s"):
+        record(scenario, 1, SHORT, NONE)
+
+
+def test_an_empty_span_names_the_first_departure(tmp_path: Path) -> None:
+    scenario = load(straight_road(tmp_path / "road", vehicle("late", depart=25_205.0)))
+    facts = record(scenario, 1, TrafficSettings(run_in_s=1.0, duration_s=2.0), NONE).facts
+    assert facts is not None
+    assert (facts.from_s, facts.to_s, facts.recorded, facts.first_departure_s) == (1.0, 3.0, 0, 25_205.0)
+
+
+def test_vehicles_that_sumo_discards_are_counted(tmp_path: Path) -> None:
+    """Ten cars a second into one lane, of which those give up that have no room within a second."""
+    crowd = '<flow id="f" type="car" route="all" begin="0" end="20" period="0.1" departLane="0" departSpeed="0"/>'
+    scenario = load(straight_road(tmp_path / "road", crowd + vehicle("future", depart=100.0)))
+    impatient = replace(scenario, kept={"max-depart-delay": "1"})
+    settings = TrafficSettings(run_in_s=0.0, duration_s=15.0)
+    facts = [record(one, 1, settings, NONE).facts for one in (scenario, impatient)]
+    assert all(fact is not None and fact.by_class == {"passenger": fact.vehicles} for fact in facts)
+    assert facts[0] is not None
+    assert facts[1] is not None
+    assert facts[0].discarded == 0
+    assert 150 - 1.5 * 10 <= facts[1].vehicles + facts[1].discarded <= 150
+
+
+def test_vehicles_that_are_not_sorted_by_departure_drive(tmp_path: Path) -> None:
+    """SUMO leaves out what departs before the one above it; a sorted copy lets all of them drive, as SUMO would."""
+    cars = [vehicle(f"v{k}", depart=float(k), lane=k % 3) for k in range(6)]
+    settings = TrafficSettings(run_in_s=0.0, duration_s=8.0, **STEADY)
+    (in_order, shuffled) = (
+        record(load(straight_road(tmp_path / name / "road", "\n".join(rows))), 1, settings, NONE)
+        for name, rows in (("sorted", cars), ("shuffled", [cars[k] for k in (3, 0, 5, 1, 4, 2)]))
+    )
+    assert len(in_order.tracks) == 6
+    assert same(in_order, shuffled)
+    assert shuffled.facts is not None
+    assert not shuffled.facts.warnings
+
+
 def test_broken_demand_is_refused_in_one_line(tmp_path: Path) -> None:
     scenario = load(straight_road(tmp_path / "road", vehicle("a").replace('route="all"', 'route="nowhere"')))
     with pytest.raises(InputError, match=r"SUMO refuses scenario road \(.*nowhere.*\): fix its files") as caught:
@@ -169,11 +246,25 @@ def test_broken_demand_is_refused_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_the_reason_of_a_refusal_is_sumos_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A rerouter names a route that is defined only later: SUMO's exception says `Process Error`, and no more."""
+    rerouter = (
+        '<rerouter id="rr" edges="e0"><interval begin="0" end="9"><routeProbReroute id="all" probability="1"/>'
+        "</interval></rerouter>"
+    )
+    scenario = load(straight_road(tmp_path / "road", vehicle("a"), additional=rerouter))
+    with pytest.raises(InputError) as caught:
+        record(scenario, 1, SHORT, NONE)
+    reason = "rerouter 'rr': Alternative route 'all' does not exist"
+    assert str(caught.value) == f"SUMO refuses scenario road ({reason}): fix its files"
+    assert capfd.readouterr().err == ""
+
+
 def test_warnings_are_counted_and_not_shown(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """One car is driven into another: SUMO warns once of the collision."""
     cars = vehicle("ahead", lane=0, position=100.0) + vehicle("behind", depart=1.0, lane=0, position=20.0)
-    messages: Counter[str] = Counter()
-    with session(load(str(straight_road(tmp_path / "r", cars, lanes=1))), 1, TrafficSettings(), messages) as sumo:
+    warnings: list[SumoWarning] = []
+    with session(load(str(straight_road(tmp_path / "r", cars, lanes=1))), 1, TrafficSettings(), warnings) as sumo:
         for _ in range(200):
             sumo.simulationStep()
         sumo.vehicle.setSpeedMode("behind", 0)
@@ -183,5 +274,5 @@ def test_warnings_are_counted_and_not_shown(tmp_path: Path, capfd: pytest.Captur
             sumo.simulationStep()
         sumo.vehicle.remove("behind")
         sumo.simulationStep()
-    assert messages[WARNING] >= 1
+    assert any("collision with vehicle 'ahead'" in warning.example for warning in warnings)
     assert "Warning" not in capfd.readouterr().err

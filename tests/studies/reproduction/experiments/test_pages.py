@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from isac_cosim.evaluation.report.page import FIGURES, Part, text_of, write_table
+from isac_cosim.evaluation.report.parts import Part, text_of, write_table
 from isac_cosim.evaluation.statistics import Estimate
-from isac_cosim.studies.reproduction.experiments.pages import write_pages
+from isac_cosim.studies.reproduction.experiments.pages import FIGURES, write_pages
 from isac_cosim.studies.reproduction.experiments.stages import identity_of
 
 ROWS = [{"case": "truth", "F1": Estimate(value=0.5, low=0.4, high=0.6, sd=0.01), "paper": 0.9249}, {"case": "<b>"}]

@@ -1,13 +1,48 @@
-"""Whether the TV passes the UV soon, as rows of text: the answers to a question that every pull-out answers."""
+"""Whether the TV passes the UV soon: the answers to a question that every pull-out answers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from isac_cosim.evaluation.on_windows.results import PassAnswer, PassScores
+from isac_cosim.evaluation.on_windows.results import EvaluationResult, PassAnswer, PassScores
+from isac_cosim.evaluation.report.parts import Part, Row, Shown
+from isac_cosim.evaluation.report.score_table import head
 from isac_cosim.evaluation.report.verdict import seeds_text
 
 QUESTION = "Does the TV pass the UV within a time of the window's end?"
+
+
+TEXT = (
+    "Every pull-out behind a UV is asked, whether it is an overtake, a lane change or in no class. A run answers with "
+    "its probability of an overtake, as a share of that of an overtake or a change to the faster side; the trees learn "
+    "the question itself, from the training seeds, and are calibrated on the validation seeds."
+)
+FIGURE = (
+    ("passing.png", "How often the TV passes the UV, against the probability of trees trained on this question."),
+)
+
+
+class PassesUv:
+    """The answers of the runs and of trees that were trained on the question."""
+
+    result_class = EvaluationResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        """Return the table of the page and that of the terminal; nothing where it was not asked."""
+        result: EvaluationResult = shown.result
+        if not result.passing:
+            return []
+        top, rows = passing_table(result.passing)
+        strong = range(len(result.runs) + 1)
+        page = Part("passing", QUESTION, TEXT, _under(top, rows), FIGURE, strong=strong, on_terminal=False)
+        columns = head(result)
+        brief = _under(columns, passing_rows(result.passing, len(columns) - 1))
+        title = f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}"
+        return [page, Part("passing-in-brief", title, rows=brief, on_page=False)]
+
+
+def _under(top: Sequence[str], rows: Sequence[Sequence[str]]) -> list[Row]:
+    return [dict(zip(top, row, strict=True)) for row in rows]
 
 
 def passing_table(passing: Sequence[PassScores]) -> tuple[list[str], list[list[str]]]:

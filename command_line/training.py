@@ -1,0 +1,29 @@
+"""`train`: from its arguments to a run on the console."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from isac_cosim.command_line import output
+
+if TYPE_CHECKING:
+    from isac_cosim.models.runs.settings import TrainSettings
+
+
+def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Console) -> dict[str, Any]:
+    """Train a predictor, after a warning of what its scores will lack, and show how that ended.
+
+    Returns what `--json` prints.
+    """
+    from isac_cosim.evaluation.on_windows.coverage import lacking
+    from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.models.training.training import train
+
+    dataset, feedback = Dataset.open(data), output.feedback_of(console)
+    for line in lacking(dataset, settings, EvaluateSettings()):
+        output.warn(line)
+    return output.show_run(train(dataset, out, settings, feedback), console)

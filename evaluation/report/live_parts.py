@@ -1,0 +1,167 @@
+"""What is shown of an evaluation in traffic, and of a closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
+from isac_cosim.evaluation.in_traffic.scores.results import EventScores, TrafficResult
+from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown
+from isac_cosim.evaluation.statistics import Interval
+
+CAPTIONS = (
+    ("recall_against_false_alarms.png", "Recall against false alarms per vehicle-hour; dots are the frozen alarms."),
+    ("lead_times.png", "How early alarms come before the commit, by intention: every alarm, median and quartiles."),
+    ("time_line.png", "The first measured episode: events as bars, alarms as marks, false ones as crosses."),
+)
+ARMS_FIGURE = "arms.png"
+
+
+class AlarmsByIntention:
+    """The scores of the chosen alarms by intention, then those of the baselines."""
+
+    result_class = TrafficResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: TrafficResult = shown.result
+        title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
+        over_all = [("all", result.over_all)]
+        if result.five_classes is not None:
+            over_all.append(("all, overtake and lane change as one", result.five_classes.over_all))
+        over_all += [(baseline.name, baseline.over_all) for baseline in result.baselines.values()]
+        parts = [
+            Part("headline", text=title, on_terminal=False),
+            Part("by-intention", rows=_rows((spoken(name), scores) for name, scores in result.by_intention.items())),
+            Part("over-all", rows=_rows(over_all), strong=(0,)),
+        ]
+        if result.alone is not None:
+            parts.append(Part("alone", rows=_rows([(f"{result.alone.name}, without a UV", result.alone.over_all)])))
+        return parts
+
+
+class InWords:
+    """What the result says in sentences."""
+
+    result_class = TrafficResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        return [Part("in-words", lines=_sentences(shown.result))]
+
+
+class Figures:
+    """The figures that the folder holds."""
+
+    result_class = TrafficResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        return [Part("live-figures", figures=CAPTIONS, on_terminal=False)]
+
+
+class Advisories:
+    """The arms of a closed loop, and how the one with ISAC differs from that without advisories."""
+
+    result_class = ClosedLoopResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: ClosedLoopResult = shown.result
+        facts = result.closed_loop
+        title = f"closed loop: {facts.scored_vehicle_hours:.2f} vehicle-hours after alarms, {facts.seeds} seeds"
+        caption = "By how much each arm differs from the traffic without advisories; bars: 95 % intervals."
+        return [
+            Part("advisories", title, rows=list(_arms(result)), figures=[(ARMS_FIGURE, caption)]),
+            Part("advisories-in-words", lines=_arm_sentences(result)),
+        ]
+
+
+def _arms(result: ClosedLoopResult) -> Iterable[Row]:
+    for arm, measured in result.arms.items():
+        values, difference = measured.after_alarms, measured.difference["ttc_below_1_5_s"]
+        yield {
+            "arm": arm,
+            "alarms": measured.alarms,
+            "advisories": measured.advisories,
+            "TTC < 3 s": _number(values["ttc_below_3_s"]),
+            "TTC < 1.5 s": _number(values["ttc_below_1_5_s"]),
+            "DRAC > 3.4": _number(values["drac_above_3_4_s"]),
+            "against none": NO_VALUE if difference.relative is None else f"{100 * difference.relative:+.0f} %",
+            "travel s/km": _number(values["travel_s_per_km"]),
+        }
+
+
+def _arm_sentences(result: ClosedLoopResult) -> list[str]:
+    """Return what the arms say, a line each."""
+    latency = result.closed_loop.latency
+    low, high = latency.reaction_s
+    lines = [
+        f"latency: sensing {latency.sensing_s:g} s, network {latency.network_s:g} s, driver {low:g} to {high:g} s; "
+        "TTC and DRAC in s per vehicle-hour; `against none` is TTC < 1.5 s"
+    ]
+    if "isac" in result.arms:
+        for name, text, unit in (
+            ("ttc_below_1_5_s", "time below 1.5 s of TTC", "s per vehicle-hour"),
+            ("travel_s_per_km", "travel time", "s/km"),
+        ):
+            difference = result.arms["isac"].difference[name]
+            if difference.relative is not None and difference.value is not None:
+                of_none = difference.relative_interval
+                share = f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)" if of_none else ""
+                seconds = _between(difference.interval, 2)
+                lines.append(
+                    f"ISAC against none: {text} {100 * difference.relative:+.1f} %{share}, "
+                    f"{difference.value:+.2f}{seconds} {unit}"
+                )
+        collided = result.arms["isac"].difference_collided
+        if collided is not None and collided.value is not None:
+            seeds = _between(collided.interval, 1)
+            lines.append(f"ISAC against none: {collided.value:+.1f}{seeds} vehicles collide in a seed")
+    return lines
+
+
+def _between(interval: Interval | None, digits: int) -> str:
+    return f" ({interval.low:+.{digits}f} to {interval.high:+.{digits}f})" if interval else ""
+
+
+def _number(value: float | None) -> str:
+    return NO_VALUE if value is None else f"{value:.2f}"
+
+
+def _sentences(result: TrafficResult) -> list[str]:
+    """Return what the result says, a line each."""
+    lines = []
+    for point in result.recall_at:
+        if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
+            interval = point.recall_interval
+            between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
+            lines.append(
+                f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
+            )
+    for cost in result.truth.lost if result.truth else ():
+        if cost.false_alarms_per_vehicle_hour == 1.0:
+            between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""
+            lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
+    if result.coverage.share is not None:
+        rest = [f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in result.coverage.uncovered.items()]
+        lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving (not: {', '.join(rest)})")
+    if result.alone is not None and result.alone.share is not None:
+        lines.append(f"without a UV, {result.alone.name} predicts another {100 * result.alone.share:.0f} %")
+    lines.append(
+        f"world, labels and echoes come from motion that is conditioned {result.latency.conditioning_reach_s:g} s ahead"
+    )
+    return lines
+
+
+def _rows(scores: Iterable[tuple[str, EventScores]]) -> list[Row]:
+    return [
+        {
+            "intention": name,
+            "events": of.events,
+            "predicted": of.predicted,
+            "detected": of.detected,
+            "recall": _number(of.recall),
+            "precision": _number(of.precision),
+            "lead s": _number(of.lead_time_s.median),
+            "false/h": _number(of.false_alarms_per_vehicle_hour),
+        }
+        for name, of in scores
+    ]

@@ -1,0 +1,136 @@
+"""What a page or a terminal shows of a result: a list of parts, each of which answers one question.
+
+Evaluations on windows and in traffic, closed loops, sweeps and reproductions are all shown as such lists, which
+`page` and `terminal` render. Which parts a result has: `registry`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from isac_cosim.base.files import replace_file
+from isac_cosim.evaluation.statistics import Estimate
+
+NO_VALUE = "-"
+
+
+@dataclass(frozen=True)
+class Link:
+    """A cell that leads to another page. target: its path, relative to this one."""
+
+    text: str
+    target: str
+
+
+Cell = Estimate | Link | str | float | int | None
+Row = Mapping[str, Cell]
+
+
+@dataclass(frozen=True)
+class Part:
+    """The answer to one question, for people; what is empty is not shown.
+
+    name: of the part, and of its CSV file where there is one. title, text: the question, and how to read the answer.
+    numbers: figures that sum a result up, each with its name. rows: of a table; their keys are the headings. strong:
+    numbers of the rows that sum the others up. sentences: what can be said. lines: of a list. figures: file names in
+    the folder of the page's figures, each with a caption that says what there is to be seen; missing ones are left out.
+    on_page, on_terminal: where the part is shown.
+    """
+
+    name: str
+    title: str = ""
+    text: str = ""
+    rows: Sequence[Row] = ()
+    figures: Sequence[tuple[str, str]] = ()
+    numbers: Sequence[tuple[str, str]] = ()
+    strong: Sequence[int] = ()
+    sentences: Sequence[str] = ()
+    lines: Sequence[str] = ()
+    on_page: bool = True
+    on_terminal: bool = True
+
+    @property
+    def headings(self) -> list[str]:
+        """The headings of the table's columns."""
+        return list(dict.fromkeys(name for row in self.rows for name in row))
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A result that is to be shown.
+
+    result: the content of `metrics.json`, typed. folder: where the figures lie; a part may draw one of its own there.
+    remarks: sentences for captions, by the figure's file name. answers: what result parts of other packages measured,
+    by the part's name (`evaluation.questions`).
+    """
+
+    result: Any
+    folder: Path
+    remarks: Mapping[str, str] = field(default_factory=dict)
+    answers: Mapping[str, Any] = field(default_factory=dict)
+
+
+class ResultPart(Protocol):
+    """A question about a result, and how its answer is shown."""
+
+    @property
+    def result_class(self) -> type:
+        """The class of the results that it is asked of, such as `EvaluationResult` or `TrafficResult`."""
+
+    def parts(self, shown: Shown) -> Sequence[Part]:
+        """Return the answer; nothing where the result has none."""
+
+
+def text_of(cell: Cell) -> str:
+    """Return a cell as people read it: an estimate with its spread over trainings and its interval."""
+    if isinstance(cell, Estimate):
+        if cell.value is None:
+            return NO_VALUE
+        spread = "" if cell.sd is None else f" ±{cell.sd:.3f}"
+        interval = "" if cell.low is None or cell.high is None else f" ({cell.low:.3f} to {cell.high:.3f})"
+        over = "" if cell.over is None else f" over {cell.over[0]} of {cell.over[1]} intentions"
+        return f"{cell.value:.3f}{spread}{interval}{over}"
+    if isinstance(cell, Link):
+        return cell.text
+    if cell is None:
+        return NO_VALUE
+    return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+
+
+def texts_of(part: Part) -> list[list[str]]:
+    """Return the rows of a part's table as people read them, a text for each heading."""
+    return [[text_of(row.get(name)) for name in part.headings] for row in part.rows]
+
+
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """Write rows as CSV; an estimate takes the columns of its value, its interval and its spread.
+
+    Raises OutputError.
+    """
+    flat = [_flat(row) for row in rows]
+    names = list(dict.fromkeys(name for row in flat for name in row))
+
+    def write(partial: Path) -> None:
+        with partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, names, restval="")
+            writer.writeheader()
+            writer.writerows(flat)
+
+    replace_file(path, write)
+
+
+def _flat(row: Row) -> dict[str, str | float | int]:
+    flat: dict[str, str | float | int] = {}
+    for name, cell in row.items():
+        if isinstance(cell, Estimate):
+            numbers = {"": cell.value, " low": cell.low, " high": cell.high, " sd": cell.sd}
+            if cell.over is not None:
+                numbers[" over intentions"] = cell.over[0]
+            flat |= {f"{name}{end}": "" if number is None else round(number, 6) for end, number in numbers.items()}
+        else:
+            flat[name] = cell.text if isinstance(cell, Link) else "" if cell is None else cell
+    return flat

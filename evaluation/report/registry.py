@@ -1,0 +1,39 @@
+"""The parts of every kind of result, in the order in which they are shown.
+
+To add a part, write a class that fulfils `parts.ResultPart` and give it a line below; a package of its own gives it an
+entry point of the group `isac_cosim.result_parts`. One that also measures something has a method `measure`
+(`evaluation.questions`).
+"""
+
+from __future__ import annotations
+
+from isac_cosim.base.registry import Registry
+from isac_cosim.evaluation.questions import GROUP
+from isac_cosim.evaluation.report import live_parts, window_parts
+from isac_cosim.evaluation.report.dependence_part import DependentSeeds
+from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
+from isac_cosim.evaluation.report.passing_part import PassesUv
+
+RESULT_PARTS: Registry[ResultPart] = Registry(
+    "result part",
+    {
+        "headline": window_parts.Headline(),
+        "dependent-seeds": DependentSeeds(),
+        "scores": window_parts.Scores(),
+        "lead-times": window_parts.LeadTimes(),
+        "verdict": window_parts.Verdict(),
+        "passing": PassesUv(),
+        "window-figures": window_parts.Figures(),
+        "alarms": live_parts.AlarmsByIntention(),
+        "alarms-in-words": live_parts.InWords(),
+        "live-figures": live_parts.Figures(),
+        "advisories": live_parts.Advisories(),
+    },
+    GROUP,
+)
+
+
+def parts_of(shown: Shown) -> list[Part]:
+    """Return all parts of a result, in order. Raises InputError for a part of a package that cannot be imported."""
+    chosen = [part for part in RESULT_PARTS.values() if isinstance(shown.result, part.result_class)]
+    return [answer for part in chosen for answer in part.parts(shown)]

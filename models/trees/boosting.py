@@ -1,0 +1,30 @@
+"""Gradient-boosted trees: their settings and how they are made, whatever they learn."""
+
+from __future__ import annotations
+
+from pydantic import Field
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from isac_cosim.base.settings import Settings
+
+
+class BoostingSettings(Settings):
+    """Settings of scikit-learn's histogram-based trees."""
+
+    rounds: int = Field(200, ge=1, le=100_000, description="boosting rounds")
+    learning_rate: float = Field(0.1, gt=0, le=1e3, description="shrinkage of each boosting round")
+    leaves: int = Field(15, ge=2, le=1_000_000, description="leaves per tree")
+    l2: float = Field(1.0, ge=0, le=1e9, description="L2 regularisation of leaf values")
+
+
+def boosted_trees(settings: BoostingSettings, seed: int = 0, balanced: bool = False) -> HistGradientBoostingClassifier:
+    """Return trees that are still to be fitted. balanced: whether classes are weighted by inverse frequency."""
+    return HistGradientBoostingClassifier(
+        max_iter=settings.rounds,
+        learning_rate=settings.learning_rate,
+        max_leaf_nodes=settings.leaves,
+        l2_regularization=settings.l2,
+        class_weight="balanced" if balanced else None,
+        early_stopping=False,
+        random_state=seed,
+    )

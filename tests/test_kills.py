@@ -1,0 +1,216 @@
+"""Every command, ended at a random moment by any signal and repeated, leaves the bytes of an undisturbed one.
+
+`COSIM_KILLS=15 pytest -m slow tests/test_kills.py` ends each command 15 times, more than a hundred times in all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+import cosim
+from tests.support.waiting import HANGING_S
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX"),
+]
+
+ROOT = Path(cosim.__file__).parent
+KILLS = int(os.environ.get("COSIM_KILLS", "3"))
+"""How often each command is ended."""
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+SCRIPT = """
+import signal, sys
+from pathlib import Path
+
+from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES
+from tests.support.scripted import ScriptedSource
+
+# Traffic from formulas, in episodes that last.
+MOTION_SOURCES._items["sumo"] = lambda study: ScriptedSource(Path("road").resolve(), pause_s=0.3)
+
+if __name__ == "__main__":
+    import cosim
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    sys.exit(cosim.main())
+"""
+STUDY = """
+[dataset]
+scenarios = ["road"]
+seeds = { first = 1, last = 8 }
+record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
+
+[training]
+asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
+optimiser = { epochs = 4, threads = 1 }
+trees = { rounds = 5 }
+preludes = { rounds = 5 }
+"""
+COMMANDS = {
+    "run": "run study.toml -o {out} --jobs 2",
+    "generate": "generate road -o {out} --seeds 1:8 --jobs 2",
+    "sense": "sense made/dataset -o {out} --snr -10:0 --jobs 2",
+    "train": "train made/dataset -o {out} --epochs 4",
+    "evaluate --data": "evaluate made/run --data made/dataset -o {out}",
+    "evaluate --traffic": "evaluate trees --traffic road -o {out} --seeds 1001:1003 --development 2001:2003 --jobs 2",
+    "reproduce": "reproduce asi-bip --quick --stages truth -o {out} --jobs 2",
+}
+OF_THE_RUN = ("log.jsonl", "speed.json", ".lock")
+"""Files that say how long something took, or nothing."""
+SPENT = ("seconds", "cpu_s", "window_ms")
+"""Keys of JSON files that say so."""
+met: Counter[str] = Counter()
+"""How the commands ended that were sent a signal, by command."""
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """What a command leaves if nothing disturbs it, and how long it takes, s."""
+
+    content: dict[str, Any]
+    took_s: float
+
+
+@pytest.fixture(scope="module", autouse=True)
+def report() -> Iterator[None]:
+    """Print, with `pytest -s`, how the commands ended."""
+    yield
+    print(dict(sorted(met.items())))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of all commands, with what they read: a study, its results, and a run of trees."""
+    folder = tmp_path_factory.mktemp("kills")
+    (folder / "road").mkdir()
+    (folder / "temporary").mkdir()
+    (folder / "script.py").write_text(SCRIPT)
+    (folder / "study.toml").write_text(STUDY)
+    for words in ("run study.toml -o made --jobs 2", "train made/dataset -o trees --model trees"):
+        assert finish(folder, words) == (0, "")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def undisturbed(folder: Path) -> dict[str, Undisturbed]:
+    """What each command leaves, twice, so that nothing is compared that no two commands share."""
+    found = {}
+    for name, words in COMMANDS.items():
+        for turn in range(2):
+            began, out = time.monotonic(), folder / "out"
+            assert finish(folder, words.format(out=out)) == (0, "")
+            content = content_of(out)
+            shutil.rmtree(out)
+            assert turn == 0 or content == found[name].content, name
+            found[name] = Undisturbed(content, time.monotonic() - began)
+    return found
+
+
+def start(folder: Path, words: str) -> subprocess.Popen[str]:
+    """Start a command at the head of a process group of its own."""
+    path = os.pathsep.join(map(str, (ROOT, *filter(None, [os.environ.get("PYTHONPATH")]))))
+    return subprocess.Popen(
+        [sys.executable, "script.py", *words.split(), "--quiet"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder / "temporary")},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def finish(folder: Path, words: str) -> tuple[int, str]:
+    """Run a command to its end. Returns its exit code, and what it printed besides warnings."""
+    process = start(folder, words)
+    _, printed = process.communicate()
+    lines = [line for line in printed.splitlines() if not line.startswith("warning: ")]
+    return process.returncode, "\n".join(lines)
+
+
+def content_of(out: Path) -> dict[str, Any]:
+    """Return the content of all files in a folder, but for what says how long something took."""
+    files = [path for path in sorted(out.rglob("*")) if path.is_file() and path.name not in OF_THE_RUN]
+    return {
+        str(path.relative_to(out)): without_spent(json.loads(path.read_bytes()))
+        if path.suffix == ".json"
+        else path.read_bytes()
+        for path in files
+    }
+
+
+def without_spent(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: without_spent(item) for key, item in value.items() if key not in SPENT}
+    return [without_spent(item) for item in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("turn", range(KILLS))
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_that_was_ended_is_finished_by_the_same_command(
+    folder: Path, undisturbed: dict[str, Undisturbed], name: str, turn: int
+) -> None:
+    draw, before = random.Random(f"{name} {turn}"), undisturbed[name]
+    number, group = draw.choice(SIGNALS), draw.random() < 0.5
+    out = folder / "out"
+    words = COMMANDS[name].format(out=out)
+    process = start(folder, words)
+    children: list[psutil.Process] = []
+    try:
+        # From the first imports on: before them, Python itself answers an interrupt.
+        time.sleep(0.5 + draw.random() * before.took_s)
+        with contextlib.suppress(psutil.NoSuchProcess):
+            children = psutil.Process(process.pid).children(recursive=True)
+        with contextlib.suppress(ProcessLookupError):
+            (os.killpg if group else os.kill)(process.pid, number)
+        _, printed = process.communicate(timeout=HANGING_S)
+        met[f"{name} {process.returncode}"] += 1
+        lines = [line for line in printed.splitlines() if not line.startswith("warning: ")]
+        if number == signal.SIGKILL or process.returncode == 0:
+            assert lines == [], printed
+        else:
+            assert process.returncode == 128 + number, printed
+            assert [line.startswith("cosim: interrupted") for line in lines] == [True], printed
+        psutil.wait_procs(children, 30)
+        assert not [child for child in children if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
+        assert finish(folder, words) == (0, "")
+        assert content_of(out) == before.content
+        assert list((folder / "temporary").glob("cosim-*")) == []
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        shutil.rmtree(out, ignore_errors=True)
+
+
+@pytest.mark.parametrize("name", ["generate", "train"])
+def test_a_command_that_is_stopped_for_a_while_goes_on(
+    folder: Path, undisturbed: dict[str, Undisturbed], name: str
+) -> None:
+    """The command and its workers, for ten seconds, as by Ctrl-Z or a laptop's lid."""
+    out = folder / "out"
+    process = start(folder, COMMANDS[name].format(out=out))
+    time.sleep(0.5 * undisturbed[name].took_s)
+    os.killpg(process.pid, signal.SIGSTOP)
+    time.sleep(10.0)
+    os.killpg(process.pid, signal.SIGCONT)
+    process.communicate()
+    assert process.returncode == 0
+    assert content_of(out) == undisturbed[name].content
+    shutil.rmtree(out)
