@@ -172,11 +172,11 @@ class Meta(Sealed):
 def read_description(folder: Path) -> Meta | None:
     """Return a folder's `dataset.json` without the index, None if there is none.
 
-    Former versions had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
+    Version 0.2.0 had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
     file is damaged, or was written by a version that is read no longer.
     """
     path = folder / META_FILE
-    with suppress(KeyError, OSError, TypeError, ValueError):
+    with suppress(KeyError, OSError, RecursionError, TypeError, ValueError):
         if json.loads(path.read_bytes())["schema_version"] == FORGOTTEN:
             raise InputError(f"{path}: was written by version 0.1.0, which is read no longer; generate it anew")
     return read_json(Meta, path)

@@ -15,7 +15,6 @@ from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.naming import check_name
-from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
@@ -63,7 +62,7 @@ def generate(
     jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
     with claimed(out, started):
         for name, scenario in scenarios.items():
-            for line in (*withheld(name, scenario), *remarks(scenario)):
+            for line in (*withheld(name, scenario), *source.remarks(scenario)):
                 feedback.message(line)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -165,7 +164,7 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: Motion
     package = MOTION_SOURCES.package(study.source)
     installed = versions(OF_DATASETS if package is None else (*OF_DATASETS, package))
     described = tuple(
-        _describe_scenario(where, scenario, source, source.notes(scenario, study.labels.limits_mps2))
+        _describe_scenario(where, scenario, source, source.drivers_at(scenario, study.labels.limits_mps2))
         for where, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
@@ -187,12 +186,12 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: Motion
 
 def _describe_scenario(where: str, scenario: Scenario, source: MotionSource, drivers: Sequence[str]) -> ScenarioMeta:
     """Return a scenario's entry in `dataset.json`. where: the scenario as the study names it. drivers: as in it."""
+    inputs = dict(source.inputs(scenario))
     sites = tuple(
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
     check_name(scenario.name, where)
-    inputs = dict(source.inputs(scenario))
     return ScenarioMeta(
         name=scenario.name,
         source=where,

@@ -39,7 +39,6 @@ from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missi
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
 from isac_cosim.evaluation.questions import with_answers
-from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
@@ -100,7 +99,7 @@ def study_of(
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
     given: dict[str, Any] = {"source": source}
     if stored.get("source", DEFAULT) != source:
-        stored.pop("world", None)
+        stored = {key: value for key, value in stored.items() if key in DatasetStudy.model_fields.keys() - {"world"}}
     if natural:
         given["world"] = world = natural_world(source)
         stored = {key: value for key, value in stored.items() if key not in kind.worlds[world]}
@@ -177,7 +176,7 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
-    for remark in remarks(scenario):
+    for remark in source.remarks(scenario):
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
         _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))

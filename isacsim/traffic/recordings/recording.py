@@ -109,7 +109,7 @@ class Recording:
 
     @property
     def lasts_s(self) -> float:
-        """Time that was recorded, s: of the simulation, or from the first state of any vehicle to a step after the last."""
+        """Time that was simulated, or from the first state of any vehicle to a step after the last one, s."""
         if self.facts is not None:
             return round(self.facts.to_s - self.facts.from_s, 6)
         ends = [(track.first_step, track.first_step + len(track)) for track in self.tracks.values()]
@@ -127,7 +127,6 @@ class Recording:
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
 """The columns of a track."""
-"""What is stored once for each track, as it is."""
 
 
 @dataclass(frozen=True)

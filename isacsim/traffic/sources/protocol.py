@@ -63,10 +63,6 @@ class MotionSource(Protocol):
         """Return one digest of all the inputs."""
         return content_digest(dict(self.inputs(scenario)))
 
-    def notes(self, scenario: Scenario, limits_mps2: Mapping[str, float]) -> Sequence[str]:
-        """Return what is to be said of a scenario's drivers, a line each. limits_mps2: thresholds of the labels."""
-        return ()
-
     def seeds(self, scenario: Scenario) -> Sequence[int] | None:
         """Return the seeds of which there are recordings, ascending, such as the blocks of a file; None: any seed."""
         return None
@@ -80,6 +76,17 @@ class MotionSource(Protocol):
         this seed only.
         """
         ...
+
+    def remarks(self, scenario: Scenario) -> Sequence[str]:
+        """Return what the author of a scenario should know before it is used, a line each."""
+        return ()
+
+    def drivers_at(self, scenario: Scenario, thresholds: Mapping[str, float]) -> Sequence[str]:
+        """Return what is to be said of drivers whose limits sit at thresholds of the labels, a line each.
+
+        thresholds: of the limits `accel` and `decel`, m/s2.
+        """
+        return ()
 
     def expected_cpu_s(self) -> float:
         """Return about how much processor time one recording takes, s, for estimates."""

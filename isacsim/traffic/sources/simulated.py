@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from isac_cosim.base.files import digests_of
 from isac_cosim.isacsim.scenarios import scenario
+from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
 from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
@@ -42,16 +43,18 @@ class SumoSource(MotionSource):
     def digest(self, scenario: Scenario) -> str:
         return digest_of(scenario)
 
-    def notes(self, scenario: Scenario, limits_mps2: Mapping[str, float]) -> Sequence[str]:
-        if self.traffic.drivers == "ours":
-            return ()
-        return limits_at_thresholds((*scenario.demand, *scenario.additional), limits_mps2)
-
     def record(self, scenario: Scenario, seed: int) -> Recording:
         return record(scenario, seed, self.traffic, self.maneuvers)
 
     def run(self, scenario: Scenario, seed: int) -> Generator[Moment, None, Recording]:
         return record_stepwise(scenario, seed, self.traffic, self.maneuvers)
+
+    def remarks(self, scenario: Scenario) -> Sequence[str]:
+        return remarks(scenario)
+
+    def drivers_at(self, scenario: Scenario, thresholds: Mapping[str, float]) -> Sequence[str]:
+        files = (*scenario.demand, *scenario.additional)
+        return () if self.traffic.drivers == "ours" else limits_at_thresholds(files, thresholds)
 
     def expected_cpu_s(self) -> float:
         # Smaller or larger steps than the usual 0.01 s cost in proportion.

@@ -54,8 +54,8 @@ def rate(what: str, default: float, per: str = "vehicle's driving") -> Any:
 class DirectorSettings(Settings):
     """Who may be commanded, and where; and the people who drive."""
 
-    rest_s: float = Field(12.0, ge=0.0, description="pause between two commands to one vehicle, s")
-    within_m: float = Field(350.0, gt=0.0, description="only vehicles this close to a site are commanded, m")
+    rest_s: float = Field(12.0, ge=0.0, le=1e5, description="pause between two commands to one vehicle, s")
+    within_m: float = Field(350.0, gt=0.0, le=1e5, description="only vehicles this close to a site are commanded, m")
     look_ahead_m: float = Field(
         150.0, gt=0.0, le=1000.0, description="distance within which a vehicle counts as the one ahead, m"
     )

@@ -11,8 +11,8 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.temporary import LOCK_FILE
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.command_settings import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.director import Director
+from isac_cosim.isacsim.traffic.drivers.maneuvers.hard_brake import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
