@@ -60,7 +60,8 @@ def generate(
     scenarios = read_scenarios(study, source)
     started = describe(study, scenarios, source)
     jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
-    with claimed(out, started):
+    unused = study.known_sections().keys() - study.source_settings().keys()
+    with claimed(out, started, unused) as started:
         for name, scenario in scenarios.items():
             for line in (*withheld(name, scenario), *source.remarks(scenario)):
                 feedback.message(line)

@@ -296,7 +296,7 @@ def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
     study, now = dict(dataset.meta.study), versions(OF_DATASETS)
     if SENSORS[settings.sensor].by_sites:
         study["sensing"] = resensed["settings"]["sensing"]
-    scenarios = [scenario.model_dump(mode="json") for scenario in dataset.meta.scenarios]
+    scenarios = [scenario.identity for scenario in dataset.meta.scenarios]
     update = {
         "schema_version": SCHEMA_VERSION,
         "complete": False,
