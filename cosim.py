@@ -20,6 +20,7 @@ from isac_cosim.command_line import output
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import HelpfulCommand, examples
 from isac_cosim.command_line.road_network import network_app
+from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import DEFAULT, FLOOR
 
 app = typer.Typer(
@@ -87,11 +88,11 @@ def generate(
         list[str] | None,
         typer.Argument(
             metavar="SCENARIO",
-            help="Name of a bundled scenario, folder, .sumocfg or .net.xml; one or more. Default with --source "
-            "kinematic: straight_road.",
+            help="Name of a bundled scenario, folder, .sumocfg or .net.xml, or what else the source reads; one or "
+            "more. Default: what the source has for itself.",
         ),
     ] = None,
-    source: Annotated[str, typer.Option(help="Where motion comes from: {motion_sources}.")] = "sumo",
+    source: Annotated[str, typer.Option(help="Where motion comes from: {motion_sources}.")] = DEFAULT_SOURCE,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
     ] = None,
@@ -269,6 +270,7 @@ def evaluate(
     truth: opt.TrueMotion = False,
     lanes: opt.InLane = None,
     alone: opt.AloneRun = None,
+    source: opt.TrafficSource = None,
     natural: opt.NaturalTraffic = False,
     advisories: opt.Advisories = False,
     conditioning: opt.ConditioningKind = None,
@@ -297,6 +299,7 @@ def evaluate(
         alone=alone,
         cluster=cluster,
         lanes=lanes,
+        source=source,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from math import isfinite
@@ -87,6 +87,19 @@ def _settled_digest(path: Path, marks: tuple[int, ...]) -> str:
 def _digest_of(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def digests_of(files: Iterable[Path]) -> dict[str, str]:
+    """Return the SHA-256 digest of each file, by its path from the folder that all of them lie in.
+
+    Raises InputError if a file cannot be read.
+    """
+    whole = [Path(os.path.abspath(path)) for path in files]
+    common = os.path.commonpath([path.parent for path in whole]) if whole else ""
+    try:
+        return {path.relative_to(common).as_posix(): file_digest(path) for path in whole}
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror}); make it readable") from None
 
 
 def content_digest(content: Any) -> str:

@@ -58,6 +58,11 @@ class Registry(Mapping[str, Item], Generic[Item]):
     def __contains__(self, name: object) -> bool:
         return name in self._items or name in self._offered
 
+    def package(self, name: str) -> str | None:
+        """Return the name of the installed package that offers an implementation; None for those of this project."""
+        point = self._offered.get(name)
+        return point.dist.name if point is not None and point.dist is not None else None
+
     def check(self, name: str) -> str:
         """Return a name that is registered; a validator for pydantic. Raises ValueError, which names the nearest."""
         if name not in self:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -25,6 +26,11 @@ class Settings(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def known_sections(cls) -> Mapping[str, type[Settings]]:
+        """Return the sections that this one may have besides its fields, for messages about wrong keys."""
+        return {}
 
 
 class Sealed(Settings):
@@ -58,6 +64,16 @@ def checked(kind: type[Section], content: dict[str, Any], where: str | Path) -> 
         return kind.model_validate(content)
     except ValidationError as error:
         raise InputError(f"{where}: {first_fault(error, kind)}") from None
+
+
+def merged(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return plain settings with some keys replaced, section by section."""
+    result = dict(content)
+    for key, value in changes.items():
+        before = result.get(key)
+        both = isinstance(value, Mapping) and isinstance(before, Mapping)
+        result[key] = merged(before, value) if both else value  # type: ignore[arg-type]
+    return result
 
 
 def read_toml(path: Path) -> dict[str, Any]:

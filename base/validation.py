@@ -68,7 +68,7 @@ def _problem(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
         return "is missing; give it a value"
     if kind == "extra_forbidden":
         parents = filter(_is_model, _alternatives(_annotation_at(model, fault["loc"][:-1])))
-        known = [name for parent in parents for name in parent.model_fields]
+        known = [name for parent in parents for name in _keys_of(parent)]
         return f"unknown key; {_nearest(fault['loc'][-1], known) or 'remove it or fix its spelling'}"
     if kind == "literal_error":
         annotation = _annotation_at(model, fault["loc"])
@@ -114,13 +114,18 @@ def _annotation_at(annotation: Any, location: tuple[int | str, ...]) -> Any:
         return annotation
     for part in _alternatives(annotation):
         if _is_model(part):
-            field = part.model_fields.get(location[0])
-            return None if field is None else _annotation_at(field.annotation, location[1:])
+            return _annotation_at(_keys_of(part).get(str(location[0])), location[1:])
         if get_origin(part) in (dict, list, tuple):
             # All entries of our lists are of one kind; a dictionary names the kind of its values after its keys'.
             entry = get_args(part)[1 if get_origin(part) is dict else 0]
             return _annotation_at(entry, location[1:])
     return None
+
+
+def _keys_of(model: type[BaseModel]) -> dict[str, Any]:
+    """Return the annotation of each key that a settings class may have: its fields, and the sections it knows of."""
+    fields = {name: field.annotation for name, field in model.model_fields.items()}
+    return {**fields, **getattr(model, "known_sections", dict)()}
 
 
 def _alternatives(annotation: Any) -> tuple[Any, ...]:

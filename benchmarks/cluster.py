@@ -26,7 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +44,7 @@ from isac_cosim.benchmarks.scaling import MIB, apart, peak_memory
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
     INDEX_FILE,
@@ -71,13 +72,16 @@ START_S = 120.0
 
 
 @dataclass(frozen=True)
-class Paused:
+class Paused(MotionSource):
     """A source without traffic, whose episodes take `pause_s` seconds."""
 
     pause_s: float
 
     def load(self, where: str) -> Scenario:
         return scenario.load(where)
+
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return {}
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         time.sleep(self.pause_s)
@@ -221,7 +225,7 @@ def indexed(episodes: int) -> dict[str, Any]:
     """
     study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes))
     started = describe(study, {SCENARIO: scenario.load(SCENARIO)})
-    plan = EpisodePlan(Jobs(((SCENARIO, SCENARIO),), study.seeds), study.selection)
+    plan = EpisodePlan(Jobs(((SCENARIO, SCENARIO, study.seeds.numbers),)), study.selection)
     with tempfile.TemporaryDirectory(prefix="cosim-") as name:
         folder = Path(name)
         (folder / SHARDS).mkdir()

@@ -26,7 +26,8 @@ from isac_cosim.benchmarks import scaling
 from isac_cosim.benchmarks.echo import record_s
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.sources.sumo import record
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.dataset.dataset import Episode, write_shard
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.episode import make_samples, ready
@@ -64,7 +65,7 @@ def _one_episode() -> dict[str, Any]:
     ready()
     stages: dict[str, float] = {}
     with _timed(stages, "traffic"):
-        recording = record(scenario, SEED, study.traffic, study.maneuvers)
+        recording = record(scenario, SEED, study.of(TrafficSettings), study.of(ManeuverSettings))
     with _timed(stages, "labels"):
         around = Surroundings(recording)
         labels = label(recording, study.labels, around)
@@ -87,7 +88,7 @@ def _one_episode() -> dict[str, Any]:
         "samples": len(samples),
         "samples_per_s": round(len(samples) / episode_s, 2),
         "record_s": {"alone": round(record_s(1), 4), "of_32": round(record_s(32), 4)},
-        "settings": {"scenario": SCENARIO, "seed": SEED, "duration_s": study.traffic.duration_s},
+        "settings": {"scenario": SCENARIO, "seed": SEED, "duration_s": study.of(TrafficSettings).duration_s},
     }
 
 

@@ -17,7 +17,7 @@ import multiprocessing
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,12 +31,13 @@ from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.registry import SumoSource
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.dataset.summary import summary
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.log import LOG_FILE
-from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
+from isac_cosim.labeling.generation.settings import DatasetStudy
 
 Result = TypeVar("Result")
 
@@ -54,14 +55,17 @@ MIB = 2**20
 
 
 @dataclass(frozen=True)
-class Repeated:
+class Repeated(MotionSource):
     """A source that repeats the traffic of seeds 1 to `period` over and over."""
 
-    source: SumoSource
+    source: MotionSource
     period: int
 
     def load(self, where: str) -> Scenario:
         return self.source.load(where)
+
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return self.source.inputs(scenario)
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         return replace(self.source.record(scenario, 1 + (seed - 1) % self.period), seed=seed)
@@ -144,8 +148,9 @@ def apart(function: Callable[..., Result], *arguments: Any) -> Result:
 
 def measure(episodes: int, jobs: int) -> Measurement:
     """Generate a dataset in a temporary folder and measure that."""
-    study = DatasetStudy(scenarios=(SCENARIO,), seeds=SeedRange(first=1, last=episodes), traffic=TRAFFIC)
-    source = Repeated(SumoSource(study.traffic, study.maneuvers), UNIT)
+    content = {"scenarios": [SCENARIO], "seeds": {"first": 1, "last": episodes}, "traffic": TRAFFIC}
+    study = DatasetStudy.model_validate(content)
+    source = Repeated(motion_source(study), UNIT)
     ended_at: list[float] = []
 
     class Times(Feedback):

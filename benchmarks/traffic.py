@@ -23,7 +23,8 @@ from isac_cosim.base.files import json_text
 from isac_cosim.base.seeding import stream
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.director import Director
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, session, state_log
 
 SCENARIO = "motorway"

@@ -10,8 +10,8 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.sensing.sensors import SENSORS
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
-from isac_cosim.isacsim.traffic.sources import kinematic as kinematics
+from isac_cosim.isacsim.traffic.sources import DEFAULT
+from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -19,10 +19,6 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 WHERE = "arguments"
 SEEDS_WITH_WINDOWS = (1, 1000)
 """The seeds that --windows may use up where no --seeds bound them."""
-
-
-OWN_SCENARIO = {"kinematic": kinematics.SCENARIO}
-"""The scenario of each motion source that has one of its own."""
 
 
 def one_of(samples: int | None, windows: int | None) -> int | None:
@@ -48,34 +44,34 @@ def dataset_study(
     windows: int | None,
     seeds: str | None,
     snr: str | None,
-    source: str = "sumo",
+    source: str = DEFAULT,
     natural: bool = False,
     drivers: str = "theirs",
     demand: str = "as_given",
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
-    scenarios: may be empty where the source has a scenario of its own. source: name of the motion source. natural:
-    leave the drivers alone. drivers, demand: as in `TrafficSettings`.
+    scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
+    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section.
     """
-    _refuse_given(
-        {"--natural": natural and source != "sumo"}, f"drivers of SUMO's traffic: remove it, or --source {source}"
-    )
-    if not scenarios and source not in OWN_SCENARIO:
+    kind = source_class(source)
+    if not scenarios and not kind.own_scenarios:
         raise InputError("Missing argument 'SCENARIO': name a bundled scenario, a folder, a .sumocfg or a .net.xml")
-    content: dict[str, Any] = {
-        "scenarios": scenarios or [OWN_SCENARIO[source]],
-        "source": source,
-        "selection": {"windows": windows},
-    }
+    content: dict[str, Any] = {"source": source, "selection": {"windows": windows}}
+    if scenarios:
+        content["scenarios"] = scenarios
     if seeds is not None or windows is not None:
         first, last = number_range(seeds, "--seeds", int, "1:20") if seeds else SEEDS_WITH_WINDOWS
         content["seeds"] = {"first": first, "last": last}
     if snr is not None:
         content["sensing"] = {"channel": channel(snr)}
     if natural:
-        content["maneuvers"] = LEFT_ALONE
-    content["traffic"] = {"drivers": drivers, "demand": demand.replace("-", "_")}
+        content["world"] = natural_world(source)
+    traffic = {"drivers": drivers, "demand": demand.replace("-", "_")}
+    if "traffic" in kind.sections:
+        content["traffic"] = traffic
+    elif traffic != {"drivers": "theirs", "demand": "as_given"}:
+        raise InputError(f"--drivers, --demand: source {source} has no demand to drive; leave them out")
     return checked(DatasetStudy, content, WHERE)
 
 

@@ -13,6 +13,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import number_range
 from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import options, output
+from isac_cosim.isacsim.traffic.sources import DEFAULT
 
 if TYPE_CHECKING:
     from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
@@ -36,6 +37,7 @@ class LiveArguments:
     alone: Path | None = None
     cluster: str | None = None
     lanes: bool | None = None
+    source: str | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -68,7 +70,8 @@ def evaluate_and_show(
         for name, text in (("seeds", arguments.seeds), ("development", arguments.development))
     )
     settings, natural = live_settings(arguments), bool(arguments.natural)
-    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural)
+    source = arguments.source or DEFAULT
+    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural, source)
     folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster, folder), output.feedback_of(console)
     others = [load_run(path) for path in against]

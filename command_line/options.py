@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.traffic.sources import DEFAULT
 
 if TYPE_CHECKING:
     from isac_cosim.base.workers.engine import Engine
@@ -57,6 +58,10 @@ TrafficScenario = Annotated[
         metavar="SCENARIO",
         help="Evaluate live in running traffic: name of a bundled scenario, folder, or .sumocfg.",
     ),
+]
+TrafficSource = Annotated[
+    str | None,
+    typer.Option("--source", help=f"With --traffic: where motion comes from: {{motion_sources}}. Default: {DEFAULT}."),
 ]
 MeasuredSeeds = Annotated[
     str | None,

@@ -1,21 +1,17 @@
 """Draw docs/figures/labels.png: one event of each intention from a recording, with its onset, commit and end.
 
-    python docs/label_figures.py [RECORDING.npz]
-
-Without a recording, the bundled motorway is simulated.
+python docs/label_figures.py
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 
 from isac_cosim.evaluation.report.figures import figure
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
@@ -79,14 +75,10 @@ def draw(recording: Recording, path: Path) -> None:
         axes.flat[-1].legend(list(handles.values()), list(handles), loc="center", frameon=False)
 
 
-def main(paths: Sequence[str]) -> None:
-    recording = (
-        Recording.load(Path(paths[0]))
-        if paths
-        else record(load("motorway"), SEED, TrafficSettings(), ManeuverSettings())
-    )
+def main() -> None:
+    recording = record(load("motorway"), SEED, TrafficSettings(), ManeuverSettings())
     draw(recording, Path(__file__).with_name("figures") / "labels.png")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

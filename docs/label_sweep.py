@@ -1,21 +1,19 @@
 """Print how the number of events of each intention changes with its definition.
 
-    python docs/label_sweep.py [RECORDING.npz ...]
+    python docs/label_sweep.py
 
-Every threshold of the default preset is changed by -20 % and +20 %, one at a time. Without recordings, two of the
-bundled motorway are simulated. Prints a table in Markdown.
+Every threshold of the default preset is changed by -20 % and +20 %, one at a time, on two recordings of the bundled
+motorway. Prints a table in Markdown.
 """
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
@@ -70,12 +68,9 @@ def table(recordings: Sequence[Recording]) -> str:
     return "\n".join(lines)
 
 
-def main(paths: Sequence[str]) -> None:
-    recordings = [Recording.load(Path(path)) for path in paths] or [
-        record(load("motorway"), seed, TrafficSettings(), ManeuverSettings()) for seed in SEEDS
-    ]
-    print(table(recordings))
+def main() -> None:
+    print(table([record(load("motorway"), seed, TrafficSettings(), ManeuverSettings()) for seed in SEEDS]))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from isac_cosim.isacsim.scenarios.scenario import bundled, load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import MARKING_STEP_M, SwaySettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track

@@ -27,13 +27,14 @@ from threadpoolctl import threadpool_limits
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.files import json_text
-from isac_cosim.base.settings import checked
+from isac_cosim.base.settings import checked, merged
 from isac_cosim.evaluation.on_windows.metrics import accuracy, confusion, f1_scores, mean_f1
 from isac_cosim.evaluation.statistics import Counts, score
 from isac_cosim.isacsim.sensing.reports import report
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.kinematic import SCENARIO, KinematicSource
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
 from isac_cosim.labeling.generation.episode import record_key
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import KNOWN
@@ -45,7 +46,7 @@ from isac_cosim.models.predictors.protocol import FitTask, Predictor, WindowShap
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies.reproduction.asi_bip.stages import study_of
-from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP, merged
+from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP
 
 FIRST_SEED = 900_001
 """First of the development seeds; no reproduction uses them."""
@@ -56,7 +57,7 @@ MARGIN_ROWS = 130
 
 def true_records(study: DatasetStudy, seeds: Sequence[int]) -> Records:
     """Return the records of scenario seeds as they truly are: the TV without sensing, the UV as it reports."""
-    source = KinematicSource(study.kinematics)
+    source = KinematicSource(study.of(KinematicSettings))
     scenario = source.load(SCENARIO)
     rates = study.record.tv_rate_hz, study.record.uv_rate_hz
     tv, uv, rows = [], [], list[dict[str, Any]]()
@@ -136,7 +137,7 @@ def run(
         counts |= confusion_by_seed(predictor, further.take(np.isin(further.label, KNOWN)), training)
     total = np.sum(list(counts.values()), axis=0)
     return {
-        "share": study.kinematics.response.share,
+        "share": study.of(KinematicSettings).response.share,
         "model": training.model,
         "seed": training.seed,
         "training_records": len(train),

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from isac_cosim.base.files import json_text
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.detectors.settings import LabelSettings

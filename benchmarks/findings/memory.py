@@ -20,8 +20,9 @@ from typing import Any
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import json_text
+from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -37,9 +38,9 @@ def run(duration_s: float = 3600.0) -> dict[str, Any]:
     """Measure. Returns peaks in MiB, of `recording`, of its first tenth alone, and of `labelling`."""
     if not STATUS.is_file():
         raise InputError(f"this benchmark reads {STATUS}, which only Linux has: run it there")
-    study = DatasetStudy(scenarios=(SCENARIO,), traffic=TrafficSettings(duration_s=duration_s))
+    study = checked(DatasetStudy, {"scenarios": [SCENARIO], "traffic": {"duration_s": duration_s}}, "study")
     with sampled() as recording:
-        recorded = record(load(SCENARIO), SEED, study.traffic, ManeuverSettings())
+        recorded = record(load(SCENARIO), SEED, study.of(TrafficSettings), ManeuverSettings())
     with sampled() as labelling:
         labels = label(recorded, study.labels)
     return {

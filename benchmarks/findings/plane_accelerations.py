@@ -18,7 +18,7 @@ import numpy as np
 
 from isac_cosim.base.files import json_text
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.motion import (
     MotionSettings,
     across_travel,

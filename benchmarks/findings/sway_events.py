@@ -18,7 +18,7 @@ import numpy as np
 
 from isac_cosim.evaluation.in_traffic.scores.matching import match
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

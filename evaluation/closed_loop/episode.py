@@ -33,8 +33,8 @@ from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource
-from isac_cosim.isacsim.traffic.sources.sumo import record
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
+from isac_cosim.isacsim.traffic.sources.registry import running_source
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.inference import Infer
 
@@ -100,8 +100,7 @@ def run_arm(
 ) -> ArmEpisode:
     """Simulate one arm of one seed."""
     if arm == "none":
-        dataset = study.dataset
-        return measured(record(scenario, seed, dataset.traffic, dataset.maneuvers), arm)
+        return measured(recorded(running_source(study.dataset), scenario, seed), arm)
     silent = arm == "random" or alarming.settings is None
     answering = None if silent else run_answering(infer, study.live.background.lanes)
     sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm

@@ -33,7 +33,8 @@ from isac_cosim.evaluation.in_traffic.streams import store as open_loop
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES
 from isac_cosim.isacsim.scenarios.scenario import resolved
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.registry import running_source
 from isac_cosim.labeling.generation.folder import fingerprint
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.runs.run import Run
@@ -75,15 +76,13 @@ def evaluate_advisories(
 
     The arms `none` and `placebo` are always run: the one is what the others are compared with, the other says what is
     scored. Arguments as in `evaluate_traffic`.
-    Raises InputError if the traffic is not simulated, `out` holds something else, or settings do not fit, RunError if
+    Raises InputError if the source only has recordings, `out` holds something else, or settings do not fit, RunError if
     an episode fails.
     """
-    if study.dataset.source != "sumo":
-        raise InputError(f"source {study.dataset.source}: a closed loop needs traffic that is simulated; use sumo")
+    source = source or running_source(study.dataset)
     engine = engine or LocalEngine(1)
     _check_settings(out, settings)
     opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
-    source = source or motion_source(study.dataset)
     where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where).name
     chosen = dict.fromkeys((REFERENCE, ALARMING, *settings.arms))

@@ -17,7 +17,8 @@ from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.running.conditioning import Kernel
 from isac_cosim.isacsim.sensing.running.world import World
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.sumo import Moment, record_stepwise
+from isac_cosim.isacsim.traffic.sources.registry import running_source
+from isac_cosim.isacsim.traffic.sources.sumo import Moment
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.models.predictors.protocol import WindowShape
 
@@ -60,21 +61,22 @@ class ClosedLoop:
         Raises InputError for an unknown sensor, or where the times of the settings do not fit the simulation's steps.
         """
         dataset, timing = study.dataset, timing_of(study, shape)
+        traffic = running_source(dataset).traffic
         kernel = kernel_of(study, settings)
-        steps = timing.decision_s / dataset.traffic.step_s
+        steps = timing.decision_s / traffic.step_s
         if abs(steps - round(steps)) > 1e-6 or kernel.ahead_rows % round(steps):
             raise InputError(
                 f"decision_s {timing.decision_s:g} s: in a closed loop, it and the conditioning's reach of "
                 f"{kernel.lag_s:g} s have to be multiples of the simulation's step and of each other"
             )
         rates = (shape.tv_rate_hz, shape.uv_rate_hz)
-        world = World(scenario, seed, dataset.traffic, kernel, timing.decision_s, rates)
+        world = World(scenario, seed, traffic, kernel, timing.decision_s, rates)
         of_sensor = study.sensor_settings
         if sensor != study.live.streams.sensor:
             of_sensor = of_sensor.model_copy(update={"radar": settings.radar})
         watch = watch_episode(dataset, scenario, seed, sensor=sensor, settings=of_sensor)
         network = Network(scenario, seed, dataset, shape, timing, watch, answering)
-        advisor = Advisor(settings.advisories, (scenario.name, seed), dataset.traffic.step_s)
+        advisor = Advisor(settings.advisories, (scenario.name, seed), traffic.step_s)
         return cls(scenario, seed, study, world, network, advisor)
 
     def decisions(self) -> Generator[Decision, None, Recording]:
@@ -82,8 +84,8 @@ class ClosedLoop:
 
         Raises TrafficError where other code has ended or stepped the simulation meanwhile.
         """
-        dataset = self.study.dataset
-        moments = record_stepwise(self.scenario, self.seed, dataset.traffic, dataset.maneuvers)
+        source = running_source(self.study.dataset)
+        moments = source.run(self.scenario, self.seed)
         try:
             while True:
                 try:
@@ -95,7 +97,7 @@ class ClosedLoop:
                 piece = self.world.read(moment)
                 if piece is not None:
                     yield Decision(moment, self.network.learn(piece))
-                    moment.held.check(moment.time_s, dataset.traffic.step_s)
+                    moment.held.check(moment.time_s, source.traffic.step_s)
                 self.advisor.step(moment)
         finally:
             moments.close()
@@ -103,4 +105,5 @@ class ClosedLoop:
 
 def kernel_of(study: LiveStudy, settings: ClosedLoopSettings) -> Kernel:
     """Return the conditioning kernel of a closed loop."""
-    return Kernel(settings.conditioning, study.dataset.motion.width_s, study.dataset.traffic.step_s)
+    step_s = running_source(study.dataset).traffic.step_s
+    return Kernel(settings.conditioning, study.dataset.motion.width_s, step_s)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -15,6 +17,8 @@ from isac_cosim.labeling.dataset.shard import CLASS_NAMES, SCHEMA_VERSION, SHARD
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
 META_FILE = "dataset.json"
+FORGOTTEN = 1
+"""The schema version that is read no longer."""
 MOST_STATES = 1_000_000
 """Largest number of states of a vehicle in a record."""
 FASTEST_HZ = 100_000.0
@@ -34,18 +38,24 @@ class SiteMeta(Settings):
 class ScenarioMeta(Settings):
     """A scenario of a dataset: where it came from, and what is needed to draw its records or sense them anew.
 
-    source: the scenario as the user named it. sha256: digest of its input files, and of
-    its begin and its options that shape the traffic. origin: the origin of its plane in
-    SUMO's coordinates, m. drivers: what is to be said of the vehicle types of its demand, whose limits sit at
-    thresholds of the labels; nothing in datasets of earlier versions.
+    source: the scenario as the user named it. inputs: the digest of each file and of what else its recordings depend
+    on, by name; empty in earlier datasets. sha256: digest of all of them. origin: the origin of its plane in SUMO's
+    coordinates, m. drivers: what is to be said of the vehicle types of its demand, whose limits sit at thresholds of
+    the labels; nothing in datasets of earlier versions.
     """
 
     name: str = Field(pattern=NAME)
     source: str
     sha256: str
+    inputs: dict[str, str] = Field(default_factory=dict)
     origin: tuple[float, float]
     sites: tuple[SiteMeta, ...]
     drivers: tuple[str, ...] = ()
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What of it identifies a dataset: `sha256` stands for `inputs`, which earlier datasets lack."""
+        return self.model_dump(mode="json", exclude={"inputs"})
 
 
 class Lost(Settings):
@@ -70,7 +80,7 @@ class Meta(Sealed):
 
     sealed_since: ClassVar[int] = 4
 
-    schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION
+    schema_version: Literal[2, 3, 4] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES
@@ -162,10 +172,14 @@ class Meta(Sealed):
 def read_description(folder: Path) -> Meta | None:
     """Return a folder's `dataset.json` without the index, None if there is none.
 
-    Former versions had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
-    file is damaged.
+    Version 0.2.0 had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
+    file is damaged, or was written by a version that is read no longer.
     """
-    return read_json(Meta, folder / META_FILE)
+    path = folder / META_FILE
+    with suppress(KeyError, OSError, RecursionError, TypeError, ValueError):
+        if json.loads(path.read_bytes())["schema_version"] == FORGOTTEN:
+            raise InputError(f"{path}: was written by version 0.1.0, which is read no longer; generate it anew")
+    return read_json(Meta, path)
 
 
 def read_meta(folder: Path) -> Meta | None:

@@ -34,10 +34,10 @@ SCHEMA_VERSION: Literal[4] = 4
 follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
 `tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
 schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`; `tv_departed` is new."""
-READABLE = (1, 2, 3, 4)
+READABLE = (2, 3, 4)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
-"""Origins of schemas 1 and 2, and what they are called now."""
+"""Origins of schema 2, and what they are called now."""
 STATE = ("x", "y", "vx", "vy", "ax", "ay")
 """The rows of every state array: of the front bumper's centre, in the scenario's plane, in m, m/s and m/s2. Positions
 are relative to the point of the record (`labeling.dataset.record_point`)."""
@@ -114,7 +114,7 @@ class Episode(Settings):
 
     scenario: str = Field(pattern=NAME)
     seed: int
-    schema_version: Literal[1, 2, 3, 4] = SCHEMA_VERSION
+    schema_version: Literal[2, 3, 4] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)

@@ -20,8 +20,6 @@ SENSED_S = 23e-6
 """Processor time per sensing instant, s."""
 YIELD = 0.9
 """Samples that a long episode gives, as a share of those that the selection allows; a shorter one gives fewer."""
-SAMPLE_S = 240 / 140
-"""Simulated time that an episode needs for each sample that the selection allows, to give that share, s."""
 INSTANT_BYTES = 12.9
 """Bytes on disk per state of a TV or UV; a TV has two at each instant, the sensed and the true one."""
 
@@ -41,15 +39,15 @@ class EpisodeCost:
 
 def estimate(study: DatasetStudy) -> EpisodeCost:
     """Estimate the cost of generating a study's dataset."""
-    traffic, record, selection = study.traffic, study.record, study.selection
+    source, record, selection = motion_source(study), study.record, study.selection
     allowed = len(KNOWN) * selection.per_class + selection.following
-    per_episode = YIELD * min(allowed, traffic.duration_s / SAMPLE_S)
+    per_episode = YIELD * min(allowed, source.expected_samples())
     episodes = len(study.seeds) * len(study.scenarios)
     if selection.windows is not None:
         episodes = min(episodes, math.ceil(selection.windows / per_episode))
     samples = round(episodes * per_episode)
     tv, uv = record.duration_s * record.tv_rate_hz, record.duration_s * record.uv_rate_hz
-    cpu_s = episodes * motion_source(study).expected_cpu_s() + samples * tv * SENSED_S
+    cpu_s = episodes * source.expected_cpu_s() + samples * tv * SENSED_S
     return EpisodeCost(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import overload
 
 from isac_cosim.labeling.dataset.dataset import Lost
-from isac_cosim.labeling.generation.settings import SeedRange, SelectionSettings
+from isac_cosim.labeling.generation.settings import SelectionSettings
 from isac_cosim.labeling.intentions import KNOWN
 
 
@@ -26,16 +26,15 @@ class EpisodeJob:
 
 @dataclass(frozen=True)
 class Jobs(Sequence[EpisodeJob]):
-    """All jobs of a dataset: every scenario with the first seed, then every scenario with the next one.
+    """All jobs of a dataset: every scenario with its first seed, then every scenario with its next one.
 
-    Jobs are created on access, because a range of seeds may be very long. scenarios: path and name of each.
+    Jobs are created on access, because a range of seeds may be very long. scenarios: path, name and seeds of each.
     """
 
-    scenarios: tuple[tuple[str, str], ...]
-    seeds: SeedRange
+    scenarios: tuple[tuple[str, str, Sequence[int]], ...]
 
     def __len__(self) -> int:
-        return len(self.scenarios) * len(self.seeds)
+        return sum(len(seeds) for *_, seeds in self.scenarios)
 
     @overload
     def __getitem__(self, number: int) -> EpisodeJob: ...
@@ -46,14 +45,21 @@ class Jobs(Sequence[EpisodeJob]):
     def __getitem__(self, number: int | slice) -> EpisodeJob | list[EpisodeJob]:
         if isinstance(number, slice):
             return [self[index] for index in range(len(self))[number]]
-        offset, index = divmod(range(len(self))[number], len(self.scenarios))
-        return EpisodeJob(*self.scenarios[index], self.seeds.first + offset)
+        number, scenarios, passed = range(len(self))[number], self.scenarios, 0
+        # Round by round; after the last seed of the shortest scenario, the others go on without it.
+        while number >= (rounds := min(len(seeds) for *_, seeds in scenarios) - passed) * len(scenarios):
+            number, passed = number - rounds * len(scenarios), passed + rounds
+            scenarios = tuple(scenario for scenario in scenarios if len(scenario[2]) > passed)
+        offset, index = divmod(number, len(scenarios))
+        where, name, seeds = scenarios[index]
+        return EpisodeJob(where, name, seeds[passed + offset])
 
     def find(self, scenario: str, seed: int) -> EpisodeJob | None:
         """Return the job of a scenario, given by its name, and a seed; None if the dataset has no such job."""
-        where = {name: where for where, name in self.scenarios}.get(scenario)
-        in_range = self.seeds.first <= seed <= self.seeds.last
-        return EpisodeJob(where, scenario, seed) if where is not None and in_range else None
+        for where, name, seeds in self.scenarios:
+            if name == scenario and seed in seeds:
+                return EpisodeJob(where, scenario, seed)
+        return None
 
 
 Counts = Mapping[str, int]

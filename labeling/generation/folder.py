@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,22 +34,48 @@ def fingerprint(*identity: Any) -> str:
 
 
 @contextmanager
-def claimed(out: Path, started: Meta) -> Iterator[None]:
+def claimed(out: Path, started: Meta, unused: Container[str] = ()) -> Iterator[Meta]:
     """Lock a folder for one study, which begins there now or has begun there before.
 
-    started: the unfinished `dataset.json` of the study. Raises InputError if the folder holds anything else, another
-    study included, or another command uses it.
+    started: the unfinished `dataset.json` of the study; yielded with the fingerprint that the folder's shards have.
+    unused: sections that earlier versions stored although its motion does not come from there. Raises InputError if the
+    folder holds anything else, another study included, or another command uses it.
     """
     with claim(out, META_FILE, "dataset"):
         before = read_description(out)
-        if before is not None and before.fingerprint != started.fingerprint:
+        if before is not None and unused and _identity(before, unused) == _identity(started, unused):
+            started = started.model_copy(update={"fingerprint": before.fingerprint})
+        elif before is not None and before.fingerprint != started.fingerprint:
+            for scenario in started.scenarios:
+                stored = next((former.inputs for former in before.scenarios if former.name == scenario.name), {})
+                if changed := changed_input(stored, scenario.inputs):
+                    raise InputError(
+                        f"{out}: holds a dataset, and {changed} of {scenario.name} has changed since it "
+                        "was begun; restore it, or choose another folder"
+                    )
             raise InputError(
                 f"{out}: holds the dataset of another study ({_difference(before, started)}); choose another folder"
             )
         _prepare(out)
         if before is None:
             write_meta(out, started)
-        yield
+        yield started
+
+
+def _identity(meta: Meta, unused: Container[str]) -> Any:
+    """Return what the samples of a dataset depend on; the name of its world is not part of it."""
+    study = {key: value for key, value in meta.study.items() if key != "world" and key not in unused}
+    scenarios = [scenario.identity for scenario in meta.scenarios]
+    return study, scenarios, meta.schema_version, meta.versions, meta.resensed
+
+
+def changed_input(before: Mapping[str, str], now: Mapping[str, str]) -> str | None:
+    """Return the first of the inputs of recordings that has another digest now, by its name; None if all are equal.
+
+    Nothing is known to have changed where no digests were stored.
+    """
+    names = [*before, *(name for name in now if name not in before)] if before else ()
+    return next((name for name in names if before.get(name) != now.get(name)), None)
 
 
 def _prepare(out: Path) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -17,12 +15,10 @@ from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.naming import check_name
-from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
-from isac_cosim.isacsim.scenarios.sumo_files import with_includes
-from isac_cosim.isacsim.traffic.drivers.driver_types import limits_at_thresholds
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
+from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, motion_source
 from isac_cosim.labeling.dataset.dataset import (
     CLASS_NAMES,
     SHARDS,
@@ -62,12 +58,13 @@ def generate(
     """
     source = source or motion_source(study)
     scenarios = read_scenarios(study, source)
-    started = describe(study, scenarios)
-    with claimed(out, started):
+    started = describe(study, scenarios, source)
+    jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
+    unused = study.known_sections().keys() - study.source_settings().keys()
+    with claimed(out, started, unused) as started:
         for name, scenario in scenarios.items():
-            for line in (*withheld(name, scenario), *remarks(scenario)):
+            for line in (*withheld(name, scenario), *source.remarks(scenario)):
                 feedback.message(line)
-        jobs = Jobs(tuple((where, scenario.name) for where, scenario in scenarios.items()), study.seeds)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
             write_roads(out, scenario.name, scenario.lanes)
@@ -131,7 +128,7 @@ def _work(study: DatasetStudy, source: MotionSource, fingerprint: str, folder: P
     """Run one episode in a worker and write its shard."""
     ready()
     scenario = _load(source, job.where)
-    recording = source.record(scenario, job.seed)
+    recording = recorded(source, scenario, job.seed)
     return EpisodeResult(shard_of(study, scenario, recording, folder, fingerprint), recording.facts)
 
 
@@ -157,20 +154,27 @@ def read_scenarios(study: DatasetStudy, source: MotionSource | None = None) -> d
     return scenarios
 
 
-def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
+def describe(study: DatasetStudy, scenarios: dict[str, Scenario], source: MotionSource | None = None) -> Meta:
     """Return the `dataset.json` of a dataset that has no episodes yet.
 
-    scenarios: as `read_scenarios` returns them. Raises InputError if a scenario's name cannot be part of a file name.
+    scenarios: as `read_scenarios` returns them. source: where motion comes from; by default, the one that the study
+    names. Raises InputError if a scenario's name cannot be part of a file name, or a file cannot be read.
     """
+    source = source or motion_source(study)
     content = study.model_dump(mode="json")
-    installed = versions(OF_DATASETS)
+    package = MOTION_SOURCES.package(study.source)
+    installed = versions(OF_DATASETS if package is None else (*OF_DATASETS, package))
     described = tuple(
-        _describe_scenario(source, scenario, _driver_lines(study, scenario))
-        for source, scenario in zip(study.scenarios, scenarios.values(), strict=True)
+        _describe_scenario(where, scenario, source, source.drivers_at(scenario, study.labels.limits_mps2))
+        for where, scenario in zip(study.scenarios, scenarios.values(), strict=True)
     )
     return Meta(
         complete=False,
-        fingerprint=fingerprint(content, installed, [scenario.model_dump(mode="json") for scenario in described]),
+        fingerprint=fingerprint(
+            {key: value for key, value in content.items() if key != "world"},
+            installed,
+            [scenario.identity for scenario in described],
+        ),
         tv_rate_hz=study.record.tv_rate_hz,
         uv_rate_hz=study.record.uv_rate_hz,
         duration_s=study.record.duration_s,
@@ -181,32 +185,20 @@ def describe(study: DatasetStudy, scenarios: dict[str, Scenario]) -> Meta:
     )
 
 
-def _driver_lines(study: DatasetStudy, scenario: Scenario) -> tuple[str, ...]:
-    """Return what is to be said of the drivers of a scenario's demand, where they drive."""
-    if study.source != "sumo" or study.traffic.drivers == "ours":
-        return ()
-    return tuple(limits_at_thresholds((*scenario.demand, *scenario.additional), study.labels.limits_mps2))
-
-
-def _describe_scenario(source: str, scenario: Scenario, drivers: tuple[str, ...]) -> ScenarioMeta:
-    """Return a scenario's entry in `dataset.json`. source: the scenario as the study names it. drivers: as in it."""
-    digest = hashlib.sha256()
-    for path in (scenario.network, *scenario.demand, *scenario.additional):
-        for part in with_includes(path):
-            digest.update(f"{part.name} {part.stat().st_size}\n".encode())
-            digest.update(part.read_bytes())
-    if scenario.begin_s or scenario.kept:
-        digest.update(json.dumps([scenario.begin_s, dict(scenario.kept)], sort_keys=True).encode())
+def _describe_scenario(where: str, scenario: Scenario, source: MotionSource, drivers: Sequence[str]) -> ScenarioMeta:
+    """Return a scenario's entry in `dataset.json`. where: the scenario as the study names it. drivers: as in it."""
+    inputs = dict(source.inputs(scenario))
     sites = tuple(
         SiteMeta(id=site.id, x=site.x, y=site.y, height_m=site.height_m, azimuth_deg=site.azimuth_deg)
         for site in scenario.sites
     )
-    check_name(scenario.name, source)
+    check_name(scenario.name, where)
     return ScenarioMeta(
         name=scenario.name,
-        source=source,
-        sha256=digest.hexdigest(),
+        source=where,
+        sha256=source.digest(scenario),
+        inputs=inputs,
         origin=scenario.origin,
         sites=sites,
-        drivers=drivers,
+        drivers=tuple(drivers),
     )

@@ -21,7 +21,6 @@ from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_DATASETS, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
-from isac_cosim.isacsim.radio.cross_section import random_mean_db
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.following import TOGETHER
 from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord, WatchedTraffic
@@ -85,26 +84,8 @@ class ShardJob:
 
 
 def own_sensing(dataset: Dataset) -> SensingSettings:
-    """Return the sensing settings that a dataset was generated with; those of schema 1 in their present form."""
-    return checked(SensingSettings, _current_sensing(dataset.meta.study.get("sensing", {})), dataset.path)
-
-
-def _current_sensing(stored: dict[str, Any]) -> dict[str, Any]:
-    """Return stored sensing settings in their present form, with every random draw distributed as before.
-
-    Before schema 2, the waveform had no cyclic prefix, and so no longest range; and the cross-section was the same from
-    every side, with `cross_section_dbsm` the mean of its dB values instead of its linear mean.
-    """
-    if "waveform" not in stored or "cyclic_prefix_s" in stored["waveform"]:
-        return stored
-    current = {**stored, "waveform": {**stored["waveform"], "cyclic_prefix_s": None}}
-    channel = stored.get("channel", {})
-    if channel.get("kind") == "link":
-        link = channel["link"]
-        mean_dbsm = link["cross_section_dbsm"] - random_mean_db(link["cross_section_sd_db"])
-        link = {**link, "cross_section": "constant", "cross_section_dbsm": mean_dbsm}
-        current["channel"] = {**channel, "link": link}
-    return current
+    """Return the sensing settings that a dataset was generated with."""
+    return checked(SensingSettings, dataset.meta.study.get("sensing", {}), dataset.path)
 
 
 def own_report(dataset: Dataset) -> ReportSettings:
@@ -315,7 +296,7 @@ def _describe(dataset: Dataset, settings: ResenseSettings) -> Meta:
     study, now = dict(dataset.meta.study), versions(OF_DATASETS)
     if SENSORS[settings.sensor].by_sites:
         study["sensing"] = resensed["settings"]["sensing"]
-    scenarios = [scenario.model_dump(mode="json") for scenario in dataset.meta.scenarios]
+    scenarios = [scenario.identity for scenario in dataset.meta.scenarios]
     update = {
         "schema_version": SCHEMA_VERSION,
         "complete": False,

@@ -11,7 +11,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import write_json
 from isac_cosim.base.registry import nearest
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, merged
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.report.parts import Part
@@ -27,7 +27,6 @@ from isac_cosim.studies.reproduction.experiments.sizes import (
     AsiBipSize,
     CastformerSize,
     SizeName,
-    merged,
 )
 from isac_cosim.studies.reproduction.experiments.stages import (
     Capacity,

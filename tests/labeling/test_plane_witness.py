@@ -8,6 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,7 +18,8 @@ import pytest
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario, bundled, load
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.registry import SumoSource
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -38,7 +40,7 @@ LONG = {"seeds": {"first": 1, "last": 4}}
 
 
 @dataclass(frozen=True)
-class KeepingSource:
+class KeepingSource(MotionSource):
     """SUMO's traffic; its recordings are kept for a look at what a dataset does not hold."""
 
     source: SumoSource
@@ -46,6 +48,9 @@ class KeepingSource:
 
     def load(self, where: str) -> Scenario:
         return self.source.load(where)
+
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return self.source.inputs(scenario)
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         self.recordings.append(self.source.record(scenario, seed))

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import digests_of
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
 from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
@@ -22,6 +23,7 @@ from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
 from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 STEP_S, DURATION_S, LANE_M = 0.01, 50.0, 3.2
@@ -35,7 +37,7 @@ SITES = tuple(
 
 
 @dataclass(frozen=True)
-class ScriptedSource:
+class ScriptedSource(MotionSource):
     """A source with two followers in every episode, one that brakes hard and one that changes lane to the left.
 
     empty: seeds without traffic. broken: seeds whose simulation raises an error. wrong: seeds whose scenario is at
@@ -60,6 +62,9 @@ class ScriptedSource:
         network = self.folder / "road.net.xml"
         network.write_text("<net/>")
         return Scenario(Path(where).name, network, (), (), (0.0, 0.0), LANES, SITES)
+
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return digests_of([scenario.network])
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         time.sleep(self.pause_s)

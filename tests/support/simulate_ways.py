@@ -17,7 +17,7 @@ from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios import sumo_config, sumo_files
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.sources import sumo as simulation
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficError, TrafficSettings, record
 from tests.support.ways_to_write import WAYS

@@ -25,7 +25,7 @@ from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.sensing.sensors import SENSORS
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import NATURAL
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import KNOWN
@@ -156,7 +156,7 @@ class TrafficHere:
     def _measured(self, decision: Decision) -> tuple[float, float]:
         """Return the time below 3 s of time to collision in the latest interval, s, and the mean speed, m/s."""
         surroundings = decision.knowledge.surroundings
-        driving = driving_of(surroundings.recording, surroundings, self.study.dataset.traffic.step_s)
+        driving = driving_of(surroundings.recording, surroundings, surroundings.recording.step_s)
         danger_s = float((driving.ttc_s < DANGER_TTC_S).sum()) * self.study.live.streams.decision_s
         return danger_s, float(driving.speed.mean()) if len(driving.speed) else 0.0
 
@@ -164,15 +164,13 @@ class TrafficHere:
 def _study(settings: EnvironmentSettings, infer: Infer | None) -> LiveStudy:
     """Return the traffic of the environment: as the predictor was trained on, or with the defaults."""
     if infer is None:
-        dataset = DatasetStudy().model_dump()
+        dataset = DatasetStudy.model_validate({"world": NATURAL} if settings.natural else {}).model_dump()
         dataset["sensing"]["channel"] |= {"kind": "link"}
         content = {
             "dataset": dataset | {"scenarios": (settings.scenario,)},
             "development": {"first": 2001, "last": 2001},
         }
     else:
-        content = study_of(infer.run.card, settings.scenario).model_dump()
-    if settings.natural:
-        content["dataset"]["maneuvers"] |= LEFT_ALONE
+        content = study_of(infer.run.card, settings.scenario, natural=settings.natural).model_dump()
     content["dataset"]["traffic"] |= {"duration_s": settings.duration_s, "run_in_s": settings.run_in_s}
     return checked(LiveStudy, content, "environment")

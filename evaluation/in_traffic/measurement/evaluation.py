@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, remove_partial, write_json
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.settings import Settings, checked, read_json
+from isac_cosim.base.settings import Settings, checked, merged, read_json
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.evaluation.in_traffic.measurement.summary import (
@@ -39,21 +39,21 @@ from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missi
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
 from isac_cosim.evaluation.questions import with_answers
-from isac_cosim.isacsim.scenarios.remarks import remarks
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource, motion_source
-from isac_cosim.labeling.generation.folder import fingerprint
+from isac_cosim.isacsim.traffic.sources import DEFAULT
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.registry import motion_source, natural_world, source_class
+from isac_cosim.labeling.generation.folder import changed_input, fingerprint
 from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
-from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
+from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
 
 STUDY_FILE = "study.json"
 SCORED_AFTERWARDS: dict[str, Any] = {
-    "dataset": {"seeds", "selection"},
+    "dataset": {"seeds", "selection", "world"},
     "development": True,
     "live": {"choice", "background", "scoring"},
 }
@@ -65,11 +65,16 @@ SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
 
 
 class Begun(Settings):
-    """The content of STUDY_FILE. versions: with which its episodes are run, none in folders of earlier versions."""
+    """The content of STUDY_FILE.
+
+    versions: with which its episodes are run. inputs: digests of what recordings depend on, by name. Both are empty in
+    folders of earlier versions.
+    """
 
     fingerprint: str
     study: LiveStudy
     versions: dict[str, str] = Field(default_factory=dict)
+    inputs: dict[str, str] = Field(default_factory=dict)
 
 
 def study_of(
@@ -80,28 +85,39 @@ def study_of(
     duration_s: float | None = None,
     live: LiveSettings | None = None,
     natural: bool = False,
+    source: str = DEFAULT,
 ) -> LiveStudy:
     """Return the study of an evaluation, with the settings of the dataset that the run was trained on.
 
-    Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known. Sensing uses
-    the link budget, at the rates of the run; predictions and delays wait for whole samples of these.
+    Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known or its
+    motion had another source. Sensing uses the link budget, at the rates of the run; predictions and delays wait for
+    whole samples of these.
     seeds, development: first and last seed. duration_s: of an episode, s. natural: if true, drivers are left alone: no
-    causes, commands or disturbances.
-    Raises InputError if an argument is wrong.
+    causes, commands or disturbances. source: name of the motion source.
+    Raises InputError if an argument is wrong, or the dataset's study cannot be read.
     """
-    try:
-        base = DatasetStudy.model_validate(as_stored(card.dataset.get("study", {})))
-    except ValidationError:
-        base = DatasetStudy()
-    content = base.model_dump()
+    kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
+    given: dict[str, Any] = {"source": source}
+    if stored.get("source", DEFAULT) != source:
+        stored = {key: value for key, value in stored.items() if key in DatasetStudy.model_fields.keys() - {"world"}}
+    if natural:
+        given["world"] = world = natural_world(source)
+        stored = {key: value for key, value in stored.items() if key not in kind.worlds[world]}
+    elif driven_by_profiles(stored):
+        raise InputError(
+            "the run's dataset is of version 0.2.0, whose commanded maneuvers can no longer be driven: give --natural, "
+            "or train on a dataset of this version"
+        )
+    if duration_s is not None:
+        if kind.duration is None:
+            raise InputError(f"--duration: recordings of source {source} have their own length; leave it out")
+        section, setting = kind.duration
+        given[section] = {setting: duration_s}
+    content = checked(DatasetStudy, merged(stored, given), "the run's dataset").model_dump()
     first, last = seeds or SEEDS
-    content |= {"scenarios": (scenario,), "seeds": {"first": first, "last": last}, "source": "sumo"}
+    content |= {"scenarios": (scenario,), "seeds": {"first": first, "last": last}}
     content["record"] |= {"tv_rate_hz": card.tv_rate_hz, "uv_rate_hz": card.uv_rate_hz}
     content["sensing"]["channel"] |= {"kind": "link"}
-    if natural:
-        content["maneuvers"] |= LEFT_ALONE
-    if duration_s is not None:
-        content["traffic"] |= {"duration_s": duration_s}
     live = live or LiveSettings()
     streams = live.streams.fitting(card.tv_rate_hz, card.uv_rate_hz)
     chosen_on = development or DEVELOPMENT
@@ -127,20 +143,22 @@ def evaluate_traffic(
 
     Episodes that are there are kept, also with more seeds or another choice of alarms.
     engine: runs the episodes; the result does not depend on it. against: runs to compare with on the same streams.
-    source: of motion; SUMO by default. alone: a run that looks at the TV alone, for TVs without a UV.
+    source: of motion; by default, the one that the study names. alone: a run that looks at the TV alone, for TVs
+    without a UV.
     Raises InputError if a run has seen a seed, runs have different windows, `alone` looks at the UV, or `out` holds
     something else, RunError if an episode fails.
     """
     source = source or motion_source(study.dataset)
     where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where)
+    _check_seeds(source, scenario, study)
     others = [*against, *([] if alone is None else [alone])]
     _check_runs(run, others)
     _check_unseen([run, *others], scenario, study)
     if alone is not None:
         _check_alone(alone)
     timing_of(study, run.card.shape)
-    meta = describe(study.dataset, {where: scenario})
+    meta = describe(study.dataset, {where: scenario}, source)
     named = _named(against)
     cards = {
         "run": run.card.model_dump(mode="json"),
@@ -150,7 +168,7 @@ def evaluate_traffic(
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
     installed = versions(OF_EPISODES)
-    described = [described.model_dump(mode="json") for described in meta.scenarios]
+    described = [described.identity for described in meta.scenarios]
     digest = fingerprint(answers_rest_on, described, cards, [with_lanes, *FEATURES], installed)
     predictors = Predictors(
         run.path.resolve(),
@@ -158,10 +176,10 @@ def evaluate_traffic(
         None if alone is None else alone.path.resolve(),
         with_lanes,
     )
-    for remark in remarks(scenario):
+    for remark in source.remarks(scenario):
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, Begun(fingerprint=digest, study=study, versions=installed))
+        _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))
         for line in withheld(scenario.name, scenario):
             feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
@@ -230,6 +248,13 @@ def _check_alone(alone: Run) -> None:
         )
 
 
+def _check_seeds(source: MotionSource, scenario: Scenario, study: LiveStudy) -> None:
+    """Raise InputError if the source has no recording of a seed."""
+    for seeds in (study.development, study.dataset.seeds):
+        if missing := sorted(set(seeds) - set(seeds.among(source, scenario))):
+            raise InputError(f"{scenario.name}: has no seed {missing[0]}; give other --seeds or --development")
+
+
 def _check_unseen(runs: Sequence[Run], scenario: Scenario, study: LiveStudy) -> None:
     """Raise InputError if a run was trained or chosen on a seed of the evaluation."""
     for compared in runs:
@@ -261,6 +286,8 @@ def _begin(out: Path, begun: Begun) -> None:
         )
         if differing:
             raise InputError(f"{out}: was begun with other versions of {', '.join(differing)}; choose a new folder")
+        if changed := changed_input(before.inputs, begun.inputs):
+            raise InputError(f"{out}: {changed} has changed since the evaluation was begun; choose a new folder")
         raise InputError(f"{out}: holds an evaluation of another run or other settings; choose a new folder")
     write_json(out / STUDY_FILE, begun.model_dump(mode="json"))
     (out / EPISODES).mkdir(exist_ok=True)

@@ -42,7 +42,7 @@ from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, 
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.registry import MotionSource
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
 from isac_cosim.labeling.detectors.events import Labels, label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
@@ -118,7 +118,7 @@ class EpisodeTask:
         """Run one episode and write its file."""
         began = time.process_time()
         scenario = self.source.load(self.where)
-        recording = self.source.record(scenario, seed)
+        recording = recorded(self.source, scenario, seed)
         traffic_s = time.process_time() - began
         streams = predicted(self.study, scenario, recording, self.predictors, self.fingerprint)
         if streams.alone is not None:
@@ -247,7 +247,7 @@ def predicted(
         sensing_s=watched_s - collected.answering_s,
         predicting_s=collected.predicting_s,
         comparing_s=collected.answering_s - collected.predicting_s,
-        simulated_s=study.dataset.traffic.duration_s,
+        simulated_s=recording.lasts_s,
         predicted_s=len(collected.time_s) * timing.decision_s,
     )
     alone = None
@@ -294,7 +294,7 @@ class _Watching:
             scenario=self.scenario,
             seed=self.recording.seed,
             decision_s=timing.decision_s,
-            simulated_s=self.study.traffic.duration_s,
+            simulated_s=self.recording.lasts_s,
             vehicles=len(self.recording.tracks),
             instants=driving.instants,
             uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},

@@ -28,10 +28,9 @@ class SpeedWanderSettings(Settings):
     """The desired speed of a driver over its mean: noise through two lags, as in `SwaySettings`."""
 
     sd_share: Annotated[Range, within(0.0, 0.2)] = sourced(
-        (0.015, 0.03),
-        "standard deviation of one driver's desired speed, as a share of it; 0 to 0: no wandering",
+        (0.015, 0.03), "standard deviation of one driver's desired speed, as a share of it; 0 to 0: no wandering",
         "chosen: 1.4 to 2.9 km/h at 95 km/h",
-    )
+    )  # fmt: skip
     wander_s: float = sourced(15.0, "correlation time, s", "chosen: a fraction of a minute", ge=0.1, le=600.0)
     pedal_s: float = sourced(
         4.0, "time in which the driver corrects, s", "chosen: accelerations of about 0.1 m/s²", ge=0.1, le=60.0

@@ -35,10 +35,9 @@ class SwaySettings(Settings):
     """
 
     sd_m: Annotated[Range, within(0.0, 1.0)] = sourced(
-        (0.1, 0.28),
-        "standard deviation of one driver's offset, m; 0 to 0: no sway",
+        (0.1, 0.28), "standard deviation of one driver's offset, m; 0 to 0: no sway",
         "published: standard deviation of lateral position in normal driving about 0.2 m (Verster and Roth 2011)",
-    )
+    )  # fmt: skip
     wander_s: float = sourced(4.0, "correlation time, s", "chosen: some seconds", ge=0.1, le=60.0)
     steering_s: float = sourced(
         1.5, "time in which steering corrects, s", "chosen: lateral speeds of about 0.08 m/s", ge=0.1, le=60.0
@@ -51,12 +50,9 @@ class SwaySettings(Settings):
         le=1e3,
     )
     change_s: float = sourced(
-        2.5,
-        "time before and after crossing a marking in which the sway fades, s",
-        "chosen: as long as half a change",
-        gt=0.0,
-        le=60.0,
-    )
+        2.5, "time before and after crossing a marking in which the sway fades, s",
+        "chosen: as long as half a change", gt=0.0, le=60.0,
+    )  # fmt: skip
 
     @property
     def lags_s(self) -> tuple[float, float]:

@@ -5,11 +5,9 @@ The states are raw and must not be differentiated. `isacsim.traffic.motion` cond
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
-from math import isnan, nan
-from pathlib import Path
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -109,6 +107,14 @@ class Recording:
             by_vehicle.setdefault(command.vehicle, []).append(command)
         return by_vehicle
 
+    @property
+    def lasts_s(self) -> float:
+        """Time that was simulated, or from the first state of any vehicle to a step after the last one, s."""
+        if self.facts is not None:
+            return round(self.facts.to_s - self.facts.from_s, 6)
+        ends = [(track.first_step, track.first_step + len(track)) for track in self.tracks.values()]
+        return round((max(end for _, end in ends) - min(start for start, _ in ends)) * self.step_s, 6) if ends else 0.0
+
     def is_parked(self, vehicle: str, first_step: int, last_step: int) -> bool:
         """Return whether a vehicle stands beside the road at any of the steps from the first to the last."""
         stays = self.parked.get(vehicle)
@@ -118,70 +124,9 @@ class Recording:
         """Return the simulation time of each row of a track, s, shape (n,)."""
         return np.asarray((track.first_step + np.arange(len(track))) * self.step_s)
 
-    def save(self, path: Path) -> None:
-        """Write the recording to a .npz file: the columns of all tracks end to end, and the rest as one JSON text."""
-        tracks = list(self.tracks.values())
-        heads = [
-            {name: getattr(t, name) for name in HEAD}
-            | {"n": len(t), "departed": None if isnan(t.departed) else t.departed}
-            for t in tracks
-        ]
-        text = json.dumps(
-            {
-                "scenario": self.scenario,
-                "seed": self.seed,
-                "step_s": self.step_s,
-                "lanes": [asdict(lane) | {"shape": lane.shape.tolist()} for lane in self.lanes],
-                "tracks": heads,
-                "commands": [asdict(command) for command in self.commands],
-                "incidents": asdict(self.incidents),
-                "facts": None if self.facts is None else self.facts.model_dump(mode="json"),
-                "lefthand": self.lefthand,
-                "parked": self.parked,
-            }
-        )
-        columns: dict[str, Any] = {name: np.concatenate([getattr(t, name) for t in tracks]) for name in COLUMNS}
-        np.savez_compressed(path, head=np.array(text), **columns)
-
-    @classmethod
-    def load(cls, path: Path) -> Recording:
-        """Read a recording that `save` wrote. Nothing in the file is executed."""
-        with np.load(path, allow_pickle=False) as file:
-            head = json.loads(str(file["head"]))
-            columns = {name: file[name] for name in COLUMNS}
-        lanes = tuple(
-            Lane(**(lane | {"shape": np.array(lane["shape"]), "successors": tuple(lane["successors"])}))
-            for lane in head["lanes"]
-        )
-        tracks, start = {}, 0
-        for track in head["tracks"]:
-            end = start + track.pop("n")
-            onward, departed = track.pop("onward", None), track.pop("departed", None)
-            tracks[track["vehicle"]] = Track(
-                **track,
-                **{name: columns[name][start:end] for name in COLUMNS},
-                onward=None if onward is None else tuple(onward),
-                departed=nan if departed is None else departed,
-            )
-            start = end
-        return cls(
-            scenario=head["scenario"],
-            seed=head["seed"],
-            step_s=head["step_s"],
-            lanes=lanes,
-            tracks=tracks,
-            commands=tuple(Command(**command) for command in head["commands"]),
-            incidents=Incidents(**{name: tuple(ids) for name, ids in head["incidents"].items()}),
-            facts=None if head.get("facts") is None else TrafficFacts.model_validate(head["facts"]),
-            lefthand=head.get("lefthand", False),
-            parked={name: tuple((a, b) for a, b in stays) for name, stays in head.get("parked", {}).items()},
-        )
-
 
 COLUMNS = ("x", "y", "speed", "lane", "lane_pos", "lane_lat")
 """The columns of a track."""
-HEAD = ("vehicle", "kind", "length_m", "width_m", "first_step", "onward")
-"""What is stored once for each track, as it is."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +152,7 @@ class LabelledRecording(Recording):
     """A recording with the maneuvers that its source generated.
 
     Each maneuver becomes one sample with the generated label. The detectors run as well, to be compared with these
-    labels (`labeling.samples.generated_labels`). `save` stores the motion only.
+    labels (`labeling.samples.generated_labels`).
     """
 
     maneuvers: tuple[GeneratedManeuver, ...] = ()

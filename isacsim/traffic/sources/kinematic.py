@@ -8,7 +8,9 @@ describes the road. A recording holds many scenes, one after the other, each wit
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,6 +31,8 @@ from isac_cosim.isacsim.traffic.sources.kinematic_scenes import (
     SceneDraw,
 )
 from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
+from isac_cosim.isacsim.traffic.sources.simulated import digest_of, inputs_of
 
 SCENARIO = "straight_road"
 """The bundled scenario that is made for this source."""
@@ -63,10 +67,13 @@ class StraightRoad:
 
 
 @dataclass(frozen=True)
-class KinematicSource:
+class KinematicSource(MotionSource):
     """Motion from the parameterised kinematic model, with the label of every target vehicle."""
 
-    settings: KinematicSettings
+    kinematics: KinematicSettings
+    sections: ClassVar = {"kinematics": KinematicSettings}
+    worlds: ClassVar = {"kinematic-1": {}}
+    own_scenarios = (SCENARIO,)
 
     def load(self, where: str) -> Scenario:
         """Return a scenario with a straight road. Raises InputError where it has none."""
@@ -74,13 +81,19 @@ class KinematicSource:
         straight_road_of(loaded)
         return loaded
 
+    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
+        return inputs_of(scenario)
+
+    def digest(self, scenario: Scenario) -> str:
+        return digest_of(scenario)
+
     def record(self, scenario: Scenario, seed: int) -> LabelledRecording:
         """Return the scenes of one seed, one after the other."""
         road = straight_road_of(scenario)
         known = [name for name in PLANS if name != "following"]
-        order = known * self.settings.per_class + ["following"] * self.settings.following_scenes
-        lead_s = max(self.settings.lead_s, STEADY_LEAD_S)
-        slot_s = lead_s + max(LANE_CHANGE_AFTER_S, self.settings.settle_s + 6.0)
+        order = known * self.kinematics.per_class + ["following"] * self.kinematics.following_scenes
+        lead_s = max(self.kinematics.lead_s, STEADY_LEAD_S)
+        slot_s = lead_s + max(LANE_CHANGE_AFTER_S, self.kinematics.settle_s + 6.0)
         tracks: dict[str, Track] = {}
         maneuvers: list[GeneratedManeuver] = []
         for k, intention in enumerate(order):
@@ -94,24 +107,26 @@ class KinematicSource:
         return LabelledRecording(scenario.name, seed, STEP_S, scenario.lanes, tracks, maneuvers=tuple(maneuvers))
 
     def expected_cpu_s(self) -> float:
-        """Return the processor time of one recording, s."""
-        scenes = (len(PLANS) - 1) * self.settings.per_class + self.settings.following_scenes
-        return scenes * SCENE_CPU_S
+        return self.expected_samples() * SCENE_CPU_S
+
+    def expected_samples(self) -> float:
+        return (len(PLANS) - 1) * self.kinematics.per_class + self.kinematics.following_scenes
 
     def _scene(
         self, scenario: Scenario, road: StraightRoad, seed: int, k: int, intention: str
     ) -> tuple[Scene, int, float]:
         """Draw a scene until it keeps the limits; return it, the lane it starts in, and where on the road, m."""
-        spread_m = self.settings.situation.position_spread_m
-        for attempt in range(self.settings.limits.draws):
+        spread_m = self.kinematics.situation.position_spread_m
+        for attempt in range(self.kinematics.limits.draws):
             rng = stream("kinematic", scenario.name, seed, intention, k, attempt)
             lane = int(rng.integers(1, len(road.lanes) - 1))
             middle_m = road.middle_m + float(rng.uniform(-spread_m, spread_m))
-            scene = SceneDraw(intention, self.settings, road.width_m, rng).scene()
+            scene = SceneDraw(intention, self.kinematics, road.width_m, rng).scene()
             if scene is not None and _fits(scene, road, middle_m):
                 return scene, lane, middle_m
+        draws = self.kinematics.limits.draws
         raise InputError(
-            f"dataset.kinematics: none of {self.settings.limits.draws} drawn scenes of {intention} keeps the limits on "
+            f"dataset.kinematics: none of {draws} drawn scenes of {intention} keeps the limits on "
             f"the road of {scenario.name}: widen the ranges, or use a longer road"
         )
 

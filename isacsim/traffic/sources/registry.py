@@ -1,101 +1,63 @@
-"""Motion sources: where recordings come from, by name. A study names one as `source`.
-
-To add one, write a class with the methods of `MotionSource` and register a function that makes it from a study: here,
-in `MOTION_SOURCES`, or in another package as an entry point of the group `isac_cosim.motion_sources`.
-"""
+"""Motion sources by name: those of this project, and those that installed packages offer. A study names one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import Registry
-from isac_cosim.isacsim.scenarios import scenario
-from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources import sumo as simulation
+from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.sources.kinematic import KinematicSource
-from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
-from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
+from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, RunningSource
+from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 
-SUMO_CPU_S = 0.136
-"""Processor time of a simulated second in steps of 0.01 s, s: the bundled motorway on one thread."""
-
-
-class MotionSource(Protocol):
-    """Where motion comes from. It is sent to worker processes, so it must pickle, and equal sources must hash equally.
-
-    Equal sources, scenarios and seeds must give equal recordings, in every process.
-    """
-
-    def __hash__(self) -> int: ...
-
-    def load(self, where: str) -> Scenario:
-        """Return the scenario that the user named. Raises InputError where it is missing or cannot be read."""
-
-    def record(self, scenario: Scenario, seed: int) -> Recording:
-        """Return the recording of a scenario and seed.
-
-        A source that knows what each target vehicle does returns a `LabelledRecording`. Its maneuvers become the
-        samples, with its labels, and the detectors are only compared with them; otherwise they give the labels.
-        Raises InputError where the scenario itself is at fault: no other seed is tried then. Any other error costs
-        this seed only.
-        """
-
-    def expected_cpu_s(self) -> float:
-        """Return about how much processor time one recording takes, s, for estimates."""
+OWN: Mapping[str, type[MotionSource]] = {"sumo": SumoSource, "kinematic": KinematicSource}
+"""The motion sources of this project."""
+MOTION_SOURCES: Registry[type[MotionSource]] = Registry("motion source", OWN, group="isac_cosim.motion_sources")
+"""Classes of motion sources, by the name that a study gives as `source`."""
 
 
 class MotionStudy(Protocol):
-    """The parts of a study that motion sources are made from."""
+    """The parts of a study that its motion source is made from. source: its name."""
 
     @property
     def source(self) -> str: ...
 
-    @property
-    def traffic(self) -> TrafficSettings: ...
-
-    @property
-    def maneuvers(self) -> ManeuverSettings: ...
-
-    @property
-    def kinematics(self) -> KinematicSettings: ...
+    def source_settings(self) -> Mapping[str, Settings]:
+        """Return the settings of the source by section."""
+        ...
 
 
-@dataclass(frozen=True)
-class SumoSource:
-    """Traffic simulated by SUMO, with commanded maneuvers."""
-
-    traffic: TrafficSettings
-    maneuvers: ManeuverSettings
-
-    @classmethod
-    def of(cls, study: MotionStudy) -> SumoSource:
-        """Return the source that a study describes."""
-        return cls(study.traffic, study.maneuvers)
-
-    def load(self, where: str) -> Scenario:
-        return scenario.load(where)
-
-    def record(self, scenario: Scenario, seed: int) -> Recording:
-        return simulation.record(scenario, seed, self.traffic, self.maneuvers)
-
-    def expected_cpu_s(self) -> float:
-        # Smaller or larger steps than the usual 0.01 s cost in proportion.
-        simulated_s = (self.traffic.run_in_s + self.traffic.duration_s) * 0.01 / self.traffic.step_s
-        return simulated_s * SUMO_CPU_S
+def source_class(name: str) -> type[MotionSource]:
+    """Return the class of a source. Raises InputError for an unknown name, or one that is no motion source."""
+    kind: Any = MOTION_SOURCES[name]
+    if not (isinstance(kind, type) and MotionSource in kind.__mro__):
+        raise InputError(f"motion source {name}: is no subclass of MotionSource; fix its package (docs/extending.md)")
+    return kind
 
 
-MOTION_SOURCES: Registry[Callable[[MotionStudy], MotionSource]] = Registry(
-    "motion source",
-    {"sumo": SumoSource.of, "kinematic": lambda study: KinematicSource(study.kinematics)},
-    group="isac_cosim.motion_sources",
-)
-"""Functions that make a motion source from a study, by the name that the study gives as `source`."""
+def natural_world(name: str) -> str:
+    """Return the world of a source in which drivers are left alone. Raises InputError where it has none."""
+    world = source_class(name).natural
+    if world is None:
+        raise InputError(f"--natural: source {name} has no world in which drivers are left alone; leave it out")
+    return world
 
 
 def motion_source(study: MotionStudy) -> MotionSource:
-    """Return the motion source that a study names. Raises InputError for an unknown name."""
-    return MOTION_SOURCES[study.source](study)
+    """Return the motion source of a study. Raises InputError for an unknown name."""
+    kind: Any = source_class(study.source)
+    source: MotionSource = kind(**study.source_settings())
+    return source
+
+
+def running_source(study: MotionStudy) -> RunningSource:
+    """Return the motion source of a study. Raises InputError where it only has recordings."""
+    source = motion_source(study)
+    if not isinstance(source, RunningSource):
+        raise InputError(
+            f"source {study.source}: has recordings only, and a closed loop needs a world that runs: leave out the "
+            "advisories, or name another source"
+        )
+    return source

@@ -23,11 +23,12 @@ from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import Handover, with_includes
 from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import one_line
-from isac_cosim.isacsim.traffic.drivers.director import Director, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.director import Director
 from isac_cosim.isacsim.traffic.drivers.driver_types import OurDrivers
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import let_stops_last
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWander, SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import let_stops_last
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording
 from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog, StateLog

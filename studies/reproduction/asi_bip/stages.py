@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.settings import checked, read_toml
+from isac_cosim.base.settings import checked, merged, read_toml
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.isacsim.radio.estimators.maximum_likelihood import SEARCH_FLOOR
 from isac_cosim.labeling.dataset.dataset import Dataset
@@ -32,7 +32,7 @@ from isac_cosim.studies.reproduction.experiments.sensing_cases import (
     weather_cases,
     weather_stage,
 )
-from isac_cosim.studies.reproduction.experiments.sizes import PATCHED, AsiBipSize, merged
+from isac_cosim.studies.reproduction.experiments.sizes import PATCHED, AsiBipSize
 from isac_cosim.studies.reproduction.experiments.stages import Stage
 from isac_cosim.studies.reproduction.experiments.trainings import (
     Measure,

@@ -19,7 +19,7 @@ import numpy as np
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.settings import checked, read_toml
+from isac_cosim.base.settings import checked, merged, read_toml
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate
@@ -36,7 +36,7 @@ from isac_cosim.studies.reproduction.castformer.clips import ClipTraining, clips
 from isac_cosim.studies.reproduction.castformer.variants import Variant
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
 from isac_cosim.studies.reproduction.experiments.sensing_cases import description
-from isac_cosim.studies.reproduction.experiments.sizes import CastformerSize, merged
+from isac_cosim.studies.reproduction.experiments.sizes import CastformerSize
 from isac_cosim.studies.reproduction.experiments.stages import Stage
 from isac_cosim.studies.reproduction.experiments.trainings import Measure, WindowTraining, run_tasks, train_and_measure
 from isac_cosim.studies.sweep import finished

@@ -113,12 +113,3 @@ CASTFORMER: dict[SizeName, CastformerSize] = {
     ),
 }
 """Sizes of the reproduction of CaSTFormer, by name."""
-
-
-def merged(content: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return plain settings with some keys replaced, section by section."""
-    result = dict(content)
-    for key, value in changes.items():
-        before = result.get(key)
-        result[key] = merged(before, value) if isinstance(value, dict) and isinstance(before, dict) else value
-    return result

@@ -12,7 +12,7 @@ from isac_cosim.evaluation.closed_loop.advising import Advisor
 from isac_cosim.evaluation.closed_loop.policy import Advisory, Instruction
 from isac_cosim.evaluation.closed_loop.settings import AdvisorySettings
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording

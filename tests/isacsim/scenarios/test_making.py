@@ -15,7 +15,7 @@ from isac_cosim.isacsim.scenarios.scenario import bundled, load, resolved
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place
 from isac_cosim.isacsim.scenarios.xml_files import elements
 from isac_cosim.isacsim.sensing.chain import LEAST_SITES, ViewSettings, assign
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 

@@ -14,7 +14,7 @@ from isac_cosim.isacsim.scenarios.making import add_sites
 from isac_cosim.isacsim.scenarios.naming import NAME, check_name
 from isac_cosim.isacsim.scenarios.scenario import load, load_without_sites
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.generation.generate import generate
 from tests.support.roads import straight_road, vehicle

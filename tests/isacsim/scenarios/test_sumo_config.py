@@ -16,7 +16,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.scenarios.sumo_config import KEPT, SYNONYMS, encoded, read_config
 from isac_cosim.isacsim.scenarios.sumo_schemas import fits, option_types, seconds
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 

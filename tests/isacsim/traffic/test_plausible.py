@@ -5,7 +5,7 @@ import pytest
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.motion import MotionSettings, states
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import cosim
 from isac_cosim.base.settings import checked
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.dependence import COLUMNS, Driven
 from isac_cosim.labeling.dataset.summary import faults, summary

@@ -1,7 +1,6 @@
 """Precedence, provenance, and properties of the events of a whole recording."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,11 +81,9 @@ def test_every_intention_is_found_in_one_recording() -> None:
 COMMANDS = (Command("brakes", "hard_brake", 19.5, 23.0), Command("uv", "slow_vehicle", 0.0, 60.0))
 
 
-def test_labels_do_not_depend_on_commands_and_survive_the_disk(tmp_path: Path) -> None:
+def test_labels_do_not_depend_on_commands() -> None:
     recording = busy(COMMANDS)
-    recording.save(tmp_path / "made.npz")
     events = label(recording, SETTINGS).events
-    assert label(Recording.load(tmp_path / "made.npz"), SETTINGS).events == events
     assert label(replace(recording, commands=()), SETTINGS).events == events
 
 

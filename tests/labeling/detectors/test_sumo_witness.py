@@ -18,7 +18,7 @@ import pytest
 
 from isac_cosim.base import landlock
 from isac_cosim.isacsim.scenarios.scenario import bundled, load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

@@ -26,7 +26,7 @@ from isac_cosim.evaluation.closed_loop.environment.advisory_env import AdvisoryE
 from isac_cosim.evaluation.closed_loop.environment.observation import FEATURES
 from isac_cosim.gym import ENVIRONMENT
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from tests.support.roads import straight_road, vehicle
 

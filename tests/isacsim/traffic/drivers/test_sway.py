@@ -6,7 +6,7 @@ import pytest
 from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway, sway, wandering
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.isacsim.traffic.recordings.sampled_log import SampledLog

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS
 from isac_cosim.isacsim.traffic.recordings.state_log import ROWS, RowSorter
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record

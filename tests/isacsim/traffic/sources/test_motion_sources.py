@@ -7,7 +7,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, MotionStudy, SumoSource, motion_source
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.cost_estimate import estimate

@@ -13,7 +13,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
-from isac_cosim.isacsim.traffic.drivers.director import LEFT_ALONE, ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.one_simulation import TrafficError, simulation_runs
 from isac_cosim.isacsim.traffic.sources.sumo import Moment, TrafficSettings, record, record_stepwise, session

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from isac_cosim.base.feedback import SILENT
+from isac_cosim.base.settings import merged
 from isac_cosim.models.predictors.asi_bip import AsiBipSettings
 from isac_cosim.studies.reproduction.asi_bip.stages import AsiBipReproduction, study_of
-from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP, SizeName, merged
+from isac_cosim.studies.reproduction.experiments.sizes import ASI_BIP, SizeName
 from tests.support.scripted import InlineEngine
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from isac_cosim.isacsim.traffic.drivers.hazards import VehicleAhead
+from isac_cosim.isacsim.traffic.drivers.handling.hazards import VehicleAhead
 
 
 def road(ahead: dict[str, object] | None, driving_m: float = 0.0) -> SimpleNamespace:

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import Settings, checked
-from isac_cosim.isacsim.traffic.drivers.director import ManeuverSettings
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]

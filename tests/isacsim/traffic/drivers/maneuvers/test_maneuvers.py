@@ -7,25 +7,21 @@ import numpy as np
 import pytest
 
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
-from isac_cosim.isacsim.traffic.drivers.command_settings import (
-    OvertakeCommandSettings,
-    SlowVehicleCommandSettings,
-    StopInLaneCommandSettings,
-)
-from isac_cosim.isacsim.traffic.drivers.maneuvers import (
-    ClosedRampEndCommand,
-    CutInCommand,
-    LaneChangeCommand,
-    ManeuverCommand,
-    OvertakeCommand,
-    SlowVehicleCommand,
-    StopInLaneCommand,
-    stopping_m,
-)
-from isac_cosim.isacsim.traffic.drivers.vehicle_control import (
+from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import (
     DEFAULT_LANE_CHANGE_MODE,
     DEFAULT_SPEED_MODE,
     ramp_hold_ramp,
+)
+from isac_cosim.isacsim.traffic.drivers.maneuvers.closed_ramp_end import ClosedRampEndCommand
+from isac_cosim.isacsim.traffic.drivers.maneuvers.cut_in import CutInCommand
+from isac_cosim.isacsim.traffic.drivers.maneuvers.kinds import ManeuverCommand
+from isac_cosim.isacsim.traffic.drivers.maneuvers.lane_change import LaneChangeCommand
+from isac_cosim.isacsim.traffic.drivers.maneuvers.overtake import OvertakeCommand, OvertakeCommandSettings
+from isac_cosim.isacsim.traffic.drivers.maneuvers.slow_vehicle import SlowVehicleCommand, SlowVehicleCommandSettings
+from isac_cosim.isacsim.traffic.drivers.maneuvers.stop_in_lane import (
+    StopInLaneCommand,
+    StopInLaneCommandSettings,
+    stopping_m,
 )
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, session

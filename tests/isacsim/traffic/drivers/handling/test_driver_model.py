@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.base.setting_fields import LARGEST_MPS3
-from isac_cosim.isacsim.traffic.drivers.driver_model import (
+from isac_cosim.isacsim.traffic.drivers.handling.driver_model import (
     BRAKING_LIMIT_MPS2,
     Driver,
     DriverSettings,
