@@ -127,6 +127,7 @@ class Dying(InlineEngine):
 
 def test_a_worker_that_died_is_reported_and_the_others_go_on() -> None:
     feedback, tasks = RecordedFeedback(), [Task(None), Task(None), Task(ValueError("broke"))]
-    failed = list(run_tasks(tasks, Dying(), feedback, "training", "trainings"))
+    failed: list[tuple[Task, str]] = []
+    run_tasks(tasks, Dying(), feedback, "training", "trainings", lambda task, reason: failed.append((task, reason)))
     assert failed == [(tasks[1], "the worker process died"), (tasks[2], "ValueError: broke")]
     assert feedback.moves == [(0, 3), (1, 3), (2, 3), (3, 3)]
