@@ -27,7 +27,7 @@ FEW_ROUNDS = {"rounds": 4, "ends_per_record": 1}
 
 
 def study_of(model: str) -> Study:
-    training = {**SMALL_RUN.model_dump(), "optimiser": OPTIMISER, "trees": FEW_ROUNDS, "preludes": FEW_ROUNDS}
+    training = {**SMALL_RUN.model_dump(), "optimiser": OPTIMISER, "trees": FEW_ROUNDS, "pre_onset": FEW_ROUNDS}
     axes = {"scenarios": ["north"], "models": [model], "training_seeds": [1, 2]}
     content = {"name": "small", "training": training, "evaluation": {"ends_per_record": 2}, "sweep": axes}
     return checked(Study, content, "test")
