@@ -35,7 +35,7 @@ selection = { per_class = 4, following = 2 }
 asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
 optimiser = { epochs = 1, threads = 1 }
 trees = { rounds = 5 }
-preludes = { rounds = 5 }
+pre_onset = { rounds = 5 }
 """
 
 
