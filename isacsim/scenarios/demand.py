@@ -31,7 +31,7 @@ SPEED_FACTOR, SPEED_FACTOR_SD, SPEED_FACTOR_RANGE = 0.98, 0.10, (0.75, 1.25)
 """Mean, standard deviation and limits of desired speeds, over the speed limit. Observed by the Department for Transport
 in 2022, in free flow on British motorways: 45 % of cars above the limit, 8 % by more than a seventh of it; a normal
 distribution of these shares has 0.99 and 0.11."""
-KEEP_RIGHT, SPEED_GAIN = (0.1, 0.6), (0.3, 1.0)
+KEEP_RIGHT, SPEED_GAIN = (0.1, 0.6), (0.2, 0.8)
 """Ranges of SUMO's lcKeepRight and lcSpeedGain, whose defaults are 1. They are chosen for lane changes as often as in
 published observations (docs/traffic.md)."""
 CHANGE_M, CHANGE_S, CHANGE_SD_S = 3.4, 5.6, 2.1
@@ -41,7 +41,7 @@ Olsen and Wierwille 2004 (naturalistic driving), 4.0 and 2.3 in the NGSIM record
 
 OUTER_LANE = 0.6
 """Cars that enter in the outermost lane, where the trucks do, over those in each other lane."""
-LANE_OVERLAP = 0.5
+LANE_OVERLAP = 0.25
 """How far the range of drivers who enter in a lane reaches into those of the lanes beside it, in ranges."""
 FAST_MPS = 25.0
 """Where the speed limit is this or more, drivers enter in the lane that suits their desired speed, m/s."""
