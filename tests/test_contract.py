@@ -138,8 +138,9 @@ def check(folder: Path, words: Sequence[str]) -> None:
     if code == 2:
         assert out.getvalue() == ""
         *said, line = printed.splitlines()
-        # What a command warns of, it says as it meets it; the refusal is one line.
-        assert all(words.startswith("warning: ") for words in said), printed
+        # What a command warns of, it says as it meets it, and a training only once it works; the refusal is one line.
+        assert all(warning.startswith("warning: ") for warning in said), printed
+        assert words[0] != "train" or said == [], printed
         assert line.startswith("cosim: ")
         assert line.isprintable(), printed
         assert len(printed) < 2000, printed[:2000]
