@@ -104,7 +104,7 @@ SMALL_RUN = TrainSettings(
     asi_bip=AsiBipSettings(hidden=12, width=16, heads=4, feedforward=32, dropout=0.05),
     optimiser=OptimiserSettings(epochs=3, batch=16, learning_rate=5e-3, schedule="cosine", threads=1),
     trees=TreesSettings(rounds=10, ends_per_record=1),
-    preludes=PreOnsetSettings(rounds=20, ends_per_record=1),
+    pre_onset=PreOnsetSettings(rounds=20, ends_per_record=1),
 )
 
 

@@ -86,7 +86,8 @@ def test_a_vehicle_that_stops_between_two_samples_stands_from_then_on() -> None:
 def test_the_speed_of_a_vehicle_that_speeds_up_and_stops_between_two_samples_is_that_of_its_motion() -> None:
     """As in a queue: it creeps on until the driver decides, and stops at once. Nothing is left over for a jump."""
     speed, position = drive(np.array([0.0, 1.2, -12.0, 0.0, 0.0]), 7, 0.15, 40)
-    assert speed[10] > 0.15 and speed[20] == 0.0 < speed[18]
+    assert speed[10] > 0.15
+    assert speed[20] == 0.0 < speed[18]
     truth = np.stack([position, 0.0 * position, speed, position, 0.0 * position, 0.0 * position])
     rebuilt = sampled(truth, np.arange(0, 41, 10), 7, 40, BENT)
     driven = np.cumsum(np.append(0.0, rebuilt[SPEED, 1:] + rebuilt[SPEED, :-1])) / 2.0 * STEP_S
