@@ -104,14 +104,12 @@ def _warning_text(warning: dict[str, Any]) -> str:
 
 def _empty_text(scenario: str, entry: dict[str, Any]) -> str:
     """Return the line about the episodes of a scenario in which no vehicle was recorded."""
-    first_s = entry["first_departure_s"]
-    departs = (
-        "none of its demand departs at a known time"
-        if first_s is None
-        else f"the first departs at {seconds_text(first_s)} s"
-    )
+    first_s, span = entry["first_departure_s"], (entry["from_s"], entry["to_s"])
+    departs = "none of its demand departs at a known time"
+    if first_s is not None:
+        departs = f"the first departs at {seconds_text(first_s)} s"
     return (
-        f"{scenario}: no vehicle between {seconds_text(entry['from_s'])} and {seconds_text(entry['to_s'])} s in {entry['episodes']} of "
+        f"{scenario}: no vehicle between {' and '.join(map(seconds_text, span))} s in {entry['episodes']} of "
         f"{entry['of']} episodes; {departs}: set `begin` in its configuration, or traffic.run_in_s and "
         "traffic.duration_s"
     )
