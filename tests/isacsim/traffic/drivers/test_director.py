@@ -273,3 +273,22 @@ def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
     )
     early = np.mean(speeds[1:10])
     assert np.mean(speeds[-10:]) > 0.7 * early
+
+
+def test_a_vehicle_that_is_moved_on_under_command_is_given_back_to_its_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SUMO teleports it; it would stand for good where it reappears."""
+    monkeypatch.setattr("isac_cosim.isacsim.traffic.sources.sumo.MISSED_EXIT_S", 20.0)
+    scenario = load("ramp_weave")
+    director = new_director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
+    moved: set[str] = set()
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(6000):
+            director.step(sumo, step * STEP)
+            sumo.simulationStep()
+            moved |= set(sumo.simulation.getStartingTeleportIDList()) & director.commanded
+        free = moved & set(sumo.vehicle.getIDList()) - director.commanded
+        assert free
+        for name in free:
+            assert sumo.vehicle.getSpeedMode(name) == DEFAULT_SPEED_MODE
+            assert sumo.vehicle.getLaneChangeMode(name) == DEFAULT_LANE_CHANGE_MODE
+            assert sumo.vehicle.getSpeed(name) > 1.0
