@@ -22,6 +22,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
 from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from isac_cosim.labeling.detectors.near_misses import NearMissSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.trees.boosting import BoostingSettings
@@ -105,7 +106,9 @@ class AlarmSettings(Settings):
     threshold: a single one for all intentions, or one for each by its name. An intention without one never raises an
     alarm.
     k, n: an alarm is raised when k of the last n windows reach the threshold. refractory_s: the next alarm for the same
-    vehicle and intention needs the level to fall below the threshold, and this time to pass, s.
+    vehicle and intention needs the level to fall below the threshold, and this time to pass, s. rise: a level that
+    falls by as much as this and rises as much again raises an alarm, too, without ever falling below the threshold;
+    None in results of earlier versions, and for levels without a scale.
     """
 
     method: Method
@@ -114,6 +117,7 @@ class AlarmSettings(Settings):
     n: int = Field(1, ge=1)
     least_probability: float = Field(0.0, ge=0.0, le=1.0)
     refractory_s: float = Field(2.0, ge=0.0, le=1e5)
+    rise: float | None = Field(None, gt=0.0, le=1e6)
 
     @field_validator("threshold")
     @classmethod
@@ -169,6 +173,13 @@ class ChoiceSettings(Settings):
         description="time between two alarms of one intention and vehicle, s; 5 is the mean duration of a lane change, "
         "which should raise no second alarm",
     )
+    rise: float | None = Field(
+        2.0,
+        gt=0.0,
+        le=1e6,
+        description="log-odds by which a level that stays above its threshold has to fall, and to rise again, to raise "
+        "another alarm; for levels that are log-odds",
+    )
     thresholds: int = Field(
         80, ge=2, le=100_000, description="thresholds tried for each combination of the other settings"
     )
@@ -220,6 +231,9 @@ class ScoringSettings(Settings):
         (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
     )
     confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
+    near_misses: Literal["neutral", "false"] = Field(
+        "neutral", description="what an alarm for a motion just under a threshold is: neither right nor false, or false"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -234,12 +248,18 @@ class LiveSettings(Settings):
     """Everything that the evaluation adds to the traffic and to the run."""
 
     streams: StreamSettings = StreamSettings()
+    near_misses: NearMissSettings = NearMissSettings()
     choice: ChoiceSettings = ChoiceSettings()
     background: BackgroundSettings = BackgroundSettings()
     scoring: ScoringSettings = ScoringSettings()
 
 
-BEFORE: dict[str, dict[str, Any]] = {"streams": {"outcome_s": 0.0}, "background": {"lanes": False, "until": "end"}}
+BEFORE: dict[str, dict[str, Any]] = {
+    "streams": {"outcome_s": 0.0},
+    "choice": {"rise": None},
+    "background": {"lanes": False, "until": "end"},
+    "scoring": {"near_misses": "false"},
+}
 """What settings were before they were stored."""
 
 
@@ -247,11 +267,13 @@ class LiveStudy(Settings):
     """An evaluation in running traffic.
 
     dataset: settings of traffic, labels, pairs and sensing, with the one scenario and the seeds to measure.
-    development: seeds of the same scenario on which alarms are chosen.
+    development: seeds of the same scenario on which alarms are chosen. development_h: if given, no more of them are run
+    than it takes to predict for so many vehicle-hours; the study of a result names those that were.
     """
 
     dataset: DatasetStudy
     development: SeedRange
+    development_h: float | None = Field(None, gt=0.0, le=1e6)
     live: LiveSettings = LiveSettings()
 
     @field_validator("dataset", mode="before")

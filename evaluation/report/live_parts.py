@@ -16,6 +16,8 @@ CAPTIONS = (
     ("time_line.png", "The first measured episode: events as bars, alarms as marks, false ones as crosses."),
 )
 ARMS_FIGURE = "arms.png"
+LEAST_FOR_SENTENCE = 20
+"""Events, below which a table shows the score and no sentence says it."""
 
 
 class AlarmsByIntention:
@@ -129,17 +131,20 @@ def _number(value: float | None) -> str:
 def _sentences(result: TrafficResult) -> list[str]:
     """Return what the result says, a line each."""
     lines = []
-    for point in result.recall_at:
+    enough = result.over_all.events >= LEAST_FOR_SENTENCE
+    for point in result.recall_at if enough else ():
         if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
             interval = point.recall_interval
             between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
             lines.append(
                 f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
             )
-    for cost in result.truth.lost if result.truth else ():
+    for cost in result.truth.lost if result.truth and enough else ():
         if cost.false_alarms_per_vehicle_hour == 1.0:
             between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""
             lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
+    if result.near_miss_alarms:
+        lines.append(f"neutral: {result.near_miss_alarms} alarms for motion just under a threshold")
     if result.coverage.share is not None:
         rest = [f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in result.coverage.uncovered.items()]
         lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving (not: {', '.join(rest)})")

@@ -98,7 +98,7 @@ def make_records(seeds: int = 8, per_class: int = 4, noise: float = 1.0) -> Reco
     return Records(np.array(tv, np.float32), np.array(uv, np.float32), TV_RATE_HZ, UV_RATE_HZ, table)
 
 
-MADE_OF = {"digest": "made up", "study": {"name": "made up"}}
+MADE_OF = {"digest": "made up", "study": {}}
 SMALL_RUN = TrainSettings(
     windows=WindowSettings(window_s=1.2),
     asi_bip=AsiBipSettings(hidden=12, width=16, heads=4, feedforward=32, dropout=0.05),

@@ -98,7 +98,7 @@ class Evaluated:
         """Read the episodes of some seeds, ready for scoring. alone: whether to read those of driving without a UV."""
         paths = [self.out / EPISODES / file_name(self.scenario, seed, alone) for seed in seeds]
         episodes = [read_episode(path, features=True) for path in paths]
-        return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
+        return measuring.truths_of(episodes, self.study.live.scoring)
 
 
 @limited()
@@ -134,6 +134,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         model=run.card.settings.model,
         scenario=evaluated.scenario,
         vehicle_hours=sum(episode.vehicle_hours for episode in episodes),
+        development_hours=sum(truth.episode.vehicle_hours for truth in development),
         coverage=_coverage(episodes),
         latency=_latency(study),
         events_left_out=_left_out(episodes),

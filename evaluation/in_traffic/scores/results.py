@@ -130,7 +130,8 @@ class AlarmResult(Settings):
     frozen_at: alarms chosen on the development seeds for each of these rates, with a threshold that all intentions
     share, and with one for each. false_alarms_near: number of false alarms by what else happens to the vehicle:
     `event`: from 2 s before the onset of an event to its end, if the alarm is for another intention or not the first;
-    `past_event`: up to 3 s after an event; `nothing`; empty in results of earlier versions. duty_cycle: share of the
+    `past_event`: up to 3 s after an event; `nothing`; empty in results of earlier versions. near_miss_alarms: number of
+    alarms that are neutral because of a near miss; None in results of earlier versions. duty_cycle: share of the
     time in which a vehicle's answers reach a threshold.
     """
 
@@ -148,6 +149,7 @@ class AlarmResult(Settings):
     recall_by_time_to_commit: list[TimeToCommit]
     false_alarms_per_100_km: float | None
     false_alarms_near: dict[str, int] = Field(default_factory=dict)
+    near_miss_alarms: int | None = None
     duty_cycle: float | None
 
 
@@ -245,8 +247,9 @@ class FiveClassResult(AlarmResult):
 class TrafficResult(AlarmResult, ResultWithOptionalParts):
     """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
-    model: of the run. scenario: its name. vehicle_hours: with predictions. events_left_out: number of neutral events,
-    by reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
+    model: of the run. scenario: its name. vehicle_hours: with predictions. development_hours: of the seeds on which
+    alarms were chosen; None in results of earlier versions. events_left_out: number of neutral events, by reason.
+    methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
     the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given. five_classes:
     the same with five intentions; None in results of earlier versions, or if no vehicle was predicted.
     answers: what result parts of installed packages measured, by the part's name; absent where there are none.
@@ -257,6 +260,7 @@ class TrafficResult(AlarmResult, ResultWithOptionalParts):
     model: str
     scenario: str
     vehicle_hours: float
+    development_hours: float | None = None
     coverage: Coverage
     latency: Latency
     events_left_out: dict[str, int]

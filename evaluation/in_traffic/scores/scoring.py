@@ -14,7 +14,7 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
 from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS
+from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, NEAR_MISS
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.labeling.detectors.events import Origin
@@ -34,7 +34,8 @@ class AlarmOutcome:
 
     intention, group: of each event that counts, as numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: time from
     its alarm to its commit and to its onset, s, NaN if it has no alarm, (e,). false_intention, false_group: of each
-    false alarm, (f,). hours: vehicle-hours with predictions, by group, (3,).
+    false alarm, (f,). near_intention: of each alarm that would be false if near misses were not neutral, (m,). hours:
+    vehicle-hours with predictions, by group, (3,).
     """
 
     intention: IntArray
@@ -43,6 +44,7 @@ class AlarmOutcome:
     to_onset: Array
     false_intention: IntArray
     false_group: IntArray
+    near_intention: IntArray
     hours: Array
 
     @property
@@ -59,8 +61,9 @@ class AlarmOutcome:
         """Return the part of an intention, of a group, or of an intention in a group."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
-        hours = self.hours
+        near, hours = self.near_intention, self.hours
         if intention is not None:
+            near = near[near == intention]
             events &= self.intention == intention
             false &= self.false_intention == intention
         if group is not None:
@@ -70,7 +73,7 @@ class AlarmOutcome:
             hours = np.where(np.arange(len(GROUPS)) == number, hours, 0.0)
         return AlarmOutcome(
             self.intention[events], self.group[events], self.to_commit[events], self.to_onset[events],
-            self.false_intention[false], self.false_group[false], hours,
+            self.false_intention[false], self.false_group[false], near, hours,
         )  # fmt: skip
 
 
@@ -111,6 +114,7 @@ class Truth:
             to_onset=self.onset - at,
             false_intention=alarms.intention[matching.false],
             false_group=group[alarms.row[matching.false]],
+            near_intention=alarms.intention[matching.near_misses],
             hours=shares,
         )
 
@@ -118,11 +122,14 @@ class Truth:
 def false_alarms_near(truth: Truth, alarms: Alarms, before_onset_s: float) -> Counter[str]:
     """Return the number of false alarms by what else happens to the vehicle, as `AlarmResult.false_alarms_near`.
 
-    Neutral events count like the others. before_onset_s: how early before onset an alarm may come, s.
+    Neutral events count like the others, near misses do not. before_onset_s: how early before onset an alarm may come,
+    s.
     """
     names = truth.episode.names
     times: dict[str, list[tuple[float, float]]] = {}
     for event in truth.episode.facts.events:
+        if event.left_out == NEAR_MISS:
+            continue
         times.setdefault(event.vehicle, []).append((event.onset, event.end))
     near: Counter[str] = Counter()
     for row in truth.table.match(alarms).false.tolist():

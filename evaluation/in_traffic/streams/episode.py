@@ -232,7 +232,7 @@ def predicted(
     infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
     timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
-    labels = label(recording, study.dataset.labels, surroundings)
+    labels = label(recording, study.dataset.labels, surroundings, study.live.near_misses)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
     labelled = time.process_time()
     name, settings = study.live.streams.sensor, study.sensor_settings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
+from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, NEAR_MISS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
 
@@ -82,6 +82,12 @@ class LiveEpisode:
         return len(self.time_s) * self.facts.decision_s / 3600
 
 
+def without_near_misses(episode: LiveEpisode) -> LiveEpisode:
+    """Return an episode whose events are those of the labels alone."""
+    events = tuple(event for event in episode.facts.events if event.left_out != NEAR_MISS)
+    return replace(episode, facts=episode.facts.model_copy(update={"events": events}))
+
+
 def file_name(scenario: str, seed: int, alone: bool = False) -> str:
     """Return the name of an episode's file. alone: the file of driving without a UV."""
     return f"{scenario}-{seed}{'-alone' if alone else ''}.parquet"
@@ -112,6 +118,12 @@ def read_facts(path: Path) -> EpisodeFacts | None:
         return EpisodeFacts.model_validate_json(pq.read_metadata(path).metadata[FACTS_KEY])
     except (KeyError, TypeError, OSError, ValueError):
         return None
+
+
+def predicted_hours(path: Path) -> float:
+    """Return for how many vehicle-hours an episode's file holds predictions, without reading them."""
+    facts = read_facts(path)
+    return 0.0 if facts is None else pq.read_metadata(path).num_rows * facts.decision_s / 3600
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:
