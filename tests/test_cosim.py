@@ -112,7 +112,7 @@ BAD = {
     "evaluate empty --data empty --seeds 1:2": "--seeds applies to an evaluation in traffic",
     "evaluate empty --traffic motorway": "empty: not a run",
     "evaluate empty --data empty --no-lanes": "--no-lanes applies to an evaluation in traffic",
-    "generate -o new --source kinematic --natural": "--natural applies to drivers of SUMO's traffic",
+    "generate -o new --source kinematic --natural": "--natural: source kinematic has no world in which drivers are left alone",
     "train full -o new --model trees --epochs 3": "--epochs applies to networks: remove it, or --model trees",
     "train full -o new --seed -1": "--seed",
     "train full -o new --seed 4294967296": "--seed",
