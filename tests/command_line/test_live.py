@@ -57,7 +57,8 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("scripted")
 def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "live"
-    words = ["evaluate", str(run.path), "--traffic", "road", "--seeds", "1001:1002", "-o", str(out), "--json"]
+    seeds = ["--seeds", "1001:1002", "--development", "2001:2004"]
+    words = ["evaluate", str(run.path), "--traffic", "road", *seeds, "-o", str(out), "--json"]
     assert cosim.main(words) == 0
     captured = capfd.readouterr()
     result = json.loads(captured.out.splitlines()[-1])

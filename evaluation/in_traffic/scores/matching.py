@@ -105,7 +105,7 @@ class EventTable:
                 near_miss += [event.left_out == NEAR_MISS] * len(may_be)
         columns = [np.array(rows, np.float64).reshape(-1, 5) for rows in (counted, neutral)]
         arrays = [(*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns]
-        return cls(*arrays[0], *arrays[1][:-1], np.array(near_miss, bool))
+        return cls(*arrays[0], *arrays[1][:-1], near_miss=np.array(near_miss, bool))
 
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""
