@@ -36,7 +36,7 @@ TINY = {
     **SMALL_RUN.model_dump(),
     "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     "trees": {"rounds": 4, "ends_per_record": 1},
-    "preludes": {"rounds": 4, "ends_per_record": 1},
+    "pre_onset": {"rounds": 4, "ends_per_record": 1},
 }
 EVALUATION = EvaluateSettings(ends_per_record=4).model_dump()
 SEEDS = {"north": 6, "south": 4}
@@ -320,7 +320,7 @@ TOML = """
 [training]
 windows = { window_s = 1.2 }
 trees = { rounds = 4, ends_per_record = 1 }
-preludes = { use = false }
+pre_onset = { use = false }
 optimiser = { threads = 1 }
 
 [evaluation]

@@ -129,6 +129,9 @@ class SmallDisk(MotionSource):
     def inputs(self, scenario: Scenario) -> Mapping[str, str]:
         return self.source.inputs(scenario)
 
+    def digest(self, scenario: Scenario) -> str:
+        return self.source.digest(scenario)
+
     def record(self, scenario: Scenario, seed: int) -> Recording:
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
         try:
