@@ -244,6 +244,7 @@ def train(
         "evaluate predictor --data data",
         "evaluate predictor --data data --against floor",
         "evaluate predictor --traffic motorway --duration 120",
+        "evaluate predictor --traffic motorway --stress",
         "evaluate predictor --traffic motorway --duration 60 --advisories",
     ),
 )
@@ -272,6 +273,7 @@ def evaluate(
     alone: opt.AloneRun = None,
     source: opt.TrafficSource = None,
     natural: opt.NaturalTraffic = False,
+    stress: opt.Stress = False,
     advisories: opt.Advisories = False,
     conditioning: opt.ConditioningKind = None,
     jobs: opt.Jobs = None,
@@ -292,6 +294,7 @@ def evaluate(
         duration=duration,
         jobs=jobs,
         natural=natural,
+        stress=stress,
         advisories=advisories,
         conditioning=conditioning,
         false_alarms=false_alarms,

@@ -168,9 +168,7 @@ def _combinations(
     """Return a combination for each confirmation. levels: not confirmed, one for each episode."""
     combinations = []
     for k, n in choice.confirmations:
-        of_episodes = [
-            confirmed(Levels.of(truth.episode, level), k, n) for truth, level in zip(truths, levels, strict=True)
-        ]
+        of_episodes = [confirmed(truth.levels(level), k, n) for truth, level in zip(truths, levels, strict=True)]
         settings = template.model_copy(update={"k": k, "n": n, "refractory_s": choice.refractory_s})
         combinations.append(Combination.of(truths, of_episodes, settings, choice))
     return combinations

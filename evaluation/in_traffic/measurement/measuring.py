@@ -54,7 +54,7 @@ class AnswerLevels:
         """Return the levels of each episode for alarms of some settings, not confirmed."""
         key = (settings.method, settings.least_probability)
         if key not in self._levels:
-            self._levels[key] = [Levels.of(truth.episode, self._level(truth, settings)) for truth in self.truths]
+            self._levels[key] = [truth.levels(self._level(truth, settings)) for truth in self.truths]
         return self._levels[key]
 
     def alarms(self, settings: AlarmSettings) -> list[Alarms]:

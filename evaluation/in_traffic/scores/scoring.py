@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from isac_cosim.base.arrays import Array, BoolArray, IntArray
-from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER, Alarms, Levels
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
 from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
@@ -79,13 +79,18 @@ class AlarmOutcome:
 
 @dataclass(frozen=True)
 class Truth:
-    """An episode with its events, to score alarms against. onset, commit, group: of the events that count, (e,)."""
+    """An episode with its events, to score alarms against.
+
+    onset, commit, group: of the events that count, (e,). asked: numbers of the intentions that alarms are raised for;
+    None for all.
+    """
 
     episode: LiveEpisode
     table: EventTable
     onset: Array
     commit: Array
     group: IntArray
+    asked: tuple[int, ...] | None = None
 
     @classmethod
     def of(cls, episode: LiveEpisode, before_onset_s: float) -> Truth:
@@ -98,6 +103,31 @@ class Truth:
             np.array([event.commit for event in counted]),
             np.array([GROUPS.index(event.group) for event in counted], dtype=np.int64),
         )
+
+    def asking(self, intentions: Sequence[int], after_commit_s: float = 0.0) -> Truth:
+        """Return the truth for alarms of some intentions alone. The episode, on which trees are trained, stays whole.
+
+        after_commit_s: how long after the commit an alarm still comes in time, s.
+        """
+        kept = np.isin(self.table.intention, intentions)
+        commit = self.commit[kept] + after_commit_s
+        table = replace(
+            self.table,
+            vehicle=self.table.vehicle[kept],
+            intention=self.table.intention[kept],
+            earliest=self.table.earliest[kept],
+            latest=np.maximum(self.table.latest[kept], commit),
+            commit=commit,
+        )
+        return Truth(self.episode, table, self.onset[kept], commit, self.group[kept], tuple(intentions))
+
+    def levels(self, level: Float32Array) -> Levels:
+        """Return the levels (n, 6) of the episode's predictions, NEVER for intentions that are not asked for."""
+        if self.asked is not None:
+            others = [k for k in range(len(KNOWN)) if k not in self.asked]
+            level = level.copy()
+            level[:, others] = NEVER
+        return Levels.of(self.episode, level)
 
     def outcome(self, alarms: Alarms) -> AlarmOutcome:
         """Return the outcome of alarms in the episode."""
@@ -204,6 +234,11 @@ def lead_times(values: Array) -> LeadTimes:
     kept = values[np.isfinite(values)]
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75]).tolist() if len(kept) else (None, None, None)
     return LeadTimes(n=len(kept), lower_quartile=low, median=middle, upper_quartile=high)
+
+
+def median_lead(parts: Sequence[Array]) -> float | None:
+    """Return the median of lead times, s, in several parts; None without any."""
+    return lead_times(np.concatenate([np.empty(0), *parts])).median
 
 
 def by_time_to_commit(outcomes: Sequence[AlarmOutcome]) -> list[TimeToCommit]:

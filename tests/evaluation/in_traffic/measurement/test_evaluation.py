@@ -57,6 +57,20 @@ def test_five_intentions_are_measured_with_the_better_kind_of_alarm(evaluation: 
     assert five.by_intention["overtake"].events == 0
 
 
+def test_what_takes_time_is_predicted_and_what_is_sudden_is_recognised(evaluation: TrafficEvaluation) -> None:
+    """Each measured seed has a lane change and a hard brake; neither is in the other's question."""
+    prediction, recognition = evaluation.result.prediction, evaluation.result.recognition
+    assert prediction is not None
+    assert recognition is not None
+    assert set(prediction.by_intention) == {"left_lane_change", "right_lane_change", "evasive_swerve"}
+    assert set(recognition.by_intention) == {"hard_brake", "hard_accel"}
+    assert (prediction.events, recognition.events) == (2, 2)
+    assert (prediction.by_commit_plus_s, recognition.by_commit_plus_s) == (0.0, 0.5)
+    assert set(prediction.recall_at_lead) == {"0.5", "1"}
+    assert [point.chosen_for for point in prediction.at] == [0.1, 0.3, 1.0, 3.0, 10.0]
+    assert evaluation.result.stress is None
+
+
 def test_both_events_of_each_seed_count(evaluation: TrafficEvaluation) -> None:
     events = {name: scores.events for name, scores in evaluation.result.by_intention.items()}
     assert events["hard_brake"] == 2
