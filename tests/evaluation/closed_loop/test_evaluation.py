@@ -171,8 +171,9 @@ def test_no_connected_vehicle_is_said(trees_run: Run, study: LiveStudy, tmp_path
 
 
 def test_recorded_traffic_has_no_closed_loop(trees_run: Run, study: LiveStudy, tmp_path: Path) -> None:
-    recorded = study.model_copy(update={"dataset": DatasetStudy(source="kinematic")})
-    with pytest.raises(InputError, match="a closed loop needs a world that runs"):
+    dataset = DatasetStudy(source="kinematic")
+    recorded = study.model_copy(update={"dataset": dataset})
+    with pytest.raises(InputError, match="kinematic: has recordings only, and a closed loop needs a world that runs"):
         evaluate_advisories(trees_run, recorded, SETTINGS, tmp_path)
 
 

@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +20,7 @@ from isac_cosim.base.errors import InputError, OutputError, RunError, ShortageEr
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
-from isac_cosim.isacsim.traffic.sources.registry import motion_source
+from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from tests.support.roads import straight_road, vehicle
@@ -117,32 +115,19 @@ def test_what_is_lacking_ends_the_command_and_leaves_the_episode_missing(
 
 
 @dataclass(frozen=True)
-class SmallDisk(MotionSource):
+class SmallDisk(SumoSource):
     """SUMO's traffic, with files that cannot grow in one episode, as on a full disk."""
 
-    source: MotionSource
-    largest_bytes: int
-
-    def load(self, where: str) -> Scenario:
-        return self.source.load(where)
-
-    def inputs(self, scenario: Scenario) -> Mapping[str, str]:
-        return self.source.inputs(scenario)
-
-    def digest(self, scenario: Scenario) -> str:
-        return self.source.digest(scenario)
+    largest_bytes: int = 0
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
         try:
             if seed == HARMED:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (self.largest_bytes, before[1]))
-            return self.source.record(scenario, seed)
+            return super().record(scenario, seed)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-    def expected_cpu_s(self) -> float:
-        return 0.1
 
 
 @pytest.mark.parametrize("sample_s", [0.01, 0.1])
@@ -155,9 +140,9 @@ def test_a_simulation_without_room_names_the_folder_for_temporary_files(tmp_path
     study = small_study(
         scenarios=[str(scenario)], seeds={"first": 1, "last": 3}, traffic=traffic, maneuvers={"rest_s": 1.0}
     )
-    source = motion_source(study)
+    source = SumoSource(**study.source_settings())
     with pytest.raises(OutputError, match="the folder for temporary files cannot be written"):
-        generate(study, tmp_path / "data", LocalEngine(1), source=SmallDisk(source, 50_000))
+        generate(study, tmp_path / "data", LocalEngine(1), source=SmallDisk(source.traffic, source.maneuvers, 50_000))
     assert [path.name for path in (tmp_path / "data/shards").iterdir()] == ["road-1.parquet"]
     dataset = generate(study, tmp_path / "data", LocalEngine(1), source=source)
     assert dataset.digest == generate(study, tmp_path / "other", LocalEngine(1), source=source).digest
