@@ -25,19 +25,19 @@ from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     LiveWindows,
-    Reports,
     WindowCutter,
     lanes_of,
     rule_answer,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.reports import Reports
+from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
+from isac_cosim.labeling.streams.stretches import Timing, watched
 from isac_cosim.models.data.windows import WindowSettings, in_frame
 from isac_cosim.models.predictors.protocol import WindowShape
 from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees, tree_features

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import ceil
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -25,6 +24,7 @@ from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.labeling.detectors.near_misses import NearMissSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.settings import StretchSettings
 from isac_cosim.models.trees.boosting import BoostingSettings
 
 Method = Literal["reject", "background"]
@@ -33,44 +33,13 @@ Sharing = Literal["shared", "separate"]
 """Whether all intentions share a threshold, or each has its own."""
 
 
-def _whole(seconds: float, *rates_hz: float) -> float:
-    """Return the shortest time, s, not shorter than `seconds`, that is a whole number of samples at all rates.
-
-    That is `seconds` itself where no such time is near.
-    """
-    slowest = min(rates_hz)
-    first = ceil(seconds * slowest - 1e-6)
-    times = (k / slowest for k in range(first, first + 100))
-    return next((t for t in times if all(abs(t * rate - round(t * rate)) < 1e-6 for rate in rates_hz)), seconds)
-
-
 Confirmation = Annotated[int, Field(ge=1, le=10_000)]
 """Number of windows."""
 
 
-class StreamSettings(Settings):
-    """How vehicles are watched."""
+class StreamSettings(StretchSettings):
+    """How vehicles are watched, and by which sensor."""
 
-    decision_s: float = Field(0.1, gt=0.0, le=2.0, description="time between two predictions for a vehicle, s")
-    report_delay_s: float = Field(
-        0.02,
-        ge=0.0,
-        le=2.0,
-        description="age of a UV's newest report at the end of a window, s",
-    )
-    outcome_s: float = Field(
-        6.0,
-        ge=0.0,
-        le=1e5,
-        description="no prediction is made this close to the end of a vehicle's track, s: whether an alarm is right "
-        "would not be known",
-    )
-    longest_stretch_s: float = Field(
-        120.0,
-        ge=10.0,
-        le=1e5,
-        description="longest stretch that is sensed without acquiring the vehicle anew, s; limits the use of memory",
-    )
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
@@ -86,15 +55,6 @@ class StreamSettings(Settings):
             if getattr(self, name) == type(self).model_fields[name].default:
                 content.pop(name, None)
         return content
-
-    def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
-        """Return these settings with times that are whole numbers of samples, as little longer as possible."""
-        return self.model_copy(
-            update={
-                "decision_s": _whole(self.decision_s, tv_rate_hz, uv_rate_hz),
-                "report_delay_s": _whole(self.report_delay_s, uv_rate_hz),
-            }
-        )
 
 
 class AlarmSettings(Settings):

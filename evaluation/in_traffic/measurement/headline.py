@@ -19,9 +19,9 @@ from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarm
 from isac_cosim.evaluation.in_traffic.scores.results import HeadlineResult, HeadlineScores, NearMisses, RateScores
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth, median_lead
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, Method
-from isac_cosim.evaluation.in_traffic.streams.events import NEAR_MISS
 from isac_cosim.evaluation.in_traffic.streams.store import RUN
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.streams.events import NEAR_MISS
 
 PREDICTED: Final = (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE, Intention.EVASIVE_SWERVE)
 """The intentions that are to be predicted by their commit; an overtake is the lane change that it begins with."""

@@ -120,12 +120,12 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         baselines |= _compared(development, measured, evaluated)
         move(2, total, "overtakes as lane changes")
         method = next(iter(methods), None)
-        five = [
+        chosen_on, asked_of = (
             [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
             for truths in (development, measured)
-        ]
-        five_classes = _five_classes(*five, evaluated, method)
-        asked = {} if method is None else _headlines(*five, evaluated, method)
+        )
+        five_classes = _five_classes(chosen_on, asked_of, evaluated, method)
+        asked = {} if method is None else _headlines(chosen_on, asked_of, evaluated, method)
         if live.streams.truth:
             move(3, total, "true motion")
             name = f"{run.name} on true motion"

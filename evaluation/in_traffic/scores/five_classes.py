@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
-from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN, Intention, outward
 from isac_cosim.labeling.samples.pull_outs import DROPPED
+from isac_cosim.labeling.streams.events import LiveEvent
 
 OVERTAKE = KNOWN.index(Intention.OVERTAKE)
 OVERTAKE_TEXT = Intention.OVERTAKE.text

@@ -10,8 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
-from isac_cosim.evaluation.in_traffic.streams.events import NEAR_MISS, LiveEvent
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.streams.events import NEAR_MISS, LiveEvent
 
 ALSO = {
     Intention.OVERTAKE: (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE),
@@ -104,8 +104,9 @@ class EventTable:
                 neutral += [(vehicle, KNOWN.index(other), *times) for other in may_be]
                 near_miss += [event.left_out == NEAR_MISS] * len(may_be)
         columns = [np.array(rows, np.float64).reshape(-1, 5) for rows in (counted, neutral)]
-        arrays = [(*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns]
-        return cls(*arrays[0], *arrays[1][:-1], near_miss=np.array(near_miss, bool))
+        of_counted, of_neutral = ((*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns)
+        vehicles, intentions, earliest, latest, _ = of_neutral
+        return cls(*of_counted, vehicles, intentions, earliest, latest, np.array(near_miss, bool))
 
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""

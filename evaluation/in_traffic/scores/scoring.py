@@ -14,11 +14,11 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER, Alarms, Levels
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
 from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, NEAR_MISS
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.labeling.detectors.events import Origin
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.events import GROUPS, NEAR_MISS
 
 BOUND = 0.95
 """Confidence of the upper bound of a rate of false alarms."""

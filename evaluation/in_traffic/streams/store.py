@@ -15,11 +15,11 @@ from pydantic import Field
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.base.stored.tables import check_types
-from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, NEAR_MISS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.events import GROUPS, NEAR_MISS, LiveEvent
 
 EPISODES, SPEED_FILE = "episodes", "speed.json"
 """In the folder of an evaluation: the folder of the episodes, and the file with the processor time of each."""

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.events import (
+from isac_cosim.isacsim.traffic.recordings.recording import Command, Recording
+from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.near_misses import NearMissSettings
+from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.events import (
     GROUPS,
     HAS_UV,
     NEAR_MISS,
@@ -17,11 +22,6 @@ from isac_cosim.evaluation.in_traffic.streams.events import (
     events_of,
     groups_at,
 )
-from isac_cosim.isacsim.traffic.recordings.recording import Command, Recording
-from isac_cosim.labeling.detectors.events import label
-from isac_cosim.labeling.detectors.near_misses import NearMissSettings
-from isac_cosim.labeling.intentions import Intention
-from isac_cosim.labeling.road.surroundings import Surroundings
 
 ALWAYS = np.round(np.arange(0, 500) * 0.1, 9)
 
