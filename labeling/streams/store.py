@@ -129,11 +129,24 @@ def file_name(scenario: str, seed: int) -> str:
 
 
 def _check(table: pa.Table) -> None:
+    """Raise ValueError, which names the column, unless a table holds what `write_stretches` writes."""
     check_types(table, COLUMNS)
     for row in range(len(table)):
-        for name in ("tv", "tv_truth"):
-            if len({len(values) for values in table[name][row].values}) != 1:
-                raise ValueError(f"{name}: rows are of different lengths")
+        stretch = _stretch(table, row)
+        if stretch.tv.shape != stretch.tv_truth.shape or not stretch.tv.shape[1]:
+            raise ValueError("tv, tv_truth: are of different lengths, or empty")
+        if not len(stretch.uv_id) == len(stretch.uv_first) == len(stretch.uv):
+            raise ValueError("uv_id, uv_first, uv: are of different numbers of segments")
+        numbers, times = stretch.segment, stretch.decision_s
+        if len(numbers) != len(times) or not len(times) or not 0 <= numbers.min() <= numbers.max() < len(stretch.uv):
+            raise ValueError("segment: is not a segment for every decision")
+        if not (np.diff(times) > 0).all() or times[0] < stretch.start_s:
+            raise ValueError("decision_s: is not in order, or before the stretch begins")
+        for name in ("start_s", "point", "tv", "tv_truth", "decision_s"):
+            if not np.isfinite(getattr(stretch, name)).all():
+                raise ValueError(f"{name}: is not finite")
+        if not all(np.isfinite(part).all() for part in stretch.uv):
+            raise ValueError("uv: is not finite")
 
 
 FILES = EpisodeFiles(StreamFacts, b"isac_cosim.streams", lambda facts: [file_name(facts.scenario, facts.seed)], _check)
@@ -195,4 +208,5 @@ def _stretch(table: pa.Table, row: int) -> StoredStretch:
 
 
 def _states(value: Any) -> Float32Array:
+    """Return states (6, n). Raises ValueError if the six are of different lengths."""
     return np.stack([component.values.to_numpy() for component in value])

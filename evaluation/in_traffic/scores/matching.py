@@ -104,9 +104,21 @@ class EventTable:
                 neutral += [(vehicle, KNOWN.index(other), *times) for other in may_be]
                 near_miss += [event.left_out == NEAR_MISS] * len(may_be)
         columns = [np.array(rows, np.float64).reshape(-1, 5) for rows in (counted, neutral)]
-        of_counted, of_neutral = ((*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns)
-        vehicles, intentions, earliest, latest, _ = of_neutral
-        return cls(*of_counted, vehicles, intentions, earliest, latest, np.array(near_miss, bool))
+        who, who_neutral = (table[:, 0].astype(np.int64) for table in columns)
+        what, what_neutral = (table[:, 1].astype(np.int64) for table in columns)
+        (earliest, latest, commit), (earliest_neutral, latest_neutral, _) = (table[:, 2:].T for table in columns)
+        return cls(
+            vehicle=who,
+            intention=what,
+            earliest=earliest,
+            latest=latest,
+            commit=commit,
+            neutral_vehicle=who_neutral,
+            neutral_intention=what_neutral,
+            neutral_earliest=earliest_neutral,
+            neutral_latest=latest_neutral,
+            near_miss=np.array(near_miss, bool),
+        )
 
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from isac_cosim.labeling.streams.generate import generate_streams, timing_of
 from isac_cosim.labeling.streams.reports import Reports
 from isac_cosim.labeling.streams.sensed import StretchSensing
 from isac_cosim.labeling.streams.settings import StreamDatasetSettings
+from isac_cosim.labeling.streams.store import StoredStretch, StreamFacts, read_stretches, write_stretches
 from isac_cosim.labeling.streams.stretches import watched
 from tests.support.scripted import InlineEngine, ScriptedSource
 
@@ -123,6 +125,46 @@ def test_a_changed_file_is_noticed(streams: Streams, source: ScriptedSource, tmp
     path.write_bytes(path.read_bytes()[:-1] + b"x")
     with pytest.raises(InputError, match=f"{path.name}: differs from its digest"):
         made.verify()
+
+
+def written(stretch: StoredStretch, folder: Path) -> Path:
+    """Write an episode of one stretch, as a damaged or made-up file may hold it."""
+    for name in ("stretches", "events"):
+        (folder / name).mkdir()
+    facts = StreamFacts(
+        fingerprint="", scenario="road", seed=1, decision_s=0.1, simulated_s=1.0, instants=1, decisions=1, uncovered={},
+        events=(),
+    )  # fmt: skip
+    write_stretches(folder, facts, [stretch])
+    return folder / "stretches" / "road-1.parquet"
+
+
+WRONG: dict[str, Callable[[StoredStretch], StoredStretch]] = {
+    "tv: is not finite": lambda s: replace(s, tv=np.full_like(s.tv, np.nan)),
+    "tv, tv_truth: are of different lengths": lambda s: replace(s, tv=s.tv[:, 1:]),
+    "segment: is not a segment": lambda s: replace(s, segment=s.segment + len(s.uv)),
+    "uv_id, uv_first, uv: are of different": lambda s: replace(s, uv_first=(*s.uv_first, 0)),
+    "decision_s: is not in order": lambda s: replace(s, decision_s=s.decision_s[::-1]),
+    "uv: is not finite": lambda s: replace(s, uv=tuple(np.full_like(part, np.inf) for part in s.uv)),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_content_that_no_stream_has_is_refused(streams: Streams, tmp_path: Path, fault: str) -> None:
+    _, (stretch, *_) = next(iter(streams.read()))
+    with pytest.raises(InputError, match=rf"road-1\.parquet: .*{fault}"):
+        read_stretches(written(WRONG[fault](stretch), tmp_path))
+
+
+def test_what_is_written_is_read(streams: Streams, tmp_path: Path) -> None:
+    _, (stretch, *_) = next(iter(streams.read()))
+    _, (again,) = read_stretches(written(stretch, tmp_path))
+    for name, value in vars(stretch).items():
+        if name == "uv":
+            for one, other in zip(value, again.uv, strict=True):
+                np.testing.assert_array_equal(one, other)
+        else:
+            np.testing.assert_array_equal(getattr(again, name), value)
 
 
 def test_the_command_generates_and_inspects(
