@@ -101,6 +101,7 @@ def generate(
         str | None, typer.Option(metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20.")
     ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     natural: Annotated[
         bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
     ] = False,
@@ -127,7 +128,9 @@ def generate(
     from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand)
+    study = dataset_study(
+        scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand, scene
+    )
     feedback = output.feedback_of(console, verbose)
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))
@@ -140,8 +143,11 @@ def generate(
 def sense(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    sensor: Annotated[str, typer.Option(help="What senses the target vehicle: {sensors}.")] = "isac",
+    sensor: Annotated[
+        str | None, typer.Option(help="What senses the target vehicle: {sensors}. Default: isac.")
+    ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     estimator: Annotated[
         str | None, typer.Option(help="How angle, delay and Doppler are estimated: {estimators}.")
     ] = None,
@@ -176,7 +182,8 @@ def sense(
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
-    arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
+    channel = sensor, snr, estimator, fusion, sites, rain, not no_blockage
+    arguments = SenseArguments(*channel, radar, pattern, records, scene)
     settings = resense_settings(source, arguments)
     sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))

@@ -3,7 +3,8 @@
 An echo of Q scattering points has the three axes of `isacsim.radio.waveform`. After a taper and a DFT along each of
 them, in units where the noise of an untapered cell has unit variance, it is
 
-    Z[d, r, p] = sum_q sqrt(N) b_q kd(d - d_q) kr(r - r_q) kp(p - p_q) + noise,     k(x) = t0 D(x) + t1 (D(x-1) + D(x+1))
+    Z[d, r, p] = sum_q sqrt(N) b_q kd(d - d_q) kr(r - r_q) kp(p - p_q) + noise
+    k(x) = t0 D(x) + t1 (D(x - 1) + D(x + 1))
 
 D is the Dirichlet kernel. Raised cosines, such as Hann's and Hamming's tapers, are sums of three neighbouring cells, so
 that tapered noise is drawn as white noise on the cells and a rim around them, and summed. It has its exact law,
@@ -132,10 +133,11 @@ def draw(echoes: Echoes, grid: CellGrid, rng: np.random.Generator) -> DrawnCells
     # A margin of one range cell on either side keeps the rim within the array.
     wanted = np.zeros((count, ranges + 2), dtype=bool)
     wanted[doppler[:, :, None], np.clip(reach, 0, ranges - 1)[:, None, :] + 1] = True
-    rows = np.nonzero(wanted)
+    at_doppler, at_range = (part.astype(np.int64) for part in np.nonzero(wanted))
+    rows = at_doppler, at_range
     place = np.full(wanted.shape, -1, np.int32)
     place[rows] = np.arange(len(rows[0]), dtype=np.int32)
-    at_doppler, at_range = rows[0], rows[1] - 1
+    at_range = at_range - 1
     values = _noise(wanted, rows, grid, rng)
     values += _signal(cells, amplitude, at_doppler, at_range, grid)
     return DrawnCells(at_doppler, at_range, values, place[:, 1:-1])

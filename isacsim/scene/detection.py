@@ -176,6 +176,4 @@ def _axis(count: int, taper: tuple[float, float]) -> _Axis:
     highest = np.maximum.accumulate(level[: count // 2 + 1][::-1])[::-1]
     sidelobe_db = 20 * np.log10(np.maximum(highest / highest[0], 1e-9))
     padded = np.concatenate([sidelobe_db, np.full(count - len(sidelobe_db), sidelobe_db[-1])])
-    return _Axis(
-        count, place, log_ratio, np.gradient(place, log_ratio), t1**2 / (t0**2 + 2 * t1**2), padded
-    )
+    return _Axis(count, place, log_ratio, np.gradient(place, log_ratio), t1**2 / (t0**2 + 2 * t1**2), padded)

@@ -36,18 +36,19 @@ class SceneScores(Settings):
     """The scores of one episode, over all instants at which a vehicle or a track is where two masts see it.
 
     vehicle_fixes, track_fixes: how many vehicles and tracks there were, summed over instants; slow_fixes: of the first,
-    those of slow vehicles. driven_km: by the vehicles. rms_m, p95_m: error of positions, root mean square and 95 %.
-    missed, missed_slow: share of vehicles without a track, of those that are not slow and of those that are. false:
-    share of tracks without a vehicle. switches: changes of a vehicle's track. idf1: see above. nees: mean over
-    positions of the squared error normalised by the track's covariance, over 2; 1 is right. gospa_m: root mean square
-    over the instants; gospa_parts_m2: what localisation, missed vehicles and false tracks add to its square. Values are
-    None where there is nothing to score.
+    those of slow vehicles. matched_fixes: vehicles with a track. driven_km: by the vehicles. rms_m, p95_m: error of
+    positions, root mean square and 95 %. missed, missed_slow: share of vehicles without a track, of those that are not
+    slow and of those that are. false: share of tracks without a vehicle. switches: changes of a vehicle's track. idf1:
+    see above. nees: mean over positions of the squared error normalised by the track's covariance, over 2; 1 is right.
+    gospa_m: root mean square over the instants; gospa_parts_m2: what localisation, missed vehicles and false tracks add
+    to its square. Values are None where there is nothing to score.
     """
 
     instants: int = 0
     vehicle_fixes: int = 0
     slow_fixes: int = 0
     track_fixes: int = 0
+    matched_fixes: int = 0
     driven_km: float = 0.0
     rms_m: float | None = None
     p95_m: float | None = None
@@ -155,6 +156,7 @@ class Scoring:
             vehicle_fixes=self._vehicles,
             slow_fixes=self._slow,
             track_fixes=self._tracks,
+            matched_fixes=pairs,
             driven_km=round(self._driven_m / 1000, 6),
             rms_m=_share(self._square, pairs, root=True),
             p95_m=self._quantile(0.95) if pairs else None,
@@ -184,6 +186,39 @@ class Scoring:
             together[vehicles[name], tracks[number]] = count
         rows, columns = linear_sum_assignment(together, maximize=True)
         return int(together[rows, columns].sum())
+
+
+def pooled(scores: Sequence[SceneScores]) -> SceneScores:
+    """Return the scores of several episodes together; of `p95_m`, the mean over what was matched."""
+
+    def mean(name: str, weight: Sequence[float], root: bool = False) -> float | None:
+        pairs = [(getattr(one, name), of) for one, of in zip(scores, weight, strict=True)]
+        known = [(value**2 if root else value, of) for value, of in pairs if value is not None]
+        return _share(sum(value * of for value, of in known), sum(of for _, of in known), root)
+
+    total = {name: sum(getattr(one, name) for one in scores) for name in _COUNTS}
+    matched, instants = [one.matched_fixes for one in scores], [one.instants for one in scores]
+    parts = [one.gospa_parts_m2 or (0.0, 0.0, 0.0) for one in scores]
+    split = np.average(parts, axis=0, weights=instants) if total["instants"] else None
+    return SceneScores(
+        **total,
+        rms_m=mean("rms_m", matched, root=True),
+        p95_m=mean("p95_m", matched),
+        missed=mean("missed", [one.vehicle_fixes - one.slow_fixes for one in scores]),
+        missed_slow=mean("missed_slow", [one.slow_fixes for one in scores]),
+        false=mean("false", [one.track_fixes for one in scores]),
+        switches_per_km=_share(total["switches"], total["driven_km"]),
+        idf1=mean("idf1", [one.vehicle_fixes + one.track_fixes for one in scores]),
+        nees=mean("nees", matched),
+        gospa_m=mean("gospa_m", instants, root=True),
+        gospa_parts_m2=None if split is None else (float(split[0]), float(split[1]), float(split[2])),
+    )
+
+
+_COUNTS = (
+    "instants", "vehicle_fixes", "slow_fixes", "track_fixes", "matched_fixes", "driven_km", "switches",
+)  # fmt: skip
+"""Fields that add up over episodes."""
 
 
 def _share(part: float, whole: float, root: bool = False) -> float | None:

@@ -96,9 +96,7 @@ class Tracks:
             zeros + 1, np.array([of.power for of in born]),
         )  # fmt: skip
         return Tracks(
-            **{
-                name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in self.__dataclass_fields__
-            }
+            **{name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in self.__dataclass_fields__}
         )
 
 

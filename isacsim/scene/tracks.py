@@ -19,8 +19,8 @@ class TrackedInstant:
     """The tracks that count at one instant, all arrays by track in ascending number.
 
     number: (T,). state: x, y, vx, vy, ax, ay, (T, 6). position_sd_m: root of the trace of the position's covariance,
-    (T,). looked, found: panels that look for it, and that found it. snr_db: mean per-element SNR of what they found, dB,
-    NaN without. vehicle: name of the one that it is of, or None.
+    (T,). looked, found: panels that look for it, and that found it. snr_db: mean per-element SNR of what they found,
+    dB, NaN without. vehicle: name of the one that it is of, or None.
     """
 
     number: IntArray
@@ -64,13 +64,11 @@ class SceneTracks:
         """Return the number of the latest instant that is not after a time, s."""
         return int(np.floor(time_s * self.fixes_hz + 1e-6))
 
-    def covered(self, vehicle: str, times: Array) -> BoolArray:
-        """Return at which times, s, (S,), a track of a vehicle is known, (S,)."""
-        number = np.floor(times * self.fixes_hz + 1e-6).astype(np.int64)
-        known = {
-            fix: fix in self.instants and vehicle in self.instants[fix].vehicle for fix in np.unique(number).tolist()
-        }
-        return np.array([known[fix] for fix in number.tolist()], dtype=bool)
+    def known(self, vehicle: str, times: Array) -> BoolArray:
+        """Return at which times, s, (S,), a vehicle has a track, (S,)."""
+        number, place = np.unique(np.floor(times * self.fixes_hz + 1e-6).astype(np.int64), return_inverse=True)
+        has = [fix in self.instants and vehicle in self.instants[fix].vehicle for fix in number.tolist()]
+        return np.array(has, dtype=bool)[place]
 
     def followed(self, vehicle: str, times: Array) -> FollowedVehicle | None:
         """Return what the network takes for a vehicle, (S,) instants in s; None if it has no track of it at first.
@@ -78,17 +76,15 @@ class SceneTracks:
         The track that is the vehicle's at the first instant is followed, whatever becomes of it. Between instants it is
         predicted. Where it ends, it is predicted on until another one is near, which is taken up.
         """
-        number = np.floor(times * self.fixes_hz + 1e-6).astype(np.int64)
-        first = self.instants.get(int(number[0]))
+        follower = self.follower(vehicle, self.fix_before(float(times[0])))
+        return None if follower is None else follower.summary(follower.states(times))
+
+    def follower(self, vehicle: str, fix: int) -> Follower | None:
+        """Return what follows the track that is a vehicle's at an instant; None if it has none."""
+        first = self.instants.get(fix)
         if first is None or vehicle not in first.vehicle:
             return None
-        followed = Follower(self, int(first.number[first.vehicle.index(vehicle)]), vehicle)
-        state = np.empty((6, len(times)))
-        begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(times)], strict=True):
-            fix = int(number[begin])
-            state[:, begin:end] = predicted(followed.step(fix), times[begin:end] - fix / self.fixes_hz)
-        return followed.summary(state)
+        return Follower(self, int(first.number[first.vehicle.index(vehicle)]), vehicle)
 
 
 class Follower:
@@ -99,14 +95,33 @@ class Follower:
         self._first = self._track = track
         self._state, self._fix = np.zeros(6), -1
         self._right: list[bool] = []
+        self._tracked: list[bool] = []
         self._sd: list[float] = []
         self._looked: list[int] = []
         self._found: list[int] = []
         self._snr: list[float] = []
         self._breaks = 0
 
-    def step(self, fix: int) -> Array:
-        """Return the state at an instant, x, y, vx, vy, ax, ay, (6,). Instants come in order."""
+    @property
+    def lost_for(self) -> int:
+        """Number of instants in a row, up to the latest, without a track."""
+        return next((k for k, looked in enumerate(reversed(self._tracked)) if looked), len(self._tracked))
+
+    def states(self, times: Array) -> Array:
+        """Return the state at times, s, (S,), predicted from the latest instant before each, (6, S)."""
+        fixes_hz = self._tracks.fixes_hz
+        number = np.floor(times * fixes_hz + 1e-6).astype(np.int64)
+        state = np.empty((6, len(times)))
+        begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+        for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(times)], strict=True):
+            fix = int(number[begin])
+            if fix != self._fix:
+                self._step(fix)
+            state[:, begin:end] = predicted(self._state, times[begin:end] - fix / fixes_hz)
+        return state
+
+    def _step(self, fix: int) -> None:
+        """Go on to an instant. Instants come in order."""
         instant = self._tracks.instants.get(fix)
         row = None if instant is None else self._row(instant, fix)
         if instant is None or row is None:
@@ -114,17 +129,18 @@ class Follower:
             # What the vehicle did when it was lost soon says nothing of what it does.
             self._state = predicted(np.concatenate([self._state[:4], np.zeros(2)]), np.array([gap_s]))[:, 0]
             self._right.append(False)
+            self._tracked.append(False)
             self._looked.append(0)
             self._found.append(0)
         else:
             self._state = instant.state[row]
+            self._tracked.append(True)
             self._right.append(instant.vehicle[row] == self._vehicle)
             self._sd.append(float(instant.position_sd_m[row]))
             self._looked.append(int(instant.looked[row]))
             self._found.append(int(instant.found[row]))
             self._snr.append(float(instant.snr_db[row]))
         self._fix = fix
-        return self._state
 
     def _row(self, instant: TrackedInstant, fix: int) -> int | None:
         """Return the row of the track; of the nearest one, if it has ended and another is near; or None."""

@@ -89,7 +89,7 @@ class EchoSource:
         self._drawn: dict[str, tuple[Array, float]] = {}
 
     def echoes(self, present: Present) -> tuple[list[Echoes], Array, BoolArray]:
-        """Return the echoes that each panel gets, their SNR per antenna element, dB, (V, I), and who is seen, (V, I)."""
+        """Return the echoes that each panel gets, their per-element SNR, dB, (V, I), and who is seen, (V, I)."""
         setup, panels, link = self._setup, self._panels, self._link
         waveform = setup.numerology.waveform
         view = seen(present.state[:, :2], panels, setup.range_m, setup.half_width_deg)

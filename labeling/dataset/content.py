@@ -49,6 +49,13 @@ def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     yield from _time_faults(table, names)
     if "n_sites" in names and not _all(pc.greater_equal(table["n_sites"], 0)):
         yield "n_sites: is negative"
+    if "breaks" in names and not _all(pc.greater_equal(table["breaks"], 0)):
+        yield "breaks: is negative"
+    for name, most in (("right_share", 1.0), ("position_sd_m", np.inf)):
+        if name in names:
+            values = table[name].to_numpy()
+            if not (np.isnan(values) | ((values >= 0) & (values <= most) & np.isfinite(values))).all():
+                yield f"{name}: is not between 0 and {most:g}"
     for name in ("x0", "y0"):
         if name in names and not np.isfinite(table[name].to_numpy()).all():
             yield f"{name}: is not finite"
