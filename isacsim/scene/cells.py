@@ -25,8 +25,8 @@ import numpy.typing as npt
 from isac_cosim.base.arrays import Array, ComplexArray, Float32Array, IntArray
 from isac_cosim.isacsim.radio.waveform import Waveform
 
-HALF_RANGE, HALF_DOPPLER = 4, 3
-"""Half-widths of the block of cells around a scattering point, cells. Hann's kernel is 40 dB down outside."""
+HALF_RANGE, HALF_DOPPLER = 3, 2
+"""Half-widths of the block of cells around a scattering point, cells: the main lobe of Hann's kernel."""
 HANN, HAMMING = (0.5, 0.25), (0.54, 0.23)
 
 
@@ -149,14 +149,20 @@ def _signal(
     """Return the sum of the points' responses in pairs of a Doppler and a range cell, (n, P). cells: (Q, 3)."""
     waveform, tapers = grid.waveform, grid.tapers
     count, ranges, antennas = grid.shape
-    along = kernel(np.arange(ranges)[:, None] - cells[:, 1], waveform.subcarriers, tapers.range)
+    along = _kernels(0, ranges, cells[:, 1], waveform.subcarriers, tapers.range)
     # A tone beyond half the axis is seen as if it came from the other side.
-    shift = kernel(np.arange(count)[:, None] - count // 2 - cells[:, 2], count, tapers.doppler)
-    angle = kernel(np.arange(antennas) - antennas // 2 - cells[:, :1], antennas, tapers.angle)
+    shift = _kernels(-(count // 2), count, cells[:, 2], count, tapers.doppler)
+    angle = _kernels(-(antennas // 2), antennas, cells[:, 0], antennas, tapers.angle).T
     weighted = (np.sqrt(waveform.size) * amplitude[:, None] * angle).astype(np.complex64)
     separate = np.ascontiguousarray(weighted).view(np.float32)
     both = shift.astype(np.float32)[at_doppler] * along.astype(np.float32)[at_range]
     return np.asarray((both @ separate).view(np.complex64))
+
+
+def _kernels(first: int, cells: int, place: Array, count: int, taper: tuple[float, float]) -> Array:
+    """Return the responses of so many tapered cells, from the first one on, to tones at Q places, (cells, Q)."""
+    plain = dirichlet(np.arange(first - 1, first + cells + 1)[:, None] - place, count)
+    return taper[0] * plain[1:-1] + taper[1] * (plain[:-2] + plain[2:])
 
 
 def _noise(

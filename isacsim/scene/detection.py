@@ -24,7 +24,8 @@ SIDELOBE_FLOOR_DB = -75.0
 """Lowest level that sidelobes are taken for, dB below their peak."""
 REACH = 0.6
 """Farthest place of a peak from its cell's middle, cells."""
-_NEIGHBOURS = tuple(step for step in product((-1, 0, 1), repeat=3) if any(step))
+_NEIGHBOURS = sorted((step for step in product((-1, 0, 1), repeat=3) if any(step)), key=lambda step: np.abs(step).sum())
+"""Steps to the cells around a cell, the nearest first, which rule out most."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +94,17 @@ def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, A
     power = _power(drawn.values) / grid.tapers.noise
     row, angle = np.nonzero(power > level)
     here = power[row, angle]
-    # Neighbours along the angle first: they are at hand.
+    # Most cells are weaker than one of their neighbours along the angle, which are at hand.
     highest = (here >= power[row, (angle + 1) % antennas]) & (here >= power[row, angle - 1])
     row, angle, here = row[highest], angle[highest], here[highest]
     doppler, at_range = drawn.doppler[row], drawn.range[row]
     highest = (at_range > 0) & (at_range < ranges - 1)
     for shift, reach, turn in _NEIGHBOURS:
-        other = drawn.place[(doppler + shift) % count, np.clip(at_range + reach, 0, ranges - 1)]
-        beside = np.where(other >= 0, power[other, (angle + turn) % antennas], 0.0)
-        highest &= here >= beside
-    return np.stack([doppler, at_range, angle], axis=1)[highest], here[highest].astype(np.float64)
+        doppler, at_range, angle, here = (of[highest] for of in (doppler, at_range, angle, here))
+        other = drawn.place[(doppler + shift) % count, at_range + reach]
+        highest = (other < 0) | (here >= power[other, (angle + turn) % antennas])
+    place = np.stack([doppler, at_range, angle], axis=1)
+    return place[highest], here[highest].astype(np.float64)
 
 
 def _above_sidelobes(place: IntArray, power: Array, grid: CellGrid) -> BoolArray:

@@ -19,6 +19,8 @@ LEAST_COSINE = 0.25
 APART_ALONG_M, APART_ACROSS_M, APART_SHARE = 2.5, 1.6, 0.012
 """A detection nearer to a track than this is not of another vehicle: along and across its way, and across as a share of
 the distance from the panel."""
+BIRTH_CELLS = 0.1
+"""Standard deviation that is allowed to the detection that a track begins with, cells."""
 LEAST_GROUND_M = 2.0
 """Detections from nearer than this to the foot of a mast are not used."""
 
@@ -91,11 +93,11 @@ def _birth(
         sight = ground / np.hypot(*ground)
         cross = np.array([-sight[1], sight[0]])
         squareness = max(float(front @ sight), 0.3)
-        sd_along = 0.3 / per_unit[1] * distance / float(np.hypot(*ground))
-        sd_cross = 0.3 / per_unit[0] * distance / squareness
+        sd_along = BIRTH_CELLS / per_unit[1] * distance / float(np.hypot(*ground))
+        sd_cross = BIRTH_CELLS / per_unit[0] * distance / squareness
         covariance = np.zeros((6, 6))
         covariance[:2, :2] = np.outer(sight, sight) * sd_along**2 + np.outer(cross, cross) * sd_cross**2
-        speed_sd = 0.3 / per_unit[2] / abs(cosine) + 0.5
+        speed_sd = BIRTH_CELLS / per_unit[2] / abs(cosine) + 0.5
         covariance[2:4, 2:4] = np.outer(direction, direction) * speed_sd**2 + np.eye(2) * 0.8**2
         covariance[4:, 4:] = np.eye(2) * 1.5**2
         return Birth(state, covariance, power)

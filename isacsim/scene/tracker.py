@@ -33,10 +33,12 @@ CONFIRMED_HITS = 6
 TENTATIVE_MISSES, LONGEST_GAP_S = 2, 0.6
 """A track that does not count yet ends after more instants without a detection; one that counts, after this time, s."""
 WIDEST_M = 8.0
-"""A track whose position is less certain than this has lost its vehicle, m."""
-LONE_CELLS, SHARED_CELLS, SHARED_REACH = 0.02, 0.4, 1.0
-"""Standard deviation that is allowed for what other points do to a detection, cells: far from all other tracks, in the
-same cell as another, and the distance over which the one becomes the other."""
+"""A track that counts and whose position is less certain than this has lost its vehicle, m."""
+APART_CELLS = np.array([0.0, 1.35, 1.75, 2.25, 2.75, 3.5, 5.0, 8.0])
+CROWDED_CELLS = np.array([0.5, 0.5, 0.3, 0.15, 0.06, 0.015, 0.004, 0.001])
+"""Standard deviation that is allowed for what another vehicle does to a detection along each axis, cells, against the
+distance between the two, cells along the axis on which it is largest: two to
+three times the errors that `benchmarks.findings.sensing.scene_crowding` measures, because they outlast an instant."""
 NEIGHBOURS_M = 60.0
 """Vehicles farther apart than this do not share a cell, m: an angle cell is 44 m wide at 350 m."""
 TWIN_ALONG_M, TWIN_ACROSS_M = 1.5, 1.3
@@ -166,7 +168,7 @@ class SceneTracker:
                 # A track that does not count yet may be of nothing.
                 counts = tracks.confirmed[near[:, other]]
                 np.minimum.at(nearest, near[counts, one], apart[counts])
-        sd = LONE_CELLS + SHARED_CELLS * np.exp(-((nearest / SHARED_REACH) ** 2) / 2)
+        sd = np.exp(np.interp(nearest, APART_CELLS, np.log(CROWDED_CELLS)))
         return np.asarray(sd[..., None] / self._per_unit)
 
     def _truly(
@@ -252,7 +254,8 @@ class SceneTracker:
         """Return the tracks without those that have ended."""
         if not len(tracks):
             return tracks
-        uncertain = np.sqrt(tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1]) > WIDEST_M
+        sd = np.sqrt(tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1])
+        uncertain = tracks.confirmed & (sd > WIDEST_M)
         gone = tracks.misses > np.where(tracks.confirmed, self._longest_gap, TENTATIVE_MISSES)
         kept = ~(uncertain | gone)
         if self._steps % OFF_ROAD_EVERY == 0:
