@@ -61,11 +61,8 @@ class SceneSensing:
 
     def step(self, fix: int, present: Present) -> TrackedInstant:
         """Sense the vehicles that are there at an instant, and return the tracks that count. Instants come in order."""
-        echoes, _, view = self._source.echoes(present)
-        detections = [self._detected(fix, panel, of) for panel, of in enumerate(echoes)]
-        true = None
-        if self._setup.scene.association == "truth":
-            true = present.names, self._panels.measured(present.state[:, :4]), view
+        detections, measured, view = self.sensed(fix, present)
+        true = (present.names, measured, view) if self._setup.scene.association == "truth" else None
         tracks = self._tracker.step(detections, true)
         counted = tracks.take(tracks.confirmed)
         vehicle = self._scored(present, counted, view)
@@ -80,6 +77,14 @@ class SceneSensing:
         )
         self._tracks.instants[fix] = instant
         return instant
+
+    def sensed(self, fix: int, present: Present) -> tuple[list[Detections], Array, BoolArray]:
+        """Return what each panel finds at an instant, what it should measure of the vehicles, and whom it sees.
+
+        The last two are (V, I, 3), as `Panels.measured` returns it, and (V, I).
+        """
+        echoes, measured, view = self._source.echoes(present)
+        return [self._detected(fix, panel, of) for panel, of in enumerate(echoes)], measured, view
 
     def _detected(self, fix: int, panel: int, echoes: Echoes) -> Detections:
         rng = stream("scene", *self._key, panel, fix)

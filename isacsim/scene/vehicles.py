@@ -89,7 +89,7 @@ class EchoSource:
         self._drawn: dict[str, tuple[Array, float]] = {}
 
     def echoes(self, present: Present) -> tuple[list[Echoes], Array, BoolArray]:
-        """Return the echoes that each panel gets, their per-element SNR, dB, (V, I), and who is seen, (V, I)."""
+        """Return the echoes that each panel gets, what it should measure, (V, I, 3), and who is seen, (V, I)."""
         setup, panels, link = self._setup, self._panels, self._link
         waveform = setup.numerology.waveform
         view = seen(present.state[:, :2], panels, setup.range_m, setup.half_width_deg)
@@ -115,7 +115,7 @@ class EchoSource:
         parts = [
             Echoes(measured[view[:, panel], panel], amplitude[view[:, panel], panel]) for panel in range(len(panels.x))
         ]
-        return parts, level, view
+        return parts, measured, view
 
     def _of(self, name: str) -> tuple[Array, float]:
         if name not in self._drawn:
