@@ -21,9 +21,11 @@ from isac_cosim.labeling.samples.generated_labels import agreement, other_counts
 
 SHOWN = (
     "seeds", "sensors", "snr_db", "n_sites", "position_error_m", "labels_and_truth", "dependence", "left_out",
-    "dropped_pull_outs", "counts", "scene",
+    "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
+SCENE_SHOWN = ("rms_m", "p95_m", "missed", "missed_slow", "false", "switches_per_km", "idf1", "nees", "gospa_m")
+"""Scores of a scene that are printed."""
 EPISODES_SHOWN = 24
 """With more episodes than this, the console shows only the sums by scenario. The plain values hold all of them."""
 
@@ -110,6 +112,9 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+    if "scene" in values:
+        scores = {key: values["scene"][key] for key in SCENE_SHOWN}
+        console.print(f"scene: {_brief(scores)}", highlight=False, soft_wrap=True)
     for key in ("collided", "teleported"):
         console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView, ending_lanes, is_parked
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import VehicleAhead
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import Steps, restore
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView, ending_lanes, is_parked
 from isac_cosim.isacsim.traffic.drivers.maneuvers.closed_ramp_end import ClosedRampEndCommand, Closures
 from isac_cosim.isacsim.traffic.drivers.maneuvers.debris import Litter
 from isac_cosim.isacsim.traffic.drivers.maneuvers.evasion import draw_answer, draw_debris_evasion

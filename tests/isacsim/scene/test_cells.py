@@ -117,9 +117,7 @@ def test_migration_during_a_snapshot_hardly_moves_detections(speed: float) -> No
     grid, rng = CellGrid.of(waveform, 100.0), np.random.default_rng(5)
     offset, velocity = moving(speed)
     distance = np.sqrt((offset**2).sum(axis=1))
-    measured = np.stack(
-        [offset[:, 0] / distance, distance, (offset[:, :2] * velocity).sum(axis=1) / distance], axis=1
-    )
+    measured = np.stack([offset[:, 0] / distance, distance, (offset[:, :2] * velocity).sum(axis=1) / distance], axis=1)
     amplitude = np.array([1.0, 1.0j])
     full = detect(cube(offset, velocity, np.array([1.0, 0.0]), amplitude, grid, rng), grid, 1e-6, rng)
     drawn = detect(draw(Echoes(measured, amplitude), grid, rng), grid, 1e-6, rng)

@@ -13,8 +13,8 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.traffic.drivers.director import Director
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.drivers.maneuvers.hard_brake import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
