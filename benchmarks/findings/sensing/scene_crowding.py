@@ -9,6 +9,7 @@ Run: python -m isac_cosim.benchmarks.findings.sensing.scene_crowding [SEED] [EVE
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def main() -> None:
             nearest.append(apart.min())
     error, distance = np.array(errors), np.array(nearest)
     print("nearest vehicle, cells | detections | rms error of angle, range, Doppler, cells")
-    for low, high in zip(EDGES[:-1], EDGES[1:], strict=True):
+    for low, high in pairwise(EDGES):
         inside = (distance >= low) & (distance < high)
         rms = np.sqrt((error[inside] ** 2).mean(axis=0)) if inside.any() else np.full(3, np.nan)
         print(f"{low:g} to {high:g} | {inside.sum()} | " + ", ".join(f"{value:.4f}" for value in rms))

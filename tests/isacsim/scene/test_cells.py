@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, ks_2samp
+from scipy.stats import ks_2samp, kstest
 
 from isac_cosim.isacsim.radio.echo import draw_bins
 from isac_cosim.isacsim.radio.waveform import Waveform, steering
@@ -154,7 +154,7 @@ def replace_antennas(waveform: Waveform) -> Waveform:
 
 def test_points_beyond_the_grid_are_left_out() -> None:
     near, far = points(1, 0.0), points(1, 0.0)
-    beyond = replace(far, measured=far.measured + [[0.0, 40 / GRID.per_unit[1], 0.0]])
+    beyond = replace(far, measured=far.measured + np.array([0.0, 40 / GRID.per_unit[1], 0.0]))
     both = Echoes(np.concatenate([near.measured, beyond.measured]), np.concatenate([near.amplitude, far.amplitude]))
     alone, together = (draw(of, GRID, np.random.default_rng(7)) for of in (near, both))
     assert np.array_equal(alone.values, together.values)
