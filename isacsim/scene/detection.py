@@ -97,13 +97,12 @@ def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, A
     # Most cells are weaker than one of their neighbours along the angle, which are at hand.
     highest = (here >= power[row, (angle + 1) % antennas]) & (here >= power[row, angle - 1])
     row, angle, here = row[highest], angle[highest], here[highest]
-    doppler, at_range = drawn.doppler[row], drawn.range[row]
-    highest = (at_range > 0) & (at_range < ranges - 1)
+    place = np.stack([drawn.doppler[row], drawn.range[row], angle], axis=1)
+    highest = (place[:, 1] > 0) & (place[:, 1] < ranges - 1)
     for shift, reach, turn in _NEIGHBOURS:
-        doppler, at_range, angle, here = (of[highest] for of in (doppler, at_range, angle, here))
-        other = drawn.place[(doppler + shift) % count, at_range + reach]
-        highest = (other < 0) | (here >= power[other, (angle + turn) % antennas])
-    place = np.stack([doppler, at_range, angle], axis=1)
+        place, here = place[highest], here[highest]
+        other = drawn.place[(place[:, 0] + shift) % count, place[:, 1] + reach]
+        highest = (other < 0) | (here >= power[other, (place[:, 2] + turn) % antennas])
     return place[highest], here[highest].astype(np.float64)
 
 

@@ -17,7 +17,8 @@ import pyarrow.compute as pc
 
 from isac_cosim.base.stored.tables import check_types
 from isac_cosim.labeling.dataset.meta import Meta
-from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema, states_of
+from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 ORIGINS = ("natural", "reaction", "commanded")
 TIMES = ("t_start", "t_onset", "t_commit", "t_end")

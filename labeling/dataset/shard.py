@@ -28,6 +28,7 @@ from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.scenarios.naming import NAME
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.labeling.dataset.state_columns import states_column, states_of
 from isac_cosim.labeling.intentions import Intention
 
 SCHEMA_VERSION: Literal[5] = 5
@@ -394,29 +395,11 @@ def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
     return {value: counted[value] for value in [*ranked, *sorted(set(counted) - set(ranked))]}
 
 
-def states_of(column: pa.ChunkedArray) -> Float32Array:
-    """Return a column of states, nested fixed-size lists, as an array, (n, 6, length), float32."""
-    length = column.type.value_type.list_size
-    chunks = [chunk.flatten().flatten().to_numpy(zero_copy_only=False) for chunk in column.chunks]
-    flat = np.concatenate(chunks) if chunks else np.empty(0, np.float32)
-    return flat.reshape(-1, 6, length)
-
-
 def _column(field: pa.Field, samples: Sequence[Sample]) -> pa.Array:
     if field.name in ARRAYS:
-        return _states_column(field, [getattr(sample, field.name) for sample in samples])
+        return states_column(field, [getattr(sample, field.name) for sample in samples])
     if field.name == "label":
         return pa.array([int(sample.intention) for sample in samples], field.type)
     if field.name == "intention":
         return pa.array([sample.intention.text for sample in samples], field.type)
     return pa.array([getattr(sample, field.name) for sample in samples], field.type)
-
-
-def _states_column(field: pa.Field, states: Sequence[Float32Array]) -> pa.Array:
-    length = field.type.value_type.list_size
-    for state in states:
-        if state.shape != (6, length) or state.dtype != np.float32:
-            raise ValueError(f"{field.name}: {state.dtype} {state.shape} where float32 {(6, length)} is stored")
-    flat = np.stack(states).ravel() if states else np.empty(0, np.float32)
-    rows = pa.FixedSizeListArray.from_arrays(pa.array(flat), type=field.type.value_type)
-    return pa.FixedSizeListArray.from_arrays(rows, type=field.type)

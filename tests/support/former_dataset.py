@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 
 from isac_cosim.labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, TRACK, states_of
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, TRACK
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 
 def without_index(folder: Path) -> dict[str, Any]:
