@@ -107,7 +107,7 @@ class Cell:
 
 
 def sensings(axes: SweepAxes) -> list[WayOfSensing]:
-    """Return the ways of sensing. The SNR applies to sites that sense one vehicle at a time; others are one way each."""
+    """Return the ways of sensing. The SNR applies to sites that sense vehicles one by one; others are one way each."""
     return [
         WayOfSensing(sensor, snr)
         for sensor in axes.sensors
