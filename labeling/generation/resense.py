@@ -29,6 +29,7 @@ from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord, 
 from isac_cosim.isacsim.sensing.reports import ReportSettings, report_noise
 from isac_cosim.isacsim.sensing.sensors import DEFAULT, SCENE, SENSORS, Watch, watch
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from isac_cosim.isacsim.sensing.sensors.scene import as_sensed
 from isac_cosim.isacsim.traffic.motion import MotionSettings
 from isac_cosim.labeling.dataset.dataset import (
     SHARDS,
@@ -113,6 +114,7 @@ def resense(
     feedback: receives the progress.
     Raises InputError if the settings, the dataset or the folder are at fault, RunError if a shard fails.
     """
+    settings = settings.model_copy(update={"sensing": as_sensed(settings.sensing, settings.sensor == SCENE)})
     _check(dataset, settings, out)
     recorder = Recorder.of(dataset) if settings.sensor == SCENE else None
     started = _describe(dataset, settings)

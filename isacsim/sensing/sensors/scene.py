@@ -32,13 +32,22 @@ GIVEN_UP_S = 1.0
 """In running traffic, a TV without a track for longer than this is not followed any more, s."""
 
 
+def as_sensed(settings: SensingSettings, scene: bool) -> SensingSettings:
+    """Return the settings of a sensing chain as they are with a scene, or without one."""
+    if not scene:
+        return settings.model_copy(update={"scene": None})
+    link = settings.channel.model_copy(update={"kind": "link"})
+    return settings.model_copy(update={"scene": settings.scene or SceneSettings(), "channel": link})
+
+
 def setup_of(settings: SensingSettings, motion: MotionSettings) -> SceneSetup:
     """Return what a scene depends on, from the settings of a sensing chain. Raises InputError for blockage."""
     if settings.channel.blockage:
         raise InputError("channel.blockage: scenes have no blockage; turn it off")
+    settings = as_sensed(settings, scene=True)
     return SceneSetup(
         scene=settings.scene or SceneSettings(),
-        channel=settings.channel.model_copy(update={"kind": "link"}),
+        channel=settings.channel,
         tracking=settings.tracking,
         motion=motion,
         range_m=settings.view.range_m,

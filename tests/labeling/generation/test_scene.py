@@ -105,6 +105,22 @@ def test_sensed_anew_a_dataset_is_as_if_it_had_been_generated_so(
     assert summary(sensed)["scene"] == summary(scene)["scene"]
 
 
+def test_what_a_dataset_says_of_its_sensing_is_how_it_was_sensed(
+    source: ScriptedSource, plain: Dataset, scene: Dataset, recorded_by: Recorded, tmp_path: Path
+) -> None:
+    """Evaluations in traffic sense as the dataset says: settings without a scene get one, and the other way round."""
+    recorded_by(source)
+    settings = ResenseSettings.model_validate({"sensor": "scene", "sensing": {"view": {"range_m": 120.0}}})
+    sensed = resense(plain, settings, tmp_path / "scene", InlineEngine())
+    assert sensed.meta.study["sensing"]["scene"]["numerology"] == "nr100"
+    assert sensed.meta.study["sensing"]["channel"]["kind"] == "link"
+    own = ResenseSettings.model_validate({"sensing": scene.meta.study["sensing"]})
+    alone = resense(scene, own, tmp_path / "alone", InlineEngine())
+    assert "scene" not in alone.meta.study["sensing"]
+    assert set(alone.frame()["sensor"]) == {"isac"}
+    assert "scene" not in summary(alone)
+
+
 def test_an_episode_that_is_not_the_same_is_refused(
     source: ScriptedSource, plain: Dataset, recorded_by: Recorded, tmp_path: Path
 ) -> None:
