@@ -1,7 +1,7 @@
 """Motion sources: found by name, sent to workers, and added with one line."""
 
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
@@ -55,7 +55,7 @@ def test_a_registered_source_is_all_that_a_study_needs(tmp_path: Path, monkeypat
     @dataclass(frozen=True)
     class Registered(ScriptedSource):
         folder: Path = tmp_path
-        scripted: ScriptedSettings = ScriptedSettings()
+        scripted: ScriptedSettings = field(default_factory=ScriptedSettings)
         sections: ClassVar = {"scripted": ScriptedSettings}
 
         def __post_init__(self) -> None:
