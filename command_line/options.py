@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 def _print_version(asked: bool) -> None:
+    from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
+
     if asked:
+        load_libsumo()  # refuses another SUMO than the installed one, which would answer in its place
         print(f"isac-cosim {version('isac-cosim')}, SUMO {version('libsumo')}, torch {version('torch')}")
         raise typer.Exit
 
@@ -43,6 +46,10 @@ Snr = Annotated[
         metavar="LO:HI|VALUE|link",
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
+]
+Scene = Annotated[
+    bool,
+    typer.Option("--scene", help="The sites sense all vehicles at once, and have to find out who is who."),
 ]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes. Default: one per core.")]
 Cluster = Annotated[
@@ -71,7 +78,9 @@ MeasuredSeeds = Annotated[
 ]
 DevelopmentSeeds = Annotated[
     str | None,
-    typer.Option(metavar="A:B", help="With --traffic: seeds on which the alarms are chosen. Default: 2001:2004."),
+    typer.Option(
+        metavar="A:B", help="With --traffic: seeds on which alarms are chosen. Default: from 2001 on, 30 vehicle-hours."
+    ),
 ]
 Duration = Annotated[
     float | None,
@@ -105,13 +114,24 @@ AloneRun = Annotated[
     ),
 ]
 NaturalTraffic = Annotated[
-    bool, typer.Option("--natural", help="With --traffic: leave the drivers alone, without causes or commands.")
+    bool,
+    typer.Option(
+        "--natural", help="With --traffic: leave the drivers alone, without causes or commands. That is the default."
+    ),
+]
+Stress = Annotated[
+    bool,
+    typer.Option(
+        "--stress",
+        help="With --traffic: also measure the stimulated world, on the same seeds. Doubles the cost.",
+    ),
 ]
 Advisories = Annotated[
     bool,
     typer.Option(
         "--advisories",
-        help="With --traffic: also close the loop: advisories to connected vehicles on alarms, in several arms.",
+        help="With --traffic: also close the loop: advisories to connected vehicles on alarms, in several arms. In the "
+        "stimulated world, because natural traffic has hardly a conflict.",
     ),
 ]
 ConditioningKind = Annotated[

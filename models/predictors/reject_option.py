@@ -28,7 +28,7 @@ def fit_reject_option(predictor: Predictor, task: FitTask) -> HistGradientBoosti
 
     Each training record gives as many windows of its maneuver as pre-onset windows.
     """
-    settings, windows, training = task.settings.preludes, task.settings.windows, task.training
+    settings, windows, training = task.settings.pre_onset, task.settings.windows, task.training
     if not settings.use or not has_pre_onset_windows(training, windows, settings):
         return None
     features = []

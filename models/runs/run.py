@@ -3,7 +3,7 @@
     RUN/run.json          the card: settings, split, classes, dataset, versions
     RUN/...               the files of the predictor: weights.pt, trees.skops, rule.json, minirocket.npz, or others
     RUN/reference.npz     features of training windows, for the unknown scores that compare with them
-    RUN/preludes.skops    the reject option: trees that know windows before onset
+    RUN/pre_onset.skops   the reject option: trees that know windows before onset
     RUN/history.csv       of a network: loss and scores of every epoch
     RUN/checkpoints/      of a network: what training resumes from
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
@@ -31,13 +31,15 @@ from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.models.runs import former_names
+from isac_cosim.models.runs.former_names import OpenSetScore, present_file, present_score
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.trees.stored_trees import read_trees
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
 
-CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", "preludes.skops"
+CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", former_names.FILE
 SIDES = ("train", "validation", "test", "unused")
 """Sides of a split."""
 MOST_SAMPLES = 1_000_000
@@ -46,7 +48,7 @@ LARGEST = 1e30
 """No answer of a trained predictor is as large."""
 FASTEST_HZ = 100_000.0
 """Highest sampling rate, Hz."""
-UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude"]
+UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "pre_onset"]
 """Names of the scores in `models.scores.open_set`."""
 Share = Annotated[float, Field(ge=0, le=1)]
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
@@ -87,10 +89,10 @@ class RunCard(Sealed):
     parameters: int | None = Field(None, ge=0)
     validation_macro_f1: Share | None = None
     lstm_precision: str | None = None
-    unknown_score: UnknownScore = "msp"
+    unknown_score: Annotated[UnknownScore, BeforeValidator(present_score)] = "msp"
     unknown_threshold: float | None = None
     temperature: float = Field(1.0, ge=0.04, le=25.0)
-    validation_auroc: dict[str, Share] = Field(default_factory=dict)
+    validation_auroc: dict[OpenSetScore, Share] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _is_of_one_training(self) -> Self:
@@ -195,10 +197,10 @@ def open_run(folder: Path, card: RunCard) -> Run:
         predictor = kind.load(folder, card.settings, card.shape)
         reference = read_reference(folder / REFERENCE_FILE)
         reject_option = None
-        if (folder / REJECT_OPTION_FILE).exists():
-            reject_option = read_trees(folder / REJECT_OPTION_FILE, reference[0].shape[1], (0, 1))
-        if card.unknown_score == "prelude" and reject_option is None:
-            raise ValueError(f"{REJECT_OPTION_FILE}: is missing, on which unknown_score rests")
+        if (stored := present_file(folder)).exists():
+            reject_option = read_trees(stored, reference[0].shape[1], (0, 1))
+        if card.unknown_score == former_names.SCORE and reject_option is None:
+            raise ValueError(f"{stored.name}: is missing, on which unknown_score rests")
     except READ_ERRORS as error:
         raise InputError(f"{folder}: the run is damaged ({reason_of(error)}); train it again") from None
     return Run(folder, card, predictor, reference, reject_option)

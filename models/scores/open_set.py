@@ -3,7 +3,7 @@
 Every score is higher for known intentions, and none is fitted to windows of `following`, the unknown class. Two things
 still tell a run about mere driving, and a result has to name them:
 
-- `prelude` is a detector, trained on windows that end before the onset of the training records' maneuvers, where the
+- `pre_onset` is a detector, trained on windows that end before the onset of the training records' maneuvers, where the
   vehicle merely drives. It recognises driving like that, which `following` resembles. It does not recognise novelty.
 - Which score a run uses is chosen by its AUROC on the validation seeds, `following` of these seeds included
   (`models.training.training`). The scores of the test seeds are not looked at.
@@ -21,6 +21,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.runs.former_names import SCORE
 from isac_cosim.models.runs.run import Run, UnknownScore
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
 """The `knn` score is the distance to the neighbour of this rank."""
-PRE_ONSET_DETECTOR = "prelude"
+PRE_ONSET_DETECTOR = SCORE
 """Name of the reject option's score: trees that were trained on pre-onset windows of the training records."""
 SCORES: tuple[str, ...] = get_args(UnknownScore)
 """Names of all scores."""
@@ -46,7 +47,7 @@ def scores(
     """Return all SCORES, by name.
 
     reference: features (n, F) and labels (n,) of training windows, for `knn` and `mahalanobis`. reject_option: trees of
-    `models.predictors.reject_option`; without them the score `prelude` is absent.
+    `models.predictors.reject_option`; without them the score `pre_onset` is absent.
     Sources: Hendrycks & Gimpel 2017 (msp), Liu et al. 2020 (energy), Sun et al. 2022 (knn), Lee et al. 2018
     (mahalanobis).
     """

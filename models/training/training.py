@@ -10,7 +10,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.feedback import SILENT, Feedback, Foreword
 from isac_cosim.base.files import claim, replace_file
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
@@ -47,18 +47,23 @@ BATCH = 64
 """Windows that a predictor answers at a time."""
 
 
-def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT) -> Run:
+def train(
+    dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT, warns: bool = True
+) -> Run:
     """Train a predictor on the known intentions of a dataset, or resume the same training where it stopped.
 
-    out: a new or empty folder, or one of the same training. feedback: where progress is reported.
+    out: a new or empty folder, or one of the same training. feedback: where progress is reported. warns: whether test
+    samples that depend on those trained on are told; to measure them, the whole dataset is read.
     Raises InputError if the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
     records = Records.of(dataset)
     sides = split(records, settings.split)
-    if line := warning(dependence_of_test(dataset, records, sides, settings.split)):
-        feedback.message(line)
-    return train_records(records, made_of, out, settings, feedback, sides)
+    line = warning(dependence_of_test(dataset, records, sides, settings.split)) if warns else None
+    foreword = Foreword(feedback, [line] if line else [])
+    run = train_records(records, made_of, out, settings, foreword, sides)
+    foreword.say()
+    return run
 
 
 def train_records(
