@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.settings import Settings
@@ -72,6 +71,8 @@ def assign(true: Array, tracked: Array) -> tuple[IntArray, IntArray]:
     if not len(true) or not len(tracked):
         return none, none
     distance = np.hypot(true[:, None, 0] - tracked[:, 0], true[:, None, 1] - tracked[:, 1])
+    from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
+
     vehicle, track = linear_sum_assignment(np.minimum(distance, CUTOFF_M) ** 2)
     near = distance[vehicle, track] < CUTOFF_M
     return vehicle[near].astype(np.int64), track[near].astype(np.int64)
@@ -184,6 +185,8 @@ class Scoring:
         together = np.zeros((len(vehicles), len(tracks)), np.int64)
         for (name, number), count in self._pairs.items():
             together[vehicles[name], tracks[number]] = count
+        from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
+
         rows, columns = linear_sum_assignment(together, maximize=True)
         return int(together[rows, columns].sum())
 

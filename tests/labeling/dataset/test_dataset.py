@@ -318,7 +318,7 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
 
 def test_a_dataset_of_a_version_that_is_read_no_longer_is_refused_with_its_version(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (6,))
-    meta = without_index(dataset.path) | {"schema_version": 1}
+    meta = without_index(dataset.path) | {"schema_version": 1, "versions": {"isac-cosim": "0.1.0"}}
     (dataset.path / "dataset.json").write_text(json.dumps(meta))
     with pytest.raises(InputError, match=r"dataset\.json: was written by version 0\.1\.0, which is read no longer"):
         Dataset.open(dataset.path)
