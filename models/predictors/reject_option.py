@@ -7,14 +7,18 @@ training windows by the predictor's features, and so score how much a window loo
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
 from isac_cosim.models.data.windows import batches, draw_ends
 from isac_cosim.models.predictors.protocol import FitTask, Predictor
 from isac_cosim.models.trees.boosting import boosted_trees
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 BATCH = 64
 

@@ -15,15 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import DIGEST, file_digest
+from isac_cosim.base.files import DIGEST, file_digest, shortened
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.stored.arrays import check_array, read_arrays
 from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
@@ -36,6 +35,9 @@ from isac_cosim.models.runs import former_names
 from isac_cosim.models.runs.former_names import OpenSetScore, present_file, present_score
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.trees.stored_trees import read_trees
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", former_names.FILE
 SIDES = ("train", "validation", "test", "unused")
@@ -124,7 +126,7 @@ class RunCard(Sealed):
         return WindowShape(len(self.classes), self.tv_length, self.uv_length, self.tv_rate_hz, self.uv_rate_hz)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """A finished run.
 
@@ -137,6 +139,13 @@ class Run:
     predictor: Predictor
     reference: tuple[Float32Array, IntArray]
     reject_option: HistGradientBoostingClassifier | None = None
+
+    def __repr__(self) -> str:
+        card = self.card
+        lengths = f"{card.tv_length} and {card.uv_length} samples"
+        return (
+            f"<Run {shortened(self.path)}: {card.settings.model}, {len(card.classes)} intentions, {lengths} a window>"
+        )
 
     @property
     def name(self) -> str:
