@@ -111,6 +111,7 @@ def generate(
         ),
     ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     natural: Annotated[
         bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
     ] = False,
@@ -141,8 +142,10 @@ def generate(
     wanted = one_of(samples, windows)
     if streams and wanted is not None:
         raise InputError("--samples counts records, and --streams stores whole episodes: give --seeds in its place")
+    if streams and scene:
+        raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
-    study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand)
+    study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene)
     feedback = output.feedback_of(console, verbose)
     if streams:
         engine = opt.engine_of(jobs, cluster, out)
@@ -159,8 +162,11 @@ def generate(
 def sense(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    sensor: Annotated[str, typer.Option(help="What senses the target vehicle: {sensors}.")] = "isac",
+    sensor: Annotated[
+        str | None, typer.Option(help="What senses the target vehicle: {sensors}. Default: isac.")
+    ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     estimator: Annotated[
         str | None, typer.Option(help="How angle, delay and Doppler are estimated: {estimators}.")
     ] = None,
@@ -195,7 +201,8 @@ def sense(
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
-    arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
+    channel = sensor, snr, estimator, fusion, sites, rain, not no_blockage
+    arguments = SenseArguments(*channel, radar, pattern, records, scene)
     settings = resense_settings(source, arguments)
     sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
