@@ -179,7 +179,7 @@ def moving(recording: Recording) -> Iterator[Moving]:
                 by_step.setdefault(step, []).append(state)
     for states in by_step.values():
         states.sort()
-        for (lane, place, speed, _, kind), ahead in pairwise([*states, None]):
+        for (lane, place, speed, _, kind), ahead in zip(states, [*states[1:], None], strict=True):
             if speed > MOVING_MPS:
                 gap_s, closing_mps = np.inf, 0.0
                 if ahead is not None and ahead[0] == lane:
