@@ -113,6 +113,7 @@ def generate(
             metavar="as-given|drawn", help="Departures: as the demand says, or up to 60 s later, drawn for each seed."
         ),
     ] = "as-given",
+    network: opt.Network = None,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -127,7 +128,8 @@ def generate(
     from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand)
+    wanted = one_of(samples, windows)
+    study = dataset_study(scenarios or [], wanted, seeds, snr, source, natural, drivers, demand, network)
     feedback = output.feedback_of(console, verbose)
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))

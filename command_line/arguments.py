@@ -9,6 +9,7 @@ from typing import Any
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.sensing.sensors import SENSORS
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
@@ -48,11 +49,13 @@ def dataset_study(
     natural: bool = False,
     drivers: str = "theirs",
     demand: str = "as_given",
+    network: str | None = None,
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
     scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
-    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section.
+    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section. network: the
+    scenario or network that a file of trajectories was driven on, of sources that have such a setting.
     """
     kind = source_class(source)
     if not scenarios and not kind.own_scenarios:
@@ -72,7 +75,17 @@ def dataset_study(
         content["traffic"] = traffic
     elif traffic != {"drivers": "theirs", "demand": "as_given"}:
         raise InputError(f"--drivers, --demand: source {source} has no demand to drive; leave them out")
+    if network is not None:
+        content |= {of_network(source): {"network": resolved(network)}}
     return checked(DatasetStudy, content, WHERE)
+
+
+def of_network(source: str) -> str:
+    """Return the section of a source's settings that names a road network. Raises InputError where it has none."""
+    for name, section in source_class(source).sections.items():
+        if "network" in section.model_fields:
+            return name
+    raise InputError(f"--network: source {source} reads no road network beside its scenario; leave it out")
 
 
 @dataclass(frozen=True)

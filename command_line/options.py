@@ -44,6 +44,12 @@ Snr = Annotated[
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
 ]
+Network = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SCENARIO", help="With --source fcd: the scenario or network that the vehicles were simulated on."
+    ),
+]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes. Default: one per core.")]
 Cluster = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a running dask scheduler, tls://HOST:PORT.")
