@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import gzip
-import io
-import shutil
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import Self
 
 import numpy as np
 import pyarrow as pa
@@ -33,33 +31,27 @@ class TooLargeError(Exception):
     """A file holds more than is read; the message says how much."""
 
 
-class Decompressed(io.RawIOBase):
-    """The content of a gzipped file. Raises TooLargeError where it is too much for the size of the file."""
+class Decompressed:
+    """The content of a gzipped file, to be read once. Raises TooLargeError where it is too much for the file's size."""
 
     def __init__(self, file: Path) -> None:
-        super().__init__()
-        self._file = gzip.open(file)  # closed with this object
+        self._file = gzip.open(file)  # noqa: SIM115 - closed with this object
         self._most = min(limit_bytes(), max(MOST_RATIO * file.stat().st_size, RATIO_FREE))
         self._read = 0
 
-    def readable(self) -> bool:
-        """Return True."""
-        return True
+    def __enter__(self) -> Self:
+        return self
 
-    def readinto(self, buffer: object) -> int:
-        """Read into a buffer; return the number of bytes."""
-        view = memoryview(buffer).cast("B")  # type: ignore[arg-type]
-        block = self._file.read(len(view))
-        view[: len(block)] = block
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes; none at the end."""
+        block = self._file.read(size)
         self._read += len(block)
         if self._read > self._most:
             raise TooLargeError(f"holds more than {self._most / 1e6:.0f} MB: decompress it, if you trust it")
-        return len(block)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
+        return block
 
 
 @contextmanager
@@ -95,7 +87,7 @@ def content_head(file: Path, size: int = 1 << 16) -> bytes:
     """Return the first bytes of a file's content, decompressed. Raises InputError where it cannot be read."""
     if not is_gzipped(file):
         return head(file, size)
-    with reading(file), io.BufferedReader(Decompressed(file)) as opened:
+    with reading(file), Decompressed(file) as opened:
         return opened.read(size)
 
 
@@ -107,39 +99,49 @@ def batches(file: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str
     CSV file. names: of all columns of a CSV file without a header. Raises InputError where the file cannot be read or
     lacks a column.
     """
-    with reading(file):
-        if content_head(file, 4).startswith(PARQUET):
-            yield from _parquet(file, columns, needed)
+    with reading(file), _plain(file) as plain:
+        if head(plain, 4) == PARQUET:
+            yield from _parquet(file, plain, columns, needed)
         else:
-            with _opened(file) as stream:
-                yield from _csv(file, stream, columns, needed, delimiter, names)
+            yield from _csv(file, plain, columns, needed, delimiter, names)
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[IO[bytes]]:
-    if is_gzipped(file):
-        with io.BufferedReader(Decompressed(file), BLOCK) as stream:
-            yield stream
-    else:
-        with file.open("rb") as stream:
-            yield stream
+def _plain(file: Path) -> Iterator[Path]:
+    """Yield a file, or a temporary one with its content where it is gzipped.
+
+    Arrow reads ahead in threads of its own, which must not wait for Python to decompress.
+    """
+    if not is_gzipped(file):
+        yield file
+        return
+    with TemporaryFolder() as temporary:
+        plain = temporary.path / "table"
+        with Decompressed(file) as stream, plain.open("wb") as out:
+            while block := stream.read(BLOCK):
+                with writing_temporary():
+                    out.write(block)
+        yield plain
 
 
 def _csv(
     file: Path,
-    stream: IO[bytes],
+    plain: Path,
     columns: Mapping[str, pa.DataType],
     needed: Sequence[str],
     delimiter: str,
     names: Sequence[str] | None,
 ) -> Iterator[pa.RecordBatch]:
-    first = stream.peek(1 << 16)[: 1 << 16].split(b"\n", 1)[0] if hasattr(stream, "peek") else b""
-    header = first.decode("utf-8-sig", "replace").strip().split(delimiter) if names is None else list(names)
-    header = [name.strip().strip('"') for name in header]
-    check_columns(file, header, needed)
+    if names is None:
+        header = header_of(plain, delimiter)
+        check_columns(file, header, needed)
+    else:
+        header = list(names)
     reader = pa_csv.open_csv(
-        pa.PythonFile(stream, mode="r"),
-        read_options=pa_csv.ReadOptions(block_size=BLOCK, column_names=header, skip_rows=names is None, use_threads=False),
+        plain,
+        read_options=pa_csv.ReadOptions(
+            block_size=BLOCK, column_names=header, skip_rows=int(names is None), use_threads=False
+        ),
         parse_options=pa_csv.ParseOptions(delimiter=delimiter),
         convert_options=pa_csv.ConvertOptions(
             column_types={name: kind for name, kind in columns.items() if name in header},
@@ -151,22 +153,24 @@ def _csv(
     yield from reader
 
 
-def _parquet(file: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    with TemporaryFolder() as temporary:
-        plain = file
-        if is_gzipped(file):
-            plain = temporary.path / "table.parquet"
-            with io.BufferedReader(Decompressed(file)) as stream, plain.open("wb") as out, writing_temporary():
-                shutil.copyfileobj(stream, out, BLOCK)
-        with open_parquet(plain) as table:
-            present = table.schema_arrow.names
-            check_columns(file, present, needed)
-            wanted = {name: kind for name, kind in columns.items() if name in present}
-            schema = pa.schema(list(wanted.items()))
-            for batch in table.iter_batches(BATCH, columns=list(wanted), use_threads=False):
-                ordered = batch.select(list(wanted))
-                ordered.validate(full=True)
-                yield ordered.cast(schema)
+def header_of(file: Path, delimiter: str = ",") -> list[str]:
+    """Return the names of a CSV file's columns. Raises InputError where the file cannot be read."""
+    first = content_head(file).split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip()
+    return [name.strip().strip('"') for name in first.split(delimiter)]
+
+
+def _parquet(
+    file: Path, plain: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str]
+) -> Iterator[pa.RecordBatch]:
+    with open_parquet(plain) as table:
+        present = table.schema_arrow.names
+        check_columns(file, present, needed)
+        wanted = {name: kind for name, kind in columns.items() if name in present}
+        schema = pa.schema(list(wanted.items()))
+        for batch in table.iter_batches(BATCH, columns=list(wanted), use_threads=False):
+            ordered = batch.select(list(wanted))
+            ordered.validate(full=True)
+            yield ordered.cast(schema)
 
 
 def check_columns(file: Path, present: Sequence[str], needed: Sequence[str]) -> None:
