@@ -8,7 +8,6 @@ without vehicles. Values of XML and CSV are rounded to `--precision`, those of P
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -33,7 +32,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
@@ -72,14 +71,14 @@ class FcdColumns:
     vehicles: Codes
     lanes: Codes
     types: Codes
-    vehicle: Array
+    vehicle: Int32Array
+    lane: Int32Array
+    kind: Int32Array
+    number: Int32Array
     time: Array
     x: Array
     y: Array
-    lane: Array
-    kind: Array
     speed: Array
-    number: Array
 
 
 @dataclass(frozen=True)
@@ -102,7 +101,7 @@ class FcdSource(FileSource):
         read = _xml(where) if _is_xml(where) else _table(where)
         x, y = _in_plane(read.x, read.y, road, where)
         rows = Rows(
-            read.vehicle.astype(np.int32), np.rint(read.time * 1e3).astype(np.int64), x, y,
+            read.vehicle, np.rint(read.time * 1e3).astype(np.int64), x, y,
             _lane_numbers(read, road, where),
             None if np.isnan(read.speed).any() else read.speed.astype(np.float32), read.number.astype(np.int64),
         )  # fmt: skip
@@ -163,10 +162,12 @@ def _xml(where: Path) -> FcdColumns:
             values["y"].append(_number(element, "y", where, count))
             values["speed"].append(_number(element, "speed", where, count) if "speed" in attributes else float("nan"))
     if root != "fcd-export":
-        raise InputError(f"{where}: is no FCD: its first element is {root}, not fcd-export; give the file of --fcd-output")
-    columns = {name: np.frombuffer(held, np.int32) if len(held) else np.empty(0, np.int32) for name, held in numbers.items()}
-    columns |= {name: np.frombuffer(held) if len(held) else np.empty(0) for name, held in values.items()}
-    return _checked(FcdColumns(vehicles, lanes, types, **columns), where)
+        raise InputError(
+            f"{where}: is no FCD: its first element is {root}, not fcd-export; give the file of --fcd-output"
+        )
+    integers = {name: np.array(held, np.int32) for name, held in numbers.items()}
+    floats = {name: np.array(held, float) for name, held in values.items()}
+    return _checked(FcdColumns(vehicles, lanes, types, **integers, **floats), where)
 
 
 def _number(element: Element, name: str, where: Path, count: int) -> float:
@@ -178,26 +179,31 @@ def _number(element: Element, name: str, where: Path, count: int) -> float:
         ) from None
 
 
+VALUES = {"time": "timestep_time", "x": "vehicle_x", "y": "vehicle_y", "speed": "vehicle_speed"}
+
+
 def _table(where: Path) -> FcdColumns:
     """Read FCD as CSV or Parquet. Raises InputError where it cannot be read."""
     vehicles, lanes, types = Codes(), Codes(), Codes()
-    parts: dict[str, list[Array]] = {name: [] for name in ("vehicle", "time", "x", "y", "lane", "kind", "speed", "number")}
-    read = 0
+    numbers: dict[str, list[Int32Array]] = {name: [] for name in ("vehicle", "lane", "kind", "number")}
+    values: dict[str, list[Array]] = {name: [] for name in VALUES}
+    # Lines of a CSV file are counted with its header, the rows of a Parquet file from 1.
+    before = 1 if content_head(where, 4).startswith(PARQUET) else 2
     for batch in batches(where, COLUMNS, NEEDED, ";"):
         kept = _rows_with_vehicle(batch)
         rows = batch.filter(kept)
-        first = 1 if content_head(where, 4).startswith(PARQUET) else 2
-        parts["number"].append(np.flatnonzero(np.asarray(kept)) + read + first)
-        read += len(batch)
-        parts["vehicle"].append(vehicles.of(rows["vehicle_id"]))
-        parts["lane"].append(lanes.of(rows["vehicle_lane"]))
-        present = rows.schema.names
-        parts["kind"].append(types.of(rows["vehicle_type"]) if "vehicle_type" in present else np.full(len(rows), -1))
-        for column, name in (("timestep_time", "time"), ("vehicle_x", "x"), ("vehicle_y", "y"), ("vehicle_speed", "speed")):
-            values = rows[column].to_numpy(zero_copy_only=False) if column in present else np.full(len(rows), np.nan)
-            parts[name].append(np.asarray(values, float))
-    columns = {name: np.concatenate([*held, np.empty(0, held[0].dtype if held else float)]) for name, held in parts.items()}
-    return _checked(FcdColumns(vehicles, lanes, types, **columns), where)
+        numbers["number"].append((np.flatnonzero(np.asarray(kept)) + before).astype(np.int32))
+        before += len(batch)
+        numbers["vehicle"].append(vehicles.of(rows["vehicle_id"]))
+        numbers["lane"].append(lanes.of(rows["vehicle_lane"]))
+        has_type = "vehicle_type" in rows.schema.names
+        numbers["kind"].append(types.of(rows["vehicle_type"]) if has_type else np.full(len(rows), -1, np.int32))
+        for name, column in VALUES.items():
+            has = column in rows.schema.names
+            values[name].append(np.array(rows[column], float) if has else np.full(len(rows), np.nan))
+    integers = {name: np.concatenate([np.empty(0, np.int32), *held]) for name, held in numbers.items()}
+    floats = {name: np.concatenate([np.empty(0), *held]) for name, held in values.items()}
+    return _checked(FcdColumns(vehicles, lanes, types, **integers, **floats), where)
 
 
 def _rows_with_vehicle(batch: pa.RecordBatch) -> pa.Array:
@@ -232,7 +238,7 @@ def _check_order(rows: Rows, where: Path) -> None:
         )
 
 
-def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Array:
+def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
     """Return the number of each state's lane, -1 where it is on none. Raises InputError for a lane of another network."""
     known = {lane.id: k for k, lane in enumerate(road.lanes)}
     names = read.lanes.names

@@ -25,7 +25,9 @@ def blocks(observed: Observed, block_s: float, gap_s: float) -> list[Block]:
     count = max(1, round((total + gap) / (block + gap)))
     length = (total - (count - 1) * gap) / count
     starts = [first + round(k * (length + gap)) for k in range(count)]
-    return [Block(start, min(last, start + int(length) - 1) if k < count - 1 else last) for k, start in enumerate(starts)]
+    return [
+        Block(start, min(last, start + int(length) - 1) if k < count - 1 else last) for k, start in enumerate(starts)
+    ]
 
 
 def seen_before(observed: Observed, cut: list[Block], number: int) -> BoolArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,4 +91,4 @@ def runs(values: IntArray) -> list[tuple[int, int]]:
     """Return where runs of equal values start and stop."""
     cuts = np.flatnonzero(values[1:] != values[:-1]) + 1
     edges = [0, *cuts.tolist(), len(values)]
-    return list(zip(edges[:-1], edges[1:], strict=True)) if len(values) else []
+    return list(pairwise(edges)) if len(values) else []

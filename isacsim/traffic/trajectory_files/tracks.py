@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,9 +44,9 @@ def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Pi
     jumps from lane to lane in one step, as in simulations in which lane changes take no time.
     """
     span = slice(int(observed.starts[number]), int(observed.starts[number + 1]))
-    step, x, y, lane = (values[span] for values in (observed.step, observed.x, observed.y, observed.lane.astype(np.int64)))
-    known = lane >= 0
-    step, x, y, lane = step[known], x[known], y[known], lane[known]
+    rows = np.flatnonzero(observed.lane[span] >= 0) + span.start
+    step, x, y = observed.step[rows], observed.x[rows], observed.y[rows]
+    lane = observed.lane[rows].astype(np.int64)
     cut = np.diff(step) * observed.period_s > LONGEST_GAP_S + 1e-9
     if observed.period_s >= LONGEST_GAP_S:
         cut = np.diff(step) > 1
@@ -62,7 +63,7 @@ def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Pi
     vehicle = observed.vehicles[number]
     edges = [0, *(np.flatnonzero(cut) + 1).tolist(), len(step)]
     found: list[Piece] = []
-    for first, after in zip(edges[:-1], edges[1:], strict=True):
+    for first, after in pairwise(edges):
         if after - first >= LEAST_STATES:
             name = vehicle.id if not found else f"{vehicle.id}#{len(found) + 1}"
             part = slice(first, after)
@@ -80,9 +81,7 @@ def tracks(
         x, vx = sampling.motion(piece.step, piece.x)
         y, vy = sampling.motion(piece.step, piece.y)
         per_step, first = sampling.per_step, int(piece.step[0])
-        kept = slice(
-            max(0, (block.first - first) * per_step), max(0, min(len(x), (block.last - first) * per_step + 1))
-        )
+        kept = slice(max(0, (block.first - first) * per_step), max(0, min(len(x), (block.last - first) * per_step + 1)))
         if kept.stop - kept.start < LEAST_STATES:
             continue
         track = _track(piece, first * per_step + kept.start, x[kept] + 1j * y[kept], vx[kept] + 1j * vy[kept],
