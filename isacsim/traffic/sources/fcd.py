@@ -115,8 +115,8 @@ class FcdSource(FileSource):
         remarks = check_observed(self.fcd, states, LanePlaces(road.lanes), where)
         if unknown:
             remarks.append(
-                f"no file names the types {', '.join(unknown[:3])}{', ...' if len(unknown) > 3 else ''}: their vehicles are "
-                f"taken for cars of {DEFAULT.length_m:g} m x {DEFAULT.width_m:g} m; [dataset.fcd] types names files"
+                f"no file names the types {', '.join(unknown[:3])}{', ...' if len(unknown) > 3 else ''}: their vehicles "
+                f"are taken for cars of {DEFAULT.length_m:g} m x {DEFAULT.width_m:g} m; [dataset.fcd] types names files"
             )
         sites = sites_for(self.fcd, road.sites, road.lanes, states, road.origin, road.lefthand)
         place = Scenario(
@@ -163,7 +163,7 @@ def _xml(where: Path) -> FcdColumns:
             values["speed"].append(_number(element, "speed", where, count) if "speed" in attributes else float("nan"))
     if root != "fcd-export":
         raise InputError(
-            f"{where}: is no FCD: its first element is {root}, not fcd-export; give the file of --fcd-output"
+            f"{where}: is no FCD: its first element is {root}, not fcd-export; give what --fcd-output wrote"
         )
     integers = {name: np.array(held, np.int32) for name, held in numbers.items()}
     floats = {name: np.array(held, float) for name, held in values.items()}
@@ -247,7 +247,8 @@ def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
     if (lost := np.flatnonzero(lane == -2)).size:
         name = names[int(read.lane[lost[0]])]
         raise InputError(
-            f"{where}: row {read.number[lost[0]]}: lane {name} is not in {road.network}; name the network that was driven on"
+            f"{where}: row {read.number[lost[0]]}: lane {name} is not in {road.network}; name the network that was "
+            "driven on"
         )
     return lane
 
@@ -296,8 +297,8 @@ def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, A
             "--fcd-output.utm"
         )
     raise InputError(
-        f"{where}: most of its positions, such as {x[0]:g}, {y[0]:g}, are outside {road.network}; name the network that was "
-        "driven on"
+        f"{where}: most of its positions, such as {x[0]:g}, {y[0]:g}, are outside {road.network}; name the network "
+        "that was driven on"
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from isac_cosim.base.arrays import Array, IntArray
-from isac_cosim.isacsim.traffic.motion import condition_at
+from isac_cosim.isacsim.traffic.motion import condition
 
 USUAL_S = 0.15
 """The standard deviation of the kernel that everything after a source uses, s."""
@@ -61,8 +61,9 @@ def noise_of_rounding(step_m: float) -> float:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How states at steps of `period_s` become motion. per_step: samples a step. width_s: of the source's own kernel, s;
-    0 where positions stay as they are.
+    """How states at steps of `period_s` become motion.
+
+    per_step: samples a step. width_s: of the source's own kernel, s; 0 where positions stay as they are.
     """
 
     period_s: float
@@ -73,7 +74,9 @@ class Sampling:
     def of(cls, period_s: float, noise_m: float) -> Sampling:
         """Return the sampling for a file. noise_m: standard deviation of its positions, m."""
         per_step = max(1, int(np.ceil(period_s / DENSE_S - 1e-9)))
-        return cls(period_s, per_step, own_width(width_for(noise_m, 1.0 / period_s)))
+        width_s = own_width(width_for(noise_m, 1.0 / period_s))
+        # A kernel narrower than the step between its samples is none.
+        return cls(period_s, per_step, max(width_s, period_s / per_step) if width_s else 0.0)
 
     @property
     def step_s(self) -> float:
@@ -93,9 +96,9 @@ class Sampling:
         whole = step[-1] - step[0] + 1 == len(step)
         samples = np.arange((step[-1] - step[0]) * self.per_step + 1) / self.per_step
         if self.width_s:
-            even = values if whole else _spline(step, values)(np.arange(step[0], step[-1] + 1))
-            smooth = condition_at(even, self.period_s, self.width_s, (0, 1), samples)
-            return smooth[0], smooth[1]
+            dense = values if whole and self.per_step == 1 else _spline(step, values)(step[0] + samples)
+            smooth, slope = (condition(dense, self.step_s, self.width_s, order) for order in (0, 1))
+            return smooth, slope
         if whole and self.per_step == 1:
             return values, np.asarray(np.gradient(values, self.period_s))
         curve = _spline(step, values)

@@ -32,7 +32,7 @@ def test_widths_for_the_files_that_there_are() -> None:
 @given(st.floats(0.001, 1.0), st.floats(1.0, 100.0))
 def test_the_chosen_width_leaves_no_more_than_is_put_up_with(noise_m: float, rate_hz: float) -> None:
     assert acceleration_noise(noise_m, rate_hz, width_for(noise_m, rate_hz)) <= 0.3 + 1e-9
-    assert Sampling.of(1.0 / rate_hz, noise_m).total_width_s == pytest.approx(width_for(noise_m, rate_hz))
+    assert Sampling.of(1.0 / rate_hz, noise_m).total_width_s >= width_for(noise_m, rate_hz) * (1 - 1e-9)
 
 
 @given(st.integers(0, 4), st.lists(st.floats(-1e5, 1e5), min_size=20, max_size=50))
