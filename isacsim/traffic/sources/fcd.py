@@ -36,9 +36,9 @@ from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Row
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
-ENDINGS = tuple(
-    f"{kind}{zipped}" for zipped in (".gz", "") for kind in (".fcd.xml", ".fcd.csv", ".fcd.parquet", ".xml", ".csv", ".parquet")
-)  # fmt: skip
+KINDS = (".fcd.xml", ".fcd.csv", ".fcd.parquet", ".xml", ".csv", ".parquet")
+ENDINGS = tuple(f"{kind}{zipped}" for zipped in (".gz", "") for kind in KINDS)
+"""What the names of files end in; the longer endings first."""
 COLUMNS = {
     "timestep_time": pa.float64(),
     "vehicle_id": pa.string(),
@@ -115,8 +115,9 @@ class FcdSource(FileSource):
         remarks = check_observed(self.fcd, states, LanePlaces(road.lanes), where)
         if unknown:
             remarks.append(
-                f"no file names the types {', '.join(unknown[:3])}{', ...' if len(unknown) > 3 else ''}: their vehicles "
-                f"are taken for cars of {DEFAULT.length_m:g} m x {DEFAULT.width_m:g} m; [dataset.fcd] types names files"
+                f"no file names the types {', '.join(unknown[:3])}{', ...' if len(unknown) > 3 else ''}: their "
+                f"vehicles are taken for cars of {DEFAULT.length_m:g} m x {DEFAULT.width_m:g} m; "
+                "[dataset.fcd] types names files with types"
             )
         sites = sites_for(self.fcd, road.sites, road.lanes, states, road.origin, road.lefthand)
         place = Scenario(
@@ -167,7 +168,7 @@ def _xml(where: Path) -> FcdColumns:
         )
     integers = {name: np.array(held, np.int32) for name, held in numbers.items()}
     floats = {name: np.array(held, float) for name, held in values.items()}
-    return _checked(FcdColumns(vehicles, lanes, types, **integers, **floats), where)
+    return _checked(_columns(vehicles, lanes, types, integers, floats), where)
 
 
 def _number(element: Element, name: str, where: Path, count: int) -> float:
@@ -175,8 +176,16 @@ def _number(element: Element, name: str, where: Path, count: int) -> float:
         return float(element.attributes[name])
     except (KeyError, ValueError):
         raise InputError(
-            f"{where}: state {count} has no number {name} ({element.attributes.get(name, 'it is missing')!s:.40}); fix it"
+            f"{where}: state {count}: {name} is no number ({element.attributes.get(name, 'it is missing'):.40}); fix it"
         ) from None
+
+
+def _columns(
+    vehicles: Codes, lanes: Codes, types: Codes, integers: dict[str, Int32Array], floats: dict[str, Array]
+) -> FcdColumns:
+    whose, lane, kind, number = (integers[name] for name in ("vehicle", "lane", "kind", "number"))
+    time, x, y, speed = (floats[name] for name in ("time", "x", "y", "speed"))
+    return FcdColumns(vehicles, lanes, types, whose, lane, kind, number, time, x, y, speed)
 
 
 VALUES = {"time": "timestep_time", "x": "vehicle_x", "y": "vehicle_y", "speed": "vehicle_speed"}
@@ -203,7 +212,7 @@ def _table(where: Path) -> FcdColumns:
             values[name].append(np.array(rows[column], float) if has else np.full(len(rows), np.nan))
     integers = {name: np.concatenate([np.empty(0, np.int32), *held]) for name, held in numbers.items()}
     floats = {name: np.concatenate([np.empty(0), *held]) for name, held in values.items()}
-    return _checked(FcdColumns(vehicles, lanes, types, **integers, **floats), where)
+    return _checked(_columns(vehicles, lanes, types, integers, floats), where)
 
 
 def _rows_with_vehicle(batch: pa.RecordBatch) -> pa.Array:
@@ -239,7 +248,10 @@ def _check_order(rows: Rows, where: Path) -> None:
 
 
 def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
-    """Return the number of each state's lane, -1 where it is on none. Raises InputError for a lane of another network."""
+    """Return the number of each state's lane, -1 where it is on none.
+
+    Raises InputError for a lane of another network.
+    """
     known = {lane.id: k for k, lane in enumerate(road.lanes)}
     names = read.lanes.names
     of_name = np.array([known.get(name, -2 if name else -1) for name in names] + [-1], np.int32)

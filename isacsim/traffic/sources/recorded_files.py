@@ -54,8 +54,9 @@ class FileSettings(Settings):
 
 @dataclass(frozen=True)
 class Opened:
-    """A file that was read. scenario: its `demand` is that file. inputs: all files that were read. remarks: a line each.
+    """A file that was read.
 
+    scenario: its `demand` is that file. inputs: all files that were read. remarks: what is to be said of it, a line each.
     noise_m: standard deviation of the positions, m.
     """
 

@@ -30,8 +30,8 @@ def check_lengths(observed: Observed, where: object) -> None:
     low, high = CAR_LENGTHS_M
     if not low <= median <= high:
         raise InputError(
-            f"{where}: its median car is {median:.2f} m long, and cars are {low:g} to {high:g} m long; give lengths in the "
-            "unit of the format"
+            f"{where}: its median car is {median:.2f} m long, and cars are {low:g} to {high:g} m long; give "
+            "lengths in the unit of the format"
         )
 
 

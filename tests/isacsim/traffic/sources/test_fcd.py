@@ -143,7 +143,8 @@ def test_sumos_own_output_is_read_in_every_format(tmp_path: Path) -> None:
     home = Path(sumo.SUMO_HOME)
     place = scenarios.load(SCENARIO)
     command = [
-        str(home / "bin" / "sumo"), "--net-file", str(place.network), "--route-files", str(place.demand[0]), "--end", "25",
+        str(home / "bin" / "sumo"), "--net-file", str(place.network), "--route-files", str(place.demand[0]),
+        "--end", "25",
         "--step-length", "0.1", "--lateral-resolution", "5", "--no-step-log", "--seed", "5",
     ]  # fmt: skip
     recordings = []
@@ -205,12 +206,12 @@ BAD = {
     "elsewhere": (scaled("vehicle_x", 500.0), r"most of its positions.*name the network that was driven on"),
     "no number": (row_with(5, "vehicle_x", "wide"), r"cannot be read as a table \(.*wide"),
     "not finite": (row_with(5, "vehicle_y", "inf"), r"row 6: y is inf"),
-    "a lane of another network": (row_with(5, "vehicle_lane", "e7_0"), r"row 6: lane e7_0 is not in .*motorway\.net\.xml"),
-    "twice at one time": (lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \S+ has two states at \S+ s \(rows \d+ and"),
+    "a lane of another network": (row_with(5, "vehicle_lane", "e7_0"), r"row 6: lane e7_0 is not in .*\.net\.xml"),
+    "twice": (lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \S+ has two states at \S+ s \(rows \d+"),
     "time runs backwards": (back_in_time, r"row 5: time runs backwards"),
     "cut off": (lambda text: text[:-40], r"cannot be read as a table .*it may be cut off"),
     "no vehicle": (lambda text: text.splitlines()[0] + "\n", r"holds no vehicle"),
-    "between steps": (row_with(-1, "timestep_time", "9999.013"), r"is at 9999\.01 s, between two of the steps of 0\.04 s"),
+    "between steps": (row_with(-1, "timestep_time", "9999.013"), r"is at 9999\.01 s, between two of the steps of"),
 }  # fmt: skip
 
 
