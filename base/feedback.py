@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -30,6 +30,42 @@ class Feedback:
         title: what is being done, "sensing". unit: what is counted, "records"; without it the bar shows a percentage.
         """
         yield _ignore_move
+
+
+class Foreword(Feedback):
+    """Says some lines before the first report of the work, and not where the work is refused before it begins.
+
+    feedback: to whom all reports go. lines: what is said. say: how; as a message of the feedback unless given.
+    """
+
+    def __init__(self, feedback: Feedback, lines: Sequence[str], say: Callable[[str], object] | None = None) -> None:
+        self._feedback = feedback
+        self._lines = list(lines)
+        self._say = say or feedback.message
+
+    def say(self) -> None:
+        """Say the lines, unless they were said already: for work that ends without a report."""
+        lines, self._lines = self._lines, []
+        for line in lines:
+            self._say(line)
+
+    def message(self, line: str) -> None:
+        self.say()
+        self._feedback.message(line)
+
+    def detail(self, line: str) -> None:
+        self.say()
+        self._feedback.detail(line)
+
+    @contextmanager
+    def bar(self, title: str, unit: str = "") -> Iterator[Move]:
+        with self._feedback.bar(title, unit) as draw:
+
+            def move(done: float, total: float, note: str = "") -> None:
+                self.say()
+                draw(done, total, note)
+
+            yield move
 
 
 def _ignore_move(done: float, total: float, note: str = "") -> None:

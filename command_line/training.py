@@ -14,16 +14,18 @@ if TYPE_CHECKING:
 
 
 def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Console) -> dict[str, Any]:
-    """Train a predictor, after a warning of what its scores will lack, and show how that ended.
+    """Train a predictor, with a warning of what its scores will lack, and show how that ended.
 
     Returns what `--json` prints.
     """
+    from isac_cosim.base.feedback import Foreword
     from isac_cosim.evaluation.on_windows.coverage import lacking
     from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
     from isac_cosim.labeling.dataset.dataset import Dataset
     from isac_cosim.models.training.training import train
 
-    dataset, feedback = Dataset.open(data), output.feedback_of(console)
-    for line in lacking(dataset, settings, EvaluateSettings()):
-        output.warn(line)
-    return output.show_run(train(dataset, out, settings, feedback), console)
+    dataset = Dataset.open(data)
+    foreword = Foreword(output.feedback_of(console), lacking(dataset, settings, EvaluateSettings()), output.warn)
+    run = train(dataset, out, settings, foreword)
+    foreword.say()
+    return output.show_run(run, console)

@@ -67,7 +67,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = small_study(seeds={"first": 1, "last": 4})
     dataset = generate(study, folder / "data", InlineEngine(), source=ScriptedSource(folder / "scripted"))
     shutil.rmtree(folder / "scripted")
-    few = {"trees": {"rounds": 2}, "preludes": {"rounds": 2}, "optimiser": {"threads": 1}}
+    few = {"trees": {"rounds": 2}, "pre_onset": {"rounds": 2}, "optimiser": {"threads": 1}}
     train(dataset, folder / "run", TrainSettings.model_validate({"model": "trees", **few}))
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
     with claim_study(folder / "results", read_study(folder / "study.toml")):
@@ -138,8 +138,9 @@ def check(folder: Path, words: Sequence[str]) -> None:
     if code == 2:
         assert out.getvalue() == ""
         *said, line = printed.splitlines()
-        # What a command warns of, it says as it meets it; the refusal is one line.
-        assert all(words.startswith("warning: ") for words in said), printed
+        # What a command warns of, it says as it meets it, and a training only once it works; the refusal is one line.
+        assert all(warning.startswith("warning: ") for warning in said), printed
+        assert words[0] != "train" or said == [], printed
         assert line.startswith("cosim: ")
         assert line.isprintable(), printed
         assert len(printed) < 2000, printed[:2000]

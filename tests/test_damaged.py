@@ -3,6 +3,8 @@
 A case is a file that was changed, and a command that reads it. Where the digests are left as they were, the only other
 way is the very result of the sound input. Where they are made right again, or the run is of a version that stored none,
 a result may be another, but nothing crashes, hangs, or takes memory without end.
+
+`COSIM_CASES=2000:2300 pytest -m slow tests/test_damaged.py` runs these cases alone.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import collections
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +27,8 @@ from tests.support.forged import as_former_run, forge_dataset, forge_run
 from tests.support.forking import Ended, WarmedProcess
 from tests.support.made_up_dataset import write_dataset
 
-QUICK, SLOW = 40, 10_000
+QUICK = range(40)
+SLOW = range(*map(int, os.environ.get("COSIM_CASES", "0:10000").split(":")))
 RUNS = ("asi-bip", "trees", "rule")
 OF_DATASET = (
     "inspect data --verify --json", "inspect data --json", "train data -o new --model rule --json",
@@ -32,7 +36,7 @@ OF_DATASET = (
     "sense data -o new --sensor truth --json", "sense data -o new --snr 5 --json",
 )  # fmt: skip
 SMALL = {
-    "windows": {"window_s": 1.0}, "trees": {"rounds": 2}, "preludes": {"rounds": 2},
+    "windows": {"window_s": 1.0}, "trees": {"rounds": 2}, "pre_onset": {"rounds": 2},
     "optimiser": {"epochs": 1, "threads": 1}, "asi_bip": {"hidden": 4, "width": 8, "heads": 2, "feedforward": 8},
 }  # fmt: skip
 met: collections.Counter[str] = collections.Counter()
@@ -114,11 +118,11 @@ def fault(ended: Ended, digests: str, same: bool) -> str | None:
 
 @pytest.mark.parametrize("cases", [QUICK, pytest.param(SLOW, marks=pytest.mark.slow)])
 def test_damaged_input_is_refused_or_does_no_harm(
-    inputs: Path, warmed: WarmedProcess, tmp_path: Path, cases: int
+    inputs: Path, warmed: WarmedProcess, tmp_path: Path, cases: range
 ) -> None:
     sound: dict[str, tuple[str, dict[str, str]]] = {}
     faults = []
-    for number in range(cases):
+    for number in cases:
         folder = tmp_path / "case"
         command, digests, done = case(inputs, folder, number)
         ended = warmed.run(folder, [command.split()])
@@ -135,7 +139,7 @@ def test_damaged_input_is_refused_or_does_no_harm(
             faults.append(f"case {number}: {problem}: {command}; {digests}; {done}\n{ended.err[-1500:]}")
         shutil.rmtree(folder)
     print(json.dumps(dict(sorted(met.items()))))
-    assert not faults, f"{len(faults)} of {cases}\n" + "\n".join(faults[:20])
+    assert not faults, f"{len(faults)} of {len(cases)}\n" + "\n".join(faults[:20])
 
 
 def test_sound_input_is_not_refused(inputs: Path, warmed: WarmedProcess, tmp_path: Path) -> None:

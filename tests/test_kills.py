@@ -1,6 +1,8 @@
 """Every command, ended at a random moment by any signal and repeated, leaves the bytes of an undisturbed one.
 
-`COSIM_KILLS=15 pytest -m slow tests/test_kills.py` ends each command 15 times, more than a hundred times in all.
+In a third of the cases the clock is set back by a day while the command runs, and before it is repeated.
+`COSIM_KILLS=10 pytest -m slow tests/test_kills.py` ends each command ten times, more than a hundred times in all, and
+`COSIM_STOPPED_S=60` stops it for a minute rather than for five seconds.
 """
 
 from __future__ import annotations
@@ -15,15 +17,17 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import psutil
 import pytest
 
 import cosim
+from isac_cosim.isacsim.scenarios.scenario import bundled
 from tests.support.waiting import HANGING_S
 
 pytestmark = [
@@ -34,22 +38,47 @@ pytestmark = [
 ROOT = Path(cosim.__file__).parent
 KILLS = int(os.environ.get("COSIM_KILLS", "3"))
 """How often each command is ended."""
+STOPPED_S = float(os.environ.get("COSIM_STOPPED_S", "5"))
+"""How long each command is stopped."""
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 SCRIPT = """
-import signal, sys
+import os, signal, sys, time
 from pathlib import Path
 
 from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES
+from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 from tests.support.scripted import ScriptedSource
 
-# Traffic from formulas, in episodes that last.
-MOTION_SOURCES._items["sumo"] = lambda study: ScriptedSource(Path("road").resolve(), pause_s=0.3)
+SCRIPTED = ScriptedSource(Path("road").resolve(), pause_s=0.3)
+
+
+class Traffic(SumoSource):
+    "Traffic from formulas, in episodes that last."
+
+    load, inputs, digest, record = SCRIPTED.load, SCRIPTED.inputs, SCRIPTED.digest, SCRIPTED.record
+    remarks, drivers_at, expected_cpu_s = SCRIPTED.remarks, SCRIPTED.drivers_at, SCRIPTED.expected_cpu_s
+
+
+MOTION_SOURCES._items["sumo"] = Traffic
+
+if "BACK_AFTER_S" in os.environ:
+    clock, steady = time.time, time.monotonic
+    back_at = steady() + float(os.environ["BACK_AFTER_S"])
+    time.time = lambda: clock() - (86400.0 if steady() > back_at else 0.0)
 
 if __name__ == "__main__":
     import cosim
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     sys.exit(cosim.main())
+"""
+MAP = """<?xml version="1.0"?>
+<osm version="0.6">
+<node id="1" lat="52.0" lon="10.0" version="1"/><node id="2" lat="52.0" lon="10.01" version="1"/>
+<node id="3" lat="52.003" lon="10.02" version="1"/>
+<way id="100" version="1"><nd ref="1"/><nd ref="2"/><nd ref="3"/>
+<tag k="highway" v="motorway"/><tag k="lanes" v="3"/><tag k="oneway" v="yes"/></way>
+</osm>
 """
 STUDY = """
 [dataset]
@@ -61,16 +90,25 @@ record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
 optimiser = { epochs = 4, threads = 1 }
 trees = { rounds = 5 }
-preludes = { rounds = 5 }
+pre_onset = { rounds = 5 }
+"""
+SWEEP = """
+[sweep]
+snr = ["0", "10"]
+models = ["trees"]
 """
 COMMANDS = {
     "run": "run study.toml -o {out} --jobs 2",
     "generate": "generate road -o {out} --seeds 1:8 --jobs 2",
     "sense": "sense made/dataset -o {out} --snr -10:0 --jobs 2",
     "train": "train made/dataset -o {out} --epochs 4",
+    "train --model trees": "train made/dataset -o {out} --model trees",
+    "sweep": "run sweep.toml -o {out} --jobs 2",
     "evaluate --data": "evaluate made/run --data made/dataset -o {out}",
     "evaluate --traffic": "evaluate trees --traffic road -o {out} --seeds 1001:1003 --development 2001:2003 --jobs 2",
     "reproduce": "reproduce asi-bip --quick --stages truth -o {out} --jobs 2",
+    "network import": "network import map.osm -o {out} --vehicles 10",
+    "network sites": "network sites bare -o {out}",
 }
 OF_THE_RUN = ("log.jsonl", "speed.json", ".lock")
 """Files that say how long something took, or nothing."""
@@ -103,6 +141,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "temporary").mkdir()
     (folder / "script.py").write_text(SCRIPT)
     (folder / "study.toml").write_text(STUDY)
+    (folder / "sweep.toml").write_text(STUDY + SWEEP)
+    (folder / "map.osm").write_text(MAP)
+    shutil.copytree(bundled()["straight_road"], folder / "bare")
+    (folder / "bare" / "sites.add.xml").write_text("<additional/>")
     for words in ("run study.toml -o made --jobs 2", "train made/dataset -o trees --model trees"):
         assert finish(folder, words) == (0, "")
     return folder
@@ -123,13 +165,13 @@ def undisturbed(folder: Path) -> dict[str, Undisturbed]:
     return found
 
 
-def start(folder: Path, words: str) -> subprocess.Popen[str]:
+def start(folder: Path, words: str, environment: Mapping[str, str] = MappingProxyType({})) -> subprocess.Popen[str]:
     """Start a command at the head of a process group of its own."""
     path = os.pathsep.join(map(str, (ROOT, *filter(None, [os.environ.get("PYTHONPATH")]))))
     return subprocess.Popen(
         [sys.executable, "script.py", *words.split(), "--quiet"],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder / "temporary")},
+        env={**os.environ, "PYTHONPATH": path, "TMPDIR": str(folder / "temporary"), **environment},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -171,7 +213,8 @@ def test_a_command_that_was_ended_is_finished_by_the_same_command(
     number, group = draw.choice(SIGNALS), draw.random() < 0.5
     out = folder / "out"
     words = COMMANDS[name].format(out=out)
-    process = start(folder, words)
+    set_back = {"BACK_AFTER_S": "0.5"} if draw.random() < 1 / 3 else {}
+    process = start(folder, words, set_back)
     children: list[psutil.Process] = []
     try:
         # From the first imports on: before them, Python itself answers an interrupt.
@@ -190,7 +233,15 @@ def test_a_command_that_was_ended_is_finished_by_the_same_command(
             assert [line.startswith("cosim: interrupted") for line in lines] == [True], printed
         psutil.wait_procs(children, 30)
         assert not [child for child in children if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
-        assert finish(folder, words) == (0, "")
+        if set_back:
+            tomorrow = time.time() + 86400
+            for path in (*out.rglob("*"), *(folder / "temporary").iterdir()):
+                os.utime(path, (tomorrow, tomorrow), follow_symlinks=False)
+        code, printed = finish(folder, words)
+        if name.startswith("network") and code == 2:
+            assert "is not empty" in printed, printed  # it had already finished
+        else:
+            assert (code, printed) == (0, "")
         assert content_of(out) == before.content
         assert list((folder / "temporary").glob("cosim-*")) == []
     finally:
@@ -199,17 +250,19 @@ def test_a_command_that_was_ended_is_finished_by_the_same_command(
         shutil.rmtree(out, ignore_errors=True)
 
 
-@pytest.mark.parametrize("name", ["generate", "train"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_that_is_stopped_for_a_while_goes_on(
     folder: Path, undisturbed: dict[str, Undisturbed], name: str
 ) -> None:
-    """The command and its workers, for ten seconds, as by Ctrl-Z or a laptop's lid."""
+    """The command and its workers, as by Ctrl-Z or a laptop's lid."""
     out = folder / "out"
     process = start(folder, COMMANDS[name].format(out=out))
     time.sleep(0.5 * undisturbed[name].took_s)
-    os.killpg(process.pid, signal.SIGSTOP)
-    time.sleep(10.0)
-    os.killpg(process.pid, signal.SIGCONT)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGSTOP)
+    time.sleep(STOPPED_S)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGCONT)
     process.communicate()
     assert process.returncode == 0
     assert content_of(out) == undisturbed[name].content

@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 
 from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import file_digest, replace_file
+from isac_cosim.base.files import file_digest, replace_file, shortened
 from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
@@ -53,10 +53,10 @@ from isac_cosim.labeling.dataset.shard import (
     samples_of,
     schema,
     shard_name,
-    states_of,
     write_shard,
 )
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 __all__ = [
     "ARRAYS",
@@ -103,7 +103,7 @@ class RoadLane:
     shape: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written.
 
@@ -135,6 +135,11 @@ class Dataset:
 
     def __len__(self) -> int:
         return self.meta.samples
+
+    def __repr__(self) -> str:
+        names = [scenario.name for scenario in self.meta.scenarios]
+        of = shortened(names[0]) if len(names) == 1 else f"{len(names)} scenarios"
+        return f"<Dataset {shortened(self.path)}: {len(self)} samples from {len(self.meta.shards)} episodes of {of}>"
 
     @cached_property
     def digest(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.feedback import SILENT, Feedback, Foreword
 from isac_cosim.base.files import claim, replace_file
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
@@ -56,9 +56,11 @@ def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: 
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
     records = Records.of(dataset)
     sides = split(records, settings.split)
-    if line := warning(dependence_of_test(dataset, records, sides, settings.split)):
-        feedback.message(line)
-    return train_records(records, made_of, out, settings, feedback, sides)
+    line = warning(dependence_of_test(dataset, records, sides, settings.split))
+    foreword = Foreword(feedback, [line] if line else [])
+    run = train_records(records, made_of, out, settings, foreword, sides)
+    foreword.say()
+    return run
 
 
 def train_records(

@@ -6,6 +6,7 @@ children find no locks that a thread of the parent held. A child that crashes or
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import resource
@@ -76,13 +77,17 @@ def warm() -> None:
 
     torch.set_num_threads(1)
     import lightning.pytorch
+    import pyarrow.dataset
+    import pyarrow.pandas_compat
     import scipy.stats
     import sklearn.covariance
     import sklearn.ensemble
     import skops.io
 
     import cosim
-    from isac_cosim.command_line import options
+    from isac_cosim.command_line import arguments, live, options
+    from isac_cosim.command_line import evaluation as evaluating
+    from isac_cosim.command_line import training as learning
     from isac_cosim.evaluation.on_windows import evaluation
     from isac_cosim.evaluation.report import report
     from isac_cosim.labeling.dataset import summary
@@ -90,12 +95,16 @@ def warm() -> None:
     from isac_cosim.models.training import training
     from tests.support.scripted import InlineEngine
 
-    del lightning, scipy, skops, sklearn, cosim, summary, resense, evaluation, training
+    del lightning, pyarrow, scipy, skops, sklearn, cosim, summary, resense, evaluation, training
+    del arguments, evaluating, live, learning
     # A command's own worker processes would be warmed anew for every case.
     options.engine_of = lambda *_: InlineEngine()
     report.draw_figures = lambda *_: None
     report.draw_record = lambda *_: None
     torch.nn.Linear(2, 2)(torch.ones(1, 2))
+    # Else the first collection of garbage in each child would copy all of the parent's memory.
+    gc.collect()
+    gc.freeze()
 
 
 def in_child(folder: Path, commands: Sequence[Sequence[str]]) -> Ended:

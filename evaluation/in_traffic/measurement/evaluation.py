@@ -19,7 +19,7 @@ from pydantic import Field
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import claim, remove_partial, write_json
+from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings, checked, merged, read_json
 from isac_cosim.base.versions import OF_EPISODES, versions
@@ -35,9 +35,18 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
-from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
+from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
-from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.in_traffic.streams.store import (
+    EPISODES,
+    FILES,
+    RULE,
+    RUN,
+    SPEED_FILE,
+    TRUTH,
+    file_name,
+    predicted_hours,
+)
 from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
@@ -48,6 +57,7 @@ from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
+from isac_cosim.models.runs.former_names import as_formerly
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
 
@@ -55,16 +65,21 @@ STUDY_FILE = "study.json"
 SCORED_AFTERWARDS: dict[str, Any] = {
     "dataset": {"seeds", "selection", "world"},
     "development": True,
+    "development_h": True,
     "live": {"choice", "background", "scoring"},
 }
 """The settings that episodes do not depend on: if they change, an evaluation continues in the same folder."""
 PROBES = 64
 """Number of windows that test whether a predictor looks at the UV."""
-SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
+SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2100)
 """The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
+DEVELOPMENT_H = 30.0
+"""Vehicle-hours on which alarms are chosen by default: as many of the default seeds are run."""
+FIRST_DEVELOPMENT = 4
+"""Development seeds that are run to see how many it takes; if they hold no prediction, they stay the only ones."""
 
 
-class Begun(Settings):
+class BegunEvaluation(Settings):
     """The content of STUDY_FILE.
 
     versions: with which its episodes are run. inputs: digests of what recordings depend on, by name. Both are empty in
@@ -92,8 +107,9 @@ def study_of(
     Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known or its
     motion had another source. Sensing uses the link budget, at the rates of the run; predictions and delays wait for
     whole samples of these.
-    seeds, development: first and last seed. duration_s: of an episode, s. natural: if true, drivers are left alone: no
-    causes, commands or disturbances. source: name of the motion source.
+    seeds, development: first and last seed; by default, alarms are chosen on DEVELOPMENT_H vehicle-hours. duration_s:
+    of an episode, s. natural: if true, drivers are left alone: no causes, commands or disturbances. source: name of the
+    motion source.
     Raises InputError if an argument is wrong, or the dataset's study cannot be read.
     """
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
@@ -124,6 +140,7 @@ def study_of(
     whole = {
         "dataset": content,
         "development": SeedRange(first=chosen_on[0], last=chosen_on[1]).model_dump(),
+        "development_h": DEVELOPMENT_H if development is None else None,
         "live": live.model_copy(update={"streams": streams}).model_dump(),
     }
     return checked(LiveStudy, whole, "arguments")
@@ -161,9 +178,9 @@ def evaluate_traffic(
     meta = describe(study.dataset, {where: scenario}, source)
     named = _named(against)
     cards = {
-        "run": run.card.model_dump(mode="json"),
-        "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
-        "alone": None if alone is None else alone.card.model_dump(mode="json"),
+        "run": as_formerly(run.card.model_dump(mode="json")),
+        "against": {name: as_formerly(compared.card.model_dump(mode="json")) for name, compared in named.items()},
+        "alone": None if alone is None else as_formerly(alone.card.model_dump(mode="json")),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
@@ -179,11 +196,13 @@ def evaluate_traffic(
     for remark in source.remarks(scenario):
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))
+        _begin(
+            out, BegunEvaluation(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs)
+        )
         for line in withheld(scenario.name, scenario):
             feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
-        _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
+        study = _run_episodes(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
         evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
@@ -206,6 +225,11 @@ def warnings(result: TrafficResult) -> list[str]:
         lines.append(
             "warning: no alarm could be chosen, because no vehicle was predicted on the development seeds; give more "
             "of them, or longer ones (--development, --duration)"
+        )
+    elif result.alarms_keep_to_rate and (result.development_hours or 0.0) < DEVELOPMENT_H - 0.05:
+        lines.append(
+            f"warning: the alarms were chosen on {result.development_hours:.1f} vehicle-hours; on less than "
+            f"{DEVELOPMENT_H:g}, how many false alarms they raise is left to chance: give more --development seeds"
         )
     elif not result.alarms_keep_to_rate:
         rate = result.made_by.study.live.choice.false_alarms_per_vehicle_hour
@@ -275,9 +299,9 @@ def _named(runs: Sequence[Run]) -> dict[str, Run]:
     }
 
 
-def _begin(out: Path, begun: Begun) -> None:
+def _begin(out: Path, begun: BegunEvaluation) -> None:
     """Mark a folder as that of this evaluation. Raises InputError if it holds another evaluation."""
-    before = read_json(Begun, out / STUDY_FILE)
+    before = read_json(BegunEvaluation, out / STUDY_FILE)
     if before is not None and before.fingerprint != begun.fingerprint:
         differing = sorted(
             name
@@ -289,27 +313,47 @@ def _begin(out: Path, begun: Begun) -> None:
         if changed := changed_input(before.inputs, begun.inputs):
             raise InputError(f"{out}: {changed} has changed since the evaluation was begun; choose a new folder")
         raise InputError(f"{out}: holds an evaluation of another run or other settings; choose a new folder")
-    write_json(out / STUDY_FILE, begun.model_dump(mode="json"))
-    (out / EPISODES).mkdir(exist_ok=True)
-    remove_partial(out / EPISODES, "*.parquet")
+    begin_episodes(out / STUDY_FILE, begun, out / EPISODES)
+
+
+def _run_episodes(
+    task: EpisodeTask, scenario: str, study: LiveStudy, out: Path, engine: Engine, feedback: Feedback
+) -> LiveStudy:
+    """Run the episodes that a study needs; return it with the development seeds that it needed.
+
+    These are the shortest run of seeds that holds the vehicle-hours, whatever the order in which episodes finish.
+    """
+    if study.development_h is None:
+        _run_missing(task, scenario, study.seeds, out, engine, feedback)
+        return study
+    wanted_h, seeds = study.development_h, list(study.development)
+    count = min(FIRST_DEVELOPMENT, len(seeds))
+    while True:
+        _run_missing(task, scenario, [*seeds[:count], *study.dataset.seeds], out, engine, feedback)
+        hours = np.cumsum([predicted_hours(task.folder / file_name(scenario, seed)) for seed in seeds[:count]])
+        if hours[-1] >= wanted_h or count == len(seeds) or not hours[-1]:
+            break
+        count = min(count + int(np.ceil((wanted_h / hours[-1] - 1) * count)), len(seeds))
+    last = seeds[min(int(np.searchsorted(hours, wanted_h)), count - 1)]
+    return study.model_copy(update={"development": SeedRange(first=seeds[0], last=last)})
 
 
 def _run_missing(
-    task: EpisodeTask, scenario: str, study: LiveStudy, out: Path, engine: Engine, feedback: Feedback
+    task: EpisodeTask, scenario: str, seeds: Sequence[int], out: Path, engine: Engine, feedback: Feedback
 ) -> None:
-    """Run the episodes that have no file yet, and write down their processor times."""
+    """Run the episodes of seeds that have no file yet, and write down their processor times."""
 
     def finished(seed: int) -> bool:
         kinds = (False, True) if task.predictors.alone is not None else (False,)
-        facts = [read_facts(task.folder / file_name(scenario, seed, alone)) for alone in kinds]
+        facts = [FILES.read_facts(task.folder / file_name(scenario, seed, alone)) for alone in kinds]
         return all(fact is not None and fact.fingerprint == task.fingerprint for fact in facts)
 
-    episodes = Episodes(study.seeds, finished, "watching traffic", "episodes", lambda seed: f"seed {seed}")
-    begun = any(finished(seed) for seed in study.seeds)
+    episodes = Episodes(seeds, finished, "watching traffic", "episodes", lambda seed: f"seed {seed}")
+    begun = any(finished(seed) for seed in seeds)
     spent = read_speed(out) if begun else {}
 
     def keep(seed: int, result: ProcessorTime) -> None:
         spent[str(seed)] = asdict(result)
         write_json(out / SPEED_FILE, dict(sorted(spent.items())))
 
-    run_missing(task, episodes, engine, feedback, keep)
+    run_episodes(task, episodes, engine, feedback, keep)

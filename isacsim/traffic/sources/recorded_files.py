@@ -56,8 +56,8 @@ class FileSettings(Settings):
 class Opened:
     """A file that was read.
 
-    scenario: its `demand` is that file. inputs: all files that were read. remarks: what is to be said of it, a line each.
-    noise_m: standard deviation of the positions, m.
+    scenario: its `demand` is that file. inputs: all files that were read. remarks: what is to be said of it, a
+    line each. noise_m: standard deviation of the positions, m.
     """
 
     scenario: Scenario

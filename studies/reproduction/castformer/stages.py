@@ -181,7 +181,7 @@ class CastformerReproduction:
                 "windows": {"relative_to": "commit", "end_after_s": self.size.trained_end_s},
                 "optimiser": {"clip_norm": 0.0, "threads": 1},
                 "loss": {"class_weights": False},
-                "preludes": {"use": False},
+                "pre_onset": {"use": False},
                 "castformer": row.settings,
                 "asi_bip": {"lstm_bfloat16": False},
             },

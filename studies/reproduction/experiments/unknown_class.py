@@ -12,6 +12,7 @@ from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.evaluation.on_windows.predictions import Predictions
 from isac_cosim.evaluation.statistics import Counts
 from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
 
@@ -24,7 +25,7 @@ BINS = 25
 class UnknownScores(Settings):
     """Separation of `following` from the known intentions.
 
-    n_known, n_unknown: number of windows. auroc: by open-set score; `prelude` alone saw driving in training.
+    n_known, n_unknown: number of windows. auroc: by open-set score; `pre_onset` alone saw driving in training.
     auroc_without: the same without each of the test seeds in turn, by score; empty where a seed left out leaves nothing
     to separate, and in older files.
     roc: true-positive rates (known kept) at false-positive rates (following kept) evenly spaced from 0 to 1, by score.
@@ -35,8 +36,8 @@ class UnknownScores(Settings):
 
     n_known: int
     n_unknown: int
-    auroc: dict[str, float]
-    auroc_without: dict[str, list[float]] = Field(default_factory=dict)
+    auroc: dict[OpenSetScore, float]
+    auroc_without: dict[OpenSetScore, list[float]] = Field(default_factory=dict)
     roc: dict[str, list[float]]
     known_confidence: list[int]
     unknown_confidence: list[int]

@@ -18,7 +18,6 @@ from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records, cut, draw_ends
-from isac_cosim.models.predictors.trees import N_STATISTICS
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 from tests.support.forged import as_former_run, forge_run, reseal
@@ -40,12 +39,12 @@ def trees(trees_run: Run, tmp_path: Path) -> Path:
 
 def test_the_card_has_the_digests_of_the_files(network_run: Run) -> None:
     card = json.loads((network_run.path / "run.json").read_text())
-    assert set(card["files"]) == {"weights.pt", "reference.npz", "preludes.skops", "history.csv"}
+    assert set(card["files"]) == {"weights.pt", "reference.npz", "pre_onset.skops", "history.csv"}
     assert card["schema_version"] == 2
     assert card["sha256"] == network_run.card.sha256
 
 
-@pytest.mark.parametrize("file", ["weights.pt", "reference.npz", "preludes.skops", "history.csv"])
+@pytest.mark.parametrize("file", ["weights.pt", "reference.npz", "pre_onset.skops", "history.csv"])
 def test_a_flipped_bit_is_noticed(network: Path, file: str) -> None:
     content = bytearray((network / file).read_bytes())
     content[len(content) // 2] ^= 1
@@ -157,7 +156,7 @@ FORGED: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "labels of 99": (array_changed(label=lambda x: x + 99), r"reference\.npz: label: is not a known intention"),
     "fewer labels": (array_changed(label=lambda x: x[:-1]), r"reference\.npz: features: has the shape"),
-    "a reference of another width": (array_changed(features=lambda x: x[:, :5]), r"preludes\.skops: n_features_in_"),
+    "a reference of another width": (array_changed(features=lambda x: x[:, :5]), r"pre_onset\.skops: n_features_in_"),
 }
 
 
@@ -174,13 +173,13 @@ def test_a_forged_file_is_refused_by_its_content(network: Path, change: str, for
 
 def test_the_score_needs_its_trees(network: Path) -> None:
     path = network / "run.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"unknown_score": "prelude"}))
-    (network / "preludes.skops").unlink()
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"unknown_score": "pre_onset"}))
+    (network / "pre_onset.skops").unlink()
     content = json.loads(path.read_text())
-    del content["files"]["preludes.skops"]
+    del content["files"]["pre_onset.skops"]
     path.write_text(json.dumps(content))
     reseal(path)
-    with pytest.raises(InputError, match=r"preludes\.skops: is missing, on which unknown_score rests"):
+    with pytest.raises(InputError, match=r"pre_onset\.skops: is missing, on which unknown_score rests"):
         load_run(network)
 
 
@@ -201,7 +200,7 @@ NODES: dict[str, tuple[Callable[[Any], None], str]] = {
 @pytest.mark.parametrize("change", NODES)
 def test_trees_that_do_not_end_or_look_outside_are_refused(trees: Path, change: str) -> None:
     """scikit-learn's compiled loops would run for ever, or read memory that is not theirs."""
-    forest = read_trees(trees / "trees.skops", N_STATISTICS, KNOWN)
+    forest = read_trees(trees / "trees.skops", None, KNOWN)
     NODES[change][0](forest._predictors[0][0].nodes)
     write_trees(trees / "trees.skops", forest)
     forge_run(trees)
@@ -224,7 +223,7 @@ ATTRIBUTES: dict[str, tuple[str, Any, str]] = {
 @pytest.mark.parametrize("change", ATTRIBUTES)
 def test_trees_of_another_kind_are_refused(trees: Path, change: str) -> None:
     name, value, fault = ATTRIBUTES[change]
-    forest = read_trees(trees / "trees.skops", N_STATISTICS, KNOWN)
+    forest = read_trees(trees / "trees.skops", None, KNOWN)
     setattr(forest, name, value)
     write_trees(trees / "trees.skops", forest)
     forge_run(trees)
@@ -247,13 +246,13 @@ def test_another_runs_files_are_refused(trees: Path, network: Path) -> None:
     shutil.copy(network / "reference.npz", trees / "reference.npz")
     with pytest.raises(InputError, match=r"reference\.npz: its bytes differ"):
         load_run(trees)
-    (trees / "preludes.skops").unlink()
+    (trees / "pre_onset.skops").unlink()
     content = json.loads((trees / "run.json").read_text())
     (trees / "run.json").write_text(json.dumps(content | {"unknown_score": "msp"}))
     as_former_run(trees)
     run = load_run(trees)
     windows = cut(*few_windows())
-    with pytest.raises(InputError, match="features are of 120 numbers a window, not 16; its files belong to different"):
+    with pytest.raises(InputError, match="features are of 140 numbers a window, not 16; its files belong to different"):
         run.answer(windows)
 
 

@@ -1,0 +1,89 @@
+"""`cosim train` on the command line: what it warns of, and that a refusal stands alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import cosim
+from isac_cosim.base.feedback import Feedback, Foreword
+from isac_cosim.models.networks.fitting import CHECKPOINTS
+from isac_cosim.models.runs.run import CARD_FILE
+from tests.support.forged import forge_dataset
+from tests.support.made_up_dataset import write_dataset
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a dataset of few windows, so that scores will lack something."""
+    write_dataset(tmp_path / "data", seeds=3, per_class=1)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def foreign_folder(folder: Path) -> None:
+    (folder / "new").mkdir()
+    (folder / "new" / "thesis.tex").touch()
+
+
+def damaged_shard(folder: Path) -> None:
+    shard = sorted((folder / "data" / "shards").iterdir())[0]
+    content = bytearray(shard.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 100] = bytes(100)
+    shard.write_bytes(content)
+    forge_dataset(folder / "data")
+
+
+def damaged_card(folder: Path) -> None:
+    (folder / "new").mkdir()
+    (folder / "new" / CARD_FILE).write_text("{")
+
+
+def damaged_checkpoint(folder: Path) -> None:
+    assert cosim.main(["train", "data", "-o", "new", "--epochs", "1", "--quiet"]) == 0
+    card = folder / "new" / CARD_FILE
+    (folder / "new" / CHECKPOINTS / "last.ckpt").write_bytes(b"PK")
+    card.unlink()
+
+
+@pytest.mark.parametrize("fault", [foreign_folder, damaged_shard, damaged_card, damaged_checkpoint])
+def test_what_is_refused_is_told_in_one_line(
+    folder: Path, capfd: pytest.CaptureFixture[str], fault: Callable[[Path], None]
+) -> None:
+    fault(folder)
+    capfd.readouterr()
+    assert cosim.main(["train", "data", "-o", "new", "--epochs", "1", "--quiet"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("cosim: ")
+
+
+@pytest.mark.parametrize("model", ["rule", "asi-bip"])
+def test_a_training_still_warns_of_what_its_scores_lack(
+    folder: Path, capfd: pytest.CaptureFixture[str], model: str
+) -> None:
+    """Whether it reports progress or not, and also where it had already finished."""
+    for _ in range(2):
+        command = ["train", "data", "-o", "new", "--model", model, "--quiet"]
+        assert cosim.main(command + (["--epochs", "1"] if model == "asi-bip" else [])) == 0
+        lines = capfd.readouterr().err.splitlines()
+        assert lines
+        assert all(line.startswith("warning: ") for line in lines)
+
+
+def test_a_foreword_comes_once_and_before_the_first_report() -> None:
+    said: list[str] = []
+
+    class Listening(Feedback):
+        def message(self, line: str) -> None:
+            said.append(line)
+
+    foreword = Foreword(Foreword(Listening(), ["a"]), ["b"], said.append)
+    with foreword.bar("work") as move:
+        assert said == []
+        move(1, 2)
+    foreword.message("c")
+    foreword.say()
+    assert said == ["b", "a", "c"]
