@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 def _print_version(asked: bool) -> None:
+    from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
+
     if asked:
+        load_libsumo()  # refuses another SUMO than the installed one, which would answer in its place
         print(f"isac-cosim {version('isac-cosim')}, SUMO {version('libsumo')}, torch {version('torch')}")
         raise typer.Exit
 
