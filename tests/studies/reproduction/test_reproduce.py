@@ -14,12 +14,16 @@ from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize, CastformerSize
-from isac_cosim.studies.reproduction.experiments.stages import Capacity, cost_of, result_of
+from isac_cosim.studies.reproduction.experiments.stages import (
+    Capacity,
+    cost_in_words,
+    cost_of,
+    result_of,
+)
 from isac_cosim.studies.reproduction.reproduce import (
     PAPERS,
     Request,
     best_workers,
-    cost_in_words,
     expected_cost,
     reproduce,
     request,
