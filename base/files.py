@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
+from reprlib import Repr
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -21,6 +22,9 @@ LOCK_FILE = ".lock"
 """Name of the file that is locked while a command writes a folder. It stays there, empty."""
 DIGEST = r"^[0-9a-f]{64}$"
 """A SHA-256 digest, hexadecimal."""
+SHORT = Repr()
+"""Describes texts by at most 40 characters."""
+SHORT.maxstring = 40
 SETTLED_S = 2.0
 """A file that was changed more recently may change again without a change of its times, s."""
 
@@ -100,6 +104,11 @@ def digests_of(files: Iterable[Path]) -> dict[str, str]:
         return {path.relative_to(common).as_posix(): file_digest(path) for path in whole}
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read ({error.strerror}); make it readable") from None
+
+
+def shortened(path: object) -> str:
+    """Return a path or name in quotes, its middle left out where it is long, for a description in one line."""
+    return SHORT.repr(str(path))
 
 
 def content_digest(content: Any) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult, Difference
+from isac_cosim.evaluation.closed_loop.results import ArmDifference, ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import (
     AlarmResult,
     AloneResult,
@@ -228,11 +228,11 @@ def _against_none(title: str, result: ClosedLoopResult) -> str:
     return _part(title, head, rows)
 
 
-def _percent(difference: Difference) -> str:
+def _percent(difference: ArmDifference) -> str:
     return _change(difference.relative, difference.relative_interval, 100.0, " %")
 
 
-def _plain(difference: Difference | None) -> str:
+def _plain(difference: ArmDifference | None) -> str:
     return "" if difference is None else _change(difference.value, difference.interval)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
 from isac_cosim.models.data.lane_map import LaneMap
@@ -40,7 +39,7 @@ class Inference:
         return [self.classes[k] for k in self.probabilities.argmax(axis=1)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Infer:
     """A trained predictor, on the CPU.
 
@@ -49,6 +48,9 @@ class Infer:
 
     run: Run
     score: Score
+
+    def __repr__(self) -> str:
+        return f"<Infer {repr(self.run)[5:]}"
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -80,6 +82,6 @@ class Infer:
         outputs = self.run.answer(windows)
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         score = self.score(outputs)
-        probabilities = softmax(outputs.logits / card.temperature, axis=1)
+        probabilities = replace(outputs, logits=outputs.logits / card.temperature).probabilities
         latency_ms = 1000 * (time.perf_counter() - begin)
         return Inference(card.classes, probabilities, score < threshold, score, outputs.features, latency_ms)

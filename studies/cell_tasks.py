@@ -5,8 +5,7 @@ A task opens the dataset that it needs, and holds its records for as long as it 
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -16,8 +15,9 @@ import numpy as np
 from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.shortages import shortage
-from isac_cosim.base.workers.attempts import describe
+from isac_cosim.base.workers.attempts import Outcome, describe
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.base.workers.missing import Tally, run_missing
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
@@ -97,21 +97,30 @@ class CellEvaluation:
 
 
 def run_tasks(
-    tasks: Sequence[Task], engine: Engine, feedback: Feedback, title: str, unit: str, threads: int = 1
-) -> Generator[tuple[Task, str]]:
-    """Run tasks side by side, and yield those that fail, with the reason.
+    tasks: Sequence[Task],
+    engine: Engine,
+    feedback: Feedback,
+    title: str,
+    unit: str,
+    failed: Callable[[Task, str], None],
+    threads: int = 1,
+) -> None:
+    """Run tasks side by side.
 
-    title, unit: of the progress bar. threads: that a task uses.
+    title, unit: of the progress bar. failed: called with each task that fails, and why. threads: that a task uses.
     Raises OutputError if nothing can be written, ShortageError if the machine lacks something.
     """
-    if not tasks:
-        return
-    with feedback.bar(title, unit) as move, closing(engine.run(attempt, tasks, threads)) as outcomes:
-        move(0, len(tasks))
-        for done, outcome in enumerate(outcomes, 1):
-            move(done, len(tasks))
-            if outcome.error is not None:
-                yield outcome.item, outcome.error
+    tally = Tally(len(tasks))
+
+    def keep(outcome: Outcome[Task, None]) -> None:
+        tally.done += 1
+        if outcome.error is not None:
+            failed(outcome.item, outcome.error)
+
+    if tasks:
+        run_missing(
+            attempt, tasks, engine, feedback, title=title, unit=unit, keep=keep, progress=tally, threads=threads
+        )
 
 
 def attempt(task: CellTask) -> None:

@@ -25,6 +25,7 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures, spoken
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records
+from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train_records
 
@@ -46,8 +47,8 @@ class HeldOutRow(Settings):
     n_known: int
     macro_f1: float | None
     macro_f1_over: list[str] | None = None
-    unknown_score: str
-    unknown_scores: dict[str, Separation]
+    unknown_score: OpenSetScore
+    unknown_scores: dict[OpenSetScore, Separation]
 
 
 class HeldOutMadeBy(Settings):
@@ -80,7 +81,7 @@ class HeldOutResult(ResultWithOptionalParts):
 
     model: str
     held_out: dict[str, HeldOutRow]
-    mean: dict[str, Separation]
+    mean: dict[OpenSetScore, Separation]
     made_by: HeldOutMadeBy | None = None
 
 

@@ -164,9 +164,12 @@ class Sweep:
             if not training.is_finished(digests[training.cell.network, training.cell.sensing])
         ]
         threads = self.study.training.optimiser.threads
-        for training, reason in run_tasks(missing, self.engine, self.feedback, "training", "trainings", threads):
+
+        def failed(training: CellTraining, reason: str) -> None:
             self.untrained.add((training.cell, training.training.seed))
             self._leave_out([training.cell], [training.training.seed], reason)
+
+        run_tasks(missing, self.engine, self.feedback, "training", "trainings", failed, threads)
 
     def _evaluate(self, cells: Sequence[Cell]) -> None:
         """Run the evaluations of cells that are not finished; report and leave out those that fail."""
@@ -176,9 +179,12 @@ class Sweep:
             if (seeds := self._trained_seeds(cell))
             for network in self._unfinished_networks(cell)
         ]
-        for evaluation, reason in run_tasks(evaluations, self.engine, self.feedback, "evaluating", "evaluations"):
+
+        def failed(evaluation: CellEvaluation, reason: str) -> None:
             self.unmeasured.add((evaluation.cell, evaluation.network))
             self._leave_out([evaluation.cell], self._trained_seeds(evaluation.cell), reason)
+
+        run_tasks(evaluations, self.engine, self.feedback, "evaluating", "evaluations", failed)
 
     def _training(self, cell: Cell, seed: int) -> CellTraining:
         """Return the training of a cell with a training seed."""

@@ -12,7 +12,7 @@ import numpy as np
 import sumo
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.scenarios.demand import drivers
+from isac_cosim.isacsim.scenarios.demand import by_lane, drivers
 from isac_cosim.isacsim.scenarios.scenario import read_network
 from isac_cosim.isacsim.scenarios.site_placement import PlacementSettings, place, sites_file
 from isac_cosim.isacsim.scenarios.sumo_files import is_lefthand
@@ -155,11 +155,12 @@ def write_scenario(
     covered: Collection[str],
     options: Sequence[str] = (),
     stops: Sequence[str] = (),
+    lanes: int = 0,
 ) -> None:
     """Write every file of a scenario folder: plain network, network, demand, stops, sites, configuration.
 
     demand: lines of routes and flows. covered: edges that get sites. options: more options of netconvert. stops: lines
-    of bus stops; without any, there is no file of them.
+    of bus stops; without any, there is no file of them. lanes: of the road on which cars of `flows_by_lane` enter.
     """
     name = folder.name
     for kind, lines in (("nod", plain.nodes.values()), ("edg", plain.edges), ("con", plain.connections)):
@@ -176,7 +177,8 @@ def write_scenario(
     # netconvert writes the date into the header. Without it, equal inputs give equal files.
     text = network.read_text(encoding="utf-8")
     write_lines(network, re.sub(r"<!-- generated on.*?-->\s*", "", text, flags=re.DOTALL))
-    routes = [*drivers(np.random.default_rng(20250101)), *demand]
+    types = drivers(np.random.default_rng(20250101))
+    routes = [*types, *(by_lane(types, lanes) if lanes else ()), *demand]
     write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
     lanes = read_network(network).lanes
     sites = place(lanes, covered, PlacementSettings(), is_lefthand(network))

@@ -67,7 +67,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     study = small_study(seeds={"first": 1, "last": 4})
     dataset = generate(study, folder / "data", InlineEngine(), source=ScriptedSource(folder / "scripted"))
     shutil.rmtree(folder / "scripted")
-    few = {"trees": {"rounds": 2}, "preludes": {"rounds": 2}, "optimiser": {"threads": 1}}
+    few = {"trees": {"rounds": 2}, "pre_onset": {"rounds": 2}, "optimiser": {"threads": 1}}
     train(dataset, folder / "run", TrainSettings.model_validate({"model": "trees", **few}))
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
     with claim_study(folder / "results", read_study(folder / "study.toml")):

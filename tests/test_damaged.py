@@ -36,7 +36,7 @@ OF_DATASET = (
     "sense data -o new --sensor truth --json", "sense data -o new --snr 5 --json",
 )  # fmt: skip
 SMALL = {
-    "windows": {"window_s": 1.0}, "trees": {"rounds": 2}, "preludes": {"rounds": 2},
+    "windows": {"window_s": 1.0}, "trees": {"rounds": 2}, "pre_onset": {"rounds": 2},
     "optimiser": {"epochs": 1, "threads": 1}, "asi_bip": {"hidden": 4, "width": 8, "heads": 2, "feedforward": 8},
 }  # fmt: skip
 met: collections.Counter[str] = collections.Counter()

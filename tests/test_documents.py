@@ -6,15 +6,23 @@ import json
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from cffconvert import Citation
 
 import cosim
+from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS
+from isac_cosim.isacsim.traffic.sources.kinematic import KinematicSource
+from isac_cosim.isacsim.traffic.sources.kinematic_scenes import STEP_S
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
 from isac_cosim.labeling.dataset.dataset import Dataset
 from tests.support.made_up_dataset import write_dataset
 
@@ -119,10 +127,10 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 STUDY = """
 [dataset]
-scenarios = ["motorway"]
-source = "undisturbed"
+scenarios = ["tracks.csv"]
+source = "drone"
 seeds = { first = 1, last = 2 }
-traffic = { run_in_s = 20.0, duration_s = 25.0 }
+drone = { frame_s = 0.05 }
 record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 
 [dataset.labels]
@@ -131,6 +139,9 @@ preset = "gentle-1"
 [dataset.labels.detectors.gentle_brake]
 threshold_mps2 = 0.6
 """
+FRAMES_S = 0.05
+GENERATE = "generate tracks.csv -o drone --source drone --seeds 1:2 --jobs 1 --quiet"
+EVALUATE = "evaluate nearest --traffic tracks.csv --source drone --seeds 2:2 --development 1:1 --jobs 1 --quiet"
 COMMANDS = (
     "sense data -o gnss --sensor gnss --jobs 1 --quiet",
     "sense data -o codebook --estimator codebook --jobs 1 --quiet",
@@ -138,7 +149,19 @@ COMMANDS = (
     "train --help",
     "train data -o nearest --model nearest --quiet",
     "evaluate nearest --data data --json --quiet",
+    GENERATE,
+    EVALUATE + " -o live --json",
 )
+REFUSED = {
+    "generate tracks.csv -o none --source drone --seeds 8:9": "tracks: has no seed of 8:9; it has 1 to 2; name others",
+    EVALUATE.replace("2:2", "2:3"): "tracks: has no seed 3; give other --seeds or --development",
+    EVALUATE + " --advisories": "source drone: has recordings only, and a closed loop needs a world that runs",
+    EVALUATE + " --natural": "--natural: source drone has no world in which drivers are left alone; leave it out",
+}
+AFTER_A_CHANGE = {
+    GENERATE: "drone: holds a dataset, and tracks.csv of tracks has changed since it was begun",
+    EVALUATE + " -o live": "live: tracks.csv has changed since the evaluation was begun",
+}
 SCRIPT = """
 import contextlib, io, json, sys
 from pathlib import Path
@@ -150,20 +173,43 @@ from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.studies.study import read_study
 
 
-def printed_by(command):
-    with contextlib.redirect_stdout(io.StringIO()) as output:
+def said_by(command):
+    with contextlib.redirect_stdout(io.StringIO()) as output, contextlib.redirect_stderr(io.StringIO()) as errors:
         code = cosim.main(command.split())
-    if code:
-        sys.exit(f"{command}: {code}")
-    return output.getvalue()
+    return code, output.getvalue(), errors.getvalue()
 
 
 if __name__ == "__main__":
     with kept_running(LocalEngine(1)) as kept:  # one worker process for all
         LocalEngine.run = lambda engine, *arguments, **named: kept.run(*arguments, **named)
-        generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
-        print(json.dumps({command: printed_by(command) for command in sys.argv[1:]}))
+        if not Path("generated").exists() and Path("study.toml").exists():
+            generate(read_study(Path("study.toml")).dataset, Path("generated"), LocalEngine(1))
+        print(json.dumps({command: said_by(command) for command in sys.argv[1:]}))
 """
+
+
+def write_tracks(path: Path) -> None:
+    """What a drone sees of two episodes of the kinematic source, once every `FRAMES_S`."""
+    source = KinematicSource(KinematicSettings(per_class=1, following_scenes=1))
+    every = round(FRAMES_S / STEP_S)
+    rows = []
+    for block in (1, 2):
+        for name, track in source.record(source.load("straight_road"), block).tracks.items():
+            seen = pd.DataFrame({column: getattr(track, column) for column in COLUMNS})
+            seen.insert(0, "frame", (track.first_step + np.arange(len(track))) // every)
+            seen.insert(0, "vehicle", name)
+            seen.insert(0, "block", block)
+            rows.append(seen[-track.first_step % every :: every])
+    pd.concat(rows).to_csv(path, index=False)
+
+
+def said(folder: Path, parts: dict[str, str], commands: Iterable[str]) -> dict[str, tuple[int, str, str]]:
+    """Run commands in one process that has the package; return exit code and both outputs of each."""
+    done = subprocess.run(
+        [sys.executable, "script.py", *commands], cwd=folder, env=parts, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return {command: tuple(outcome) for command, outcome in json.loads(done.stdout.splitlines()[-1]).items()}
 
 
 @pytest.fixture(scope="module")
@@ -172,12 +218,12 @@ def printed(parts: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> 
     each command printed on standard output."""
     folder = tmp_path_factory.mktemp("commands")
     write_dataset(folder / "data")
+    write_tracks(folder / "tracks.csv")
     (folder / "study.toml").write_text(STUDY)
     (folder / "script.py").write_text(SCRIPT)
-    command = [sys.executable, "script.py", *COMMANDS]
-    done = subprocess.run(command, cwd=folder, env=parts, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return folder, json.loads(done.stdout.splitlines()[-1])
+    outcomes = said(folder, parts, COMMANDS)
+    assert {command: error for command, (code, _, error) in outcomes.items() if code} == {}
+    return folder, {command: output for command, (_, output, _) in outcomes.items()}
 
 
 def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tuple[Path, dict[str, str]]) -> None:
@@ -186,7 +232,7 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
     frame = Dataset.open(folder / "gnss").frame(["sensor", "n_sites"])
     assert set(frame["sensor"]) == {"gnss"}
     assert "nearest" in output["train --help"]
-    metrics = json.loads(output[COMMANDS[-1]].splitlines()[-1])
+    metrics = json.loads(output["evaluate nearest --data data --json --quiet"].splitlines()[-1])
     assert (metrics["model"], metrics["name"]) == ("nearest", "nearest mean")
     assert metrics["macro_f1"] > 0.2
     sure = metrics["answers"]["sureness"]
@@ -199,9 +245,46 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(
     printed: tuple[Path, dict[str, str]],
 ) -> None:
-    """In worker processes, through SUMO: nothing is commanded, and every gentle brake is an event."""
+    """In worker processes: the study's settings of both count and are stored, and every gentle brake is an event."""
     folder, _ = printed
-    meta = Dataset.open(folder / "generated").meta
+    generated, by_default = Dataset.open(folder / "generated"), Dataset.open(folder / "drone")
+    meta = generated.meta
     assert meta.study["labels"]["detectors"] == {"gentle_brake": {"threshold_mps2": 0.6}}
-    assert set(meta.by_origin()) <= {"natural"}
-    assert sum(shard.episode.events["hard_brake"] for shard in meta.shards) > 5
+    assert (meta.study["source"], meta.study["drone"]) == ("drone", {"frame_s": 0.05})
+    assert by_default.meta.study["drone"] == {"frame_s": 0.04}
+    assert set(generated.frame(["source"])["source"]) == {"drone"}
+    assert set(meta.by_origin()) == {"natural"}
+    brakes = [sum(shard.episode.events["hard_brake"] for shard in of.shards) for of in (meta, by_default.meta)]
+    assert brakes[0] > brakes[1] > 0
+    assert {"traffic", "maneuvers"}.isdisjoint(meta.study)
+
+
+def test_a_source_of_an_installed_package_is_evaluated_in_its_traffic(printed: tuple[Path, dict[str, str]]) -> None:
+    folder, output = printed
+    result = json.loads(output[EVALUATE + " -o live --json"].splitlines()[-1])
+    assert result["vehicle_hours"] > 0
+    study = json.loads((folder / "live" / "study.json").read_text())
+    assert (study["study"]["dataset"]["source"], set(study["inputs"])) == ("drone", {"tracks.csv"})
+
+
+def test_what_a_source_of_an_installed_package_cannot_do_is_one_line(
+    parts: dict[str, str], printed: tuple[Path, dict[str, str]]
+) -> None:
+    """Seeds that are not there, a closed loop, drivers left alone; and afterwards, a file that has changed."""
+    folder, _ = printed
+    outcomes = said(folder, parts, REFUSED)
+    changed = folder / "changed"
+    changed.mkdir()
+    for name in ("script.py", "tracks.csv"):
+        shutil.copy(folder / name, changed)
+    for name in ("drone", "live", "nearest"):
+        shutil.copytree(folder / name, changed / name)
+    with (changed / "tracks.csv").open("a") as file:
+        file.write("2,late,1,0.0,0.0,20.0,1,50.0,0.0\n")
+    outcomes |= said(changed, parts, AFTER_A_CHANGE)
+    for command, line in (REFUSED | AFTER_A_CHANGE).items():
+        code, _, error = outcomes[command]
+        assert code == 2, command
+        assert len(error.splitlines()) == 1, error
+        assert line in error
+    assert not (folder / "none").exists()

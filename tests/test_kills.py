@@ -90,7 +90,7 @@ record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 asi_bip = { hidden = 8, width = 8, heads = 2, encoder_layers = 1, tv_pool = 4, uv_pool = 4 }
 optimiser = { epochs = 4, threads = 1 }
 trees = { rounds = 5 }
-preludes = { rounds = 5 }
+pre_onset = { rounds = 5 }
 """
 SWEEP = """
 [sweep]

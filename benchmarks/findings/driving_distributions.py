@@ -3,19 +3,27 @@
     python -m isac_cosim.benchmarks.findings.driving_distributions [SCENARIO] [--seeds N] [--duration S]
 
 Prints a table in Markdown, one row a quantity, by origin where it is one of events, with published values beside it.
+
+    python -m isac_cosim.benchmarks.findings.driving_distributions [SCENARIO ...] --rates [--seeds N] [--duration S]
+
+Prints another one: how often maneuvers happen, per km and per hour, how closely vehicles follow and how fast they are,
+in natural and in stimulated traffic of each scenario, on its whole network. Each value is a mean over seeds, with the
+standard deviation over seeds.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.scenarios.scenario import load
-from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
+from isac_cosim.isacsim.scenarios.scenario import Scenario, load
+from isac_cosim.isacsim.scenarios.xml_files import elements
+from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import Labels, label, provenance
@@ -42,9 +50,45 @@ CALM_S = 3.0
 """Sway and jerk are measured this far from any event, s."""
 BRAKING_AFTER_S = (1.0, 2.2)
 """Where the course of a hard brake is measured, after its onset, s."""
-HEADWAY_EVERY_S = 5.0
+EVERY_S = 5.0
+"""Interval at which headways and speeds are taken, s."""
+MOVING_MPS = 5.0
+"""Slower vehicles have no headway, m/s."""
 FOLLOWER_S = 3.0
 """A vehicle closer than this, in time, follows the one ahead, s."""
+CLOSE_S, CLOSE_MPS = 2.0, 1.5
+"""A vehicle follows closely where the time gap and the difference of speeds are below these, s and m/s."""
+FREE_S = 5.0
+"""A vehicle with a larger time gap is free, s."""
+NATURAL, STIMULATED = "natural", "stimulated"
+
+RATES = {
+    "lane changes": "0.12 (highD: Krajewski et al. 2018, 5,600 complete changes in 45,000 km of six German motorways); "
+    "0.225 (Olsen, Lee, Wierwille and Goodman 2002, 8,667 changes of 16 commuters in 38,542 km); 0.5 (Knoop et al. "
+    "2012, two dense freeway sites)",
+    "left lane changes": "",
+    "right lane changes": "",
+    "overtakes": "",
+    "hard brakes": "",
+    "hard accelerations": "",
+    "evasive swerves": "",
+}
+"""The maneuvers of the table of rates, and how often they happen per km, as published."""
+STYLE = {
+    "time gaps below 1 s, % of followers within 3 s": "",
+    "time gaps below 2 s, % of all": "25 of cars and vans (Department for Transport 2020, British roads in free flow)",
+    "time gap of followers within 3 s, median, s": "",
+    "time gap of close followers, mean, s": "1.1 (Al-Obaedi 2019, 250,000 pairs of close followers, M25 and M42)",
+    "time gap of close followers, sd, s": "0.42 (the same)",
+    "speed of cars, mean, km/h": "117 (Heidemann 1989, German motorways, two thirds without a limit)",
+    "speed of cars, sd, km/h": "",
+    "speed of cars, 85th percentile, km/h": "",
+    "free cars above the limit, %": "45 on motorways, 50 where the limit is 48 km/h (Department for Transport 2023)",
+    "free cars 14 % above the limit, %": "8 on motorways (the same: 10 mph above 70 mph)",
+}
+"""The other quantities of the table of rates, and what is published about them."""
+TOTALS = ("vehicle-km", "vehicle-hours", "collided", "teleported")
+"""What is added up over the seeds."""
 
 
 def measured(recording: Recording, labels: Labels) -> Iterator[tuple[str, str, float]]:
@@ -108,38 +152,155 @@ def _middle(motion: RoadMotion) -> Array:
     return middle
 
 
-def time_gaps(recording: Recording) -> Iterator[float]:
-    """Yield the time gaps between vehicles in one lane, every few seconds, s."""
-    every = round(HEADWAY_EVERY_S / recording.step_s)
-    by_step: dict[int, list[tuple[int, float, float, float]]] = {}
+class Moving(NamedTuple):
+    """A vehicle that moves in a lane, at one moment.
+
+    kind: its class in SUMO. speed: m/s. lane: its id. gap_s: time gap to the vehicle ahead in the lane, s. closing_mps:
+    by how much it is faster than that, m/s. Without a vehicle ahead, the gap is infinite.
+    """
+
+    kind: str
+    speed: float
+    lane: str
+    gap_s: float
+    closing_mps: float
+
+
+def moving(recording: Recording) -> Iterator[Moving]:
+    """Yield the vehicles that move, every few seconds."""
+    every = round(EVERY_S / recording.step_s)
+    by_step: dict[int, list[tuple[int, float, float, float, str]]] = {}
     for track in recording.tracks.values():
         for row in range(-track.first_step % every, len(track), every):
-            state = (int(track.lane[row]), float(track.lane_pos[row]), float(track.speed[row]), track.length_m)
-            by_step.setdefault(track.first_step + row, []).append(state)
+            step = track.first_step + row
+            if not recording.is_parked(track.vehicle, step, step):
+                place, speed = float(track.lane_pos[row]), float(track.speed[row])
+                state = (int(track.lane[row]), place, speed, track.length_m, track.kind)
+                by_step.setdefault(step, []).append(state)
     for states in by_step.values():
         states.sort()
-        for (lane, place, speed, _), (lane_ahead, place_ahead, _, length) in pairwise(states):
-            if lane == lane_ahead and speed > 5.0:
-                yield (place_ahead - length - place) / speed
+        for (lane, place, speed, _, kind), ahead in pairwise([*states, None]):
+            if speed > MOVING_MPS:
+                gap_s, closing_mps = np.inf, 0.0
+                if ahead is not None and ahead[0] == lane:
+                    gap_s, closing_mps = (ahead[1] - ahead[3] - place) / speed, speed - ahead[2]
+                yield Moving(kind, speed, recording.lanes[lane].id, gap_s, closing_mps)
+
+
+def time_gaps(recording: Recording) -> Iterator[float]:
+    """Yield the time gaps between vehicles in one lane, every few seconds, s."""
+    yield from (vehicle.gap_s for vehicle in moving(recording) if np.isfinite(vehicle.gap_s))
+
+
+def rates(recording: Recording, labels: Labels, limits: Mapping[str, float]) -> dict[str, float]:
+    """Return every quantity of the table of rates, by its name; NaN where there is nothing to measure.
+
+    limits: the speed limit of each lane, m/s.
+    """
+    seconds = km = 0.0
+    for track in recording.tracks.values():
+        parked = sum(after - first for first, after in recording.parked.get(track.vehicle, ()))
+        seconds += (len(track) - parked) * recording.step_s
+        km += float(track.speed.sum()) * recording.step_s / 1000.0
+    changes = [change.intention for of_vehicle in labels.changes.values() for change in of_vehicle]
+    counts = {
+        "lane changes": len(changes),
+        "left lane changes": changes.count(Intention.LEFT_LANE_CHANGE),
+        "right lane changes": changes.count(Intention.RIGHT_LANE_CHANGE),
+        "overtakes": len(labels.of(Intention.OVERTAKE)),
+        "hard brakes": len(labels.of(Intention.HARD_BRAKE)),
+        "hard accelerations": len(labels.of(Intention.HARD_ACCEL)),
+        "evasive swerves": len(labels.of(Intention.EVASIVE_SWERVE)),
+    }
+    values = {f"{name}, per km": count / km for name, count in counts.items()}
+    values |= {f"{name}, per hour": 3600.0 * count / seconds for name, count in counts.items()}
+    vehicles = list(moving(recording))
+    gaps = np.array([vehicle.gap_s for vehicle in vehicles])
+    close = np.array([v.gap_s < CLOSE_S and abs(v.closing_mps) < CLOSE_MPS for v in vehicles], np.bool_)
+    cars = np.array([vehicle.kind == "passenger" for vehicle in vehicles], np.bool_)
+    speeds = np.array([3.6 * vehicle.speed for vehicle in vehicles])
+    over = np.array([vehicle.speed / limits[vehicle.lane] for vehicle in vehicles])[cars & (gaps > FREE_S)]
+    following = gaps[gaps < FOLLOWER_S]
+    measures = (
+        100.0 * (following < 1.0).mean(), 100.0 * (gaps < 2.0).mean(), np.median(following),
+        gaps[close].mean(), gaps[close].std(),
+        speeds[cars].mean(), speeds[cars].std(), np.quantile(speeds[cars], 0.85),
+        100.0 * (over > 1.0).mean(), 100.0 * (over > 8.0 / 7.0).mean(),
+    )  # fmt: skip
+    values |= {name: float(value) for name, value in zip(STYLE, measures, strict=True)}
+    incidents = recording.incidents
+    totals = (km, seconds / 3600.0, len(incidents.collided), len(incidents.teleported))
+    return values | dict(zip(TOTALS, totals, strict=True))
+
+
+def speed_limits(scenario: Scenario) -> dict[str, float]:
+    """Return the speed limit of each lane of a scenario, m/s."""
+    return {
+        attributes["id"]: float(attributes["speed"])
+        for _, name, attributes in elements(scenario.network)
+        if name == "lane" and "speed" in attributes
+    }
+
+
+def print_rates(scenarios: Sequence[str], seeds: Sequence[int], traffic: TrafficSettings) -> None:
+    """Print the table of rates."""
+    worlds = {NATURAL: ManeuverSettings(**LEFT_ALONE), STIMULATED: ManeuverSettings()}
+    columns: dict[str, list[dict[str, float]]] = {}
+    for where in scenarios:
+        scenario = load(where)
+        limits = speed_limits(scenario)
+        for world, maneuvers in worlds.items():
+            for seed in seeds:
+                recording = record(scenario, seed, traffic, maneuvers)
+                measured_here = rates(recording, label(recording, LabelSettings()), limits)
+                columns.setdefault(f"{where}, {world}", []).append(measured_here)
+    published = {f"{name}, per km": text for name, text in RATES.items()} | STYLE
+    rows = [*(f"{name}, per {unit}" for unit in ("km", "hour") for name in RATES), *STYLE]
+    _print_row("quantity", *columns, "published")
+    _print_row(*["---"] * (len(columns) + 2))
+    for row in rows:
+        values = (np.array([seed[row] for seed in seeds_of]) for seeds_of in columns.values())
+        _print_row(row, *(f"{x.mean():.{_digits(row)}f} ± {x.std(ddof=1):.{_digits(row)}f}" for x in values),
+                   published.get(row, ""))  # fmt: skip
+    for row in TOTALS:
+        _print_row(f"{row}, all seeds", *(f"{sum(seed[row] for seed in of):.0f}" for of in columns.values()), "")
+
+
+def _digits(quantity: str) -> int:
+    """Return how many decimals a quantity is printed with."""
+    if quantity.endswith("per km"):
+        return 3
+    return 2 if quantity.endswith(", s") else 1
+
+
+def _print_row(*cells: str) -> None:
+    print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("scenario", nargs="?", default="motorway")
+    parser.add_argument("scenarios", nargs="*", default=["motorway"], metavar="SCENARIO")
+    parser.add_argument("--rates", action="store_true", help="how often, how closely and how fast")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first", type=int, default=1, help="first seed")
     parser.add_argument("--duration", type=float, default=240.0)
     chosen = parser.parse_args(arguments)
+    seeds = range(chosen.first, chosen.first + chosen.seeds)
+    if chosen.rates:
+        # Events are the same when the states between two decisions are rebuilt, in nearly all cases.
+        print_rates(chosen.scenarios, seeds, TrafficSettings(duration_s=chosen.duration, sample_s=0.1))
+        return
     values: dict[tuple[str, str], list[float]] = {}
-    for seed in range(1, chosen.seeds + 1):
+    for where, seed in product(chosen.scenarios, seeds):
         traffic = TrafficSettings(duration_s=chosen.duration)
-        recording = record(load(chosen.scenario), seed, traffic, ManeuverSettings())
+        recording = record(load(where), seed, traffic, ManeuverSettings())
         for quantity, origin, value in measured(recording, label(recording, LabelSettings())):
             values.setdefault((quantity, origin), []).append(value)
     quantiles = (0.05, 0.25, 0.5, 0.75, 0.95)
     columns = ["quantity", "origin", "n", "mean", "sd", *(f"{100 * share:.0f} %" for share in quantiles), "published"]
     for cells in (columns, ["---"] * len(columns)):
-        print(f"| {' | '.join(cells)} |")
+        _print_row(*cells)
     for quantity, published in PUBLISHED.items():
         for origin in ("", "natural", "reaction", "commanded"):
             if (quantity, origin) in values:

@@ -168,8 +168,11 @@ class Bench:
         )
         missing = [task for task in order if not task.is_finished(self.dataset.digest)]
         title = f"{name}, share {share:g}"
-        for task, reason in run_tasks(missing, self.engine, self.feedback, title, "trainings", TUNED.optimiser.threads):
+
+        def failed(task: BenchTraining, reason: str) -> None:
             raise RunError(f"{task.run}: {reason}")
+
+        run_tasks(missing, self.engine, self.feedback, title, "trainings", failed, TUNED.optimiser.threads)
         return {model: [load_run(task.run) for task in repeats] for model, repeats in tasks.items()}
 
     def evaluate(

@@ -15,6 +15,7 @@ import numpy as np
 from isac_cosim.base.seeding import stream
 from isac_cosim.evaluation.closed_loop.policy import Advisory, Instruction
 from isac_cosim.evaluation.closed_loop.settings import AdvisorySettings
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import is_parked
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import (
     COMMANDED_LANE_CHANGE_MODE,
     DEFAULT_LANE_CHANGE_MODE,
@@ -23,7 +24,6 @@ from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import (
     release,
     wait,
 )
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import is_parked
 from isac_cosim.isacsim.traffic.sources.sumo import Moment
 
 Fate = Literal["followed", "refused", "busy", "dropped", "gone", "pending"]

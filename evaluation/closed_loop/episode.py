@@ -105,7 +105,7 @@ def run_arm(
     answering = None if silent else run_answering(infer, study.live.background.lanes)
     sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm
     loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, sensor, answering)
-    source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _Alarms(alarming, study)
+    source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _PredictedAlarms(alarming, study)
     alarms: list[AlarmFacts] = []
     predicted = 0
     decisions = loop.decisions()
@@ -142,7 +142,7 @@ def _facts(alarm: Alarm, decision: Decision) -> AlarmFacts:
     )
 
 
-class _Alarms:
+class _PredictedAlarms:
     """Alarms by the predictor's answers."""
 
     def __init__(self, alarming: Alarming, study: LiveStudy) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import claim, remove_partial, write_json
+from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.threads import limited
@@ -23,14 +23,14 @@ from isac_cosim.evaluation.closed_loop.loop import kernel_of
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopFacts, ClosedLoopLatency, ClosedLoopResult
 from isac_cosim.evaluation.closed_loop.scoring import ALARMING, REFERENCE, arm_results
 from isac_cosim.evaluation.closed_loop.settings import ARMS, Arm, ClosedLoopSettings
-from isac_cosim.evaluation.closed_loop.store import ArmEpisode, file_name, read_arm, read_facts
+from isac_cosim.evaluation.closed_loop.store import FILES, ArmEpisode, file_name, read_arm
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, Background, KeptTrees
-from isac_cosim.evaluation.in_traffic.measurement.evaluation import STUDY_FILE, Begun, evaluate_traffic
+from isac_cosim.evaluation.in_traffic.measurement.evaluation import STUDY_FILE, BegunEvaluation, evaluate_traffic
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams import store as open_loop
-from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
+from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES
 from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
@@ -46,7 +46,7 @@ SCORED_AFTERWARDS = {"arms", "near_m", "after_s"}
 """The settings that an arm does not depend on."""
 
 
-class _Begun(Settings):
+class BegunArms(Settings):
     """The content of ARMS_FILE. fingerprint: of earlier versions, which had one for all arms."""
 
     settings: ClosedLoopSettings
@@ -88,17 +88,17 @@ def evaluate_advisories(
     chosen = dict.fromkeys((REFERENCE, ALARMING, *settings.arms))
     arms = [*(arm for arm in ARMS if arm in chosen), *(arm for arm in chosen if arm not in ARMS)]
     settings = settings.model_copy(update={"arms": tuple(arms)})
-    begun = read_json(Begun, out / STUDY_FILE)
+    begun = read_json(BegunEvaluation, out / STUDY_FILE)
     assert begun is not None, "the open loop marks its folder"
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, _Begun(settings=settings))
+        begin_episodes(out / ARMS_FILE, BegunArms(settings=settings), out / ARMS_FOLDER)
         alarming = alarming_of(opened, study, scenario, out)
         digests = _fingerprints(begun, settings, alarming)
         task = ArmTask(
             study, settings, source, where, run.path.resolve(), alarming, digests, (out / ARMS_FOLDER).resolve()
         )
         items = [(seed, arm) for seed in study.dataset.seeds for arm in arms]
-        _run_missing(task, scenario, items, engine, feedback)
+        _run_arms(task, scenario, items, engine, feedback)
         result = _result(opened, study, settings, scenario, out)
         write_json(out / METRICS_FILE, result.model_dump(mode="json"))
     for line in warnings(result):
@@ -130,14 +130,14 @@ def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out:
 
 def _check_settings(out: Path, settings: ClosedLoopSettings) -> None:
     """Raise InputError if a folder holds a closed loop with other settings."""
-    before = read_json(_Begun, out / ARMS_FILE)
+    before = read_json(BegunArms, out / ARMS_FILE)
     if before is None:
         return
     if before.settings.model_dump(exclude=SCORED_AFTERWARDS) != settings.model_dump(exclude=SCORED_AFTERWARDS):
         raise InputError(f"{out}: holds a closed loop with other settings; choose a new folder")
 
 
-def _fingerprints(begun: Begun, settings: ClosedLoopSettings, alarming: Alarming) -> dict[Arm, str]:
+def _fingerprints(begun: BegunEvaluation, settings: ClosedLoopSettings, alarming: Alarming) -> dict[Arm, str]:
     """Return a digest of what each arm rests on: where it changes, the arm is driven again.
 
     `none` rests on the traffic, `random` on the rates of alarms too, and the others on how alarms are chosen.
@@ -153,24 +153,17 @@ def _fingerprints(begun: Begun, settings: ClosedLoopSettings, alarming: Alarming
     return {arm: special.get(arm, raised) for arm in settings.arms}
 
 
-def _begin(out: Path, begun: _Begun) -> None:
-    """Mark the folder of a closed loop."""
-    write_json(out / ARMS_FILE, begun.model_dump(mode="json"))
-    (out / ARMS_FOLDER).mkdir(exist_ok=True)
-    remove_partial(out / ARMS_FOLDER, "*.parquet")
-
-
-def _run_missing(
+def _run_arms(
     task: ArmTask, scenario: str, items: Sequence[tuple[int, Arm]], engine: Engine, feedback: Feedback
 ) -> None:
     """Run the arms that have no file yet."""
 
     def finished(item: tuple[int, Arm]) -> bool:
-        facts = read_facts(task.folder / file_name(scenario, *item))
+        facts = FILES.read_facts(task.folder / file_name(scenario, *item))
         return facts is not None and facts.fingerprint == task.fingerprints[item[1]]
 
     arms = Episodes(items, finished, "driving with advisories", "arms", lambda item: f"seed {item[0]}, arm {item[1]}")
-    run_missing(task, arms, engine, feedback)
+    run_episodes(task, arms, engine, feedback)
 
 
 @limited()

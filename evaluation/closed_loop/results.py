@@ -11,7 +11,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.statistics import Interval
 
 
-class Difference(Settings):
+class ArmDifference(Settings):
     """How much an arm differs from `none` on the same seeds.
 
     value: arm minus none. relative: that over the figure of none. The intervals are t intervals of the delete-one
@@ -44,9 +44,9 @@ class ArmResult(Settings):
     first_advisory_s: dict[str, float]
     after_alarms: dict[str, float | None]
     all_traffic: dict[str, float | None]
-    difference: dict[str, Difference]
-    difference_all_traffic: dict[str, Difference]
-    difference_collided: Difference | None = None
+    difference: dict[str, ArmDifference]
+    difference_all_traffic: dict[str, ArmDifference]
+    difference_collided: ArmDifference | None = None
 
 
 class ClosedLoopLatency(Settings):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray
-from isac_cosim.evaluation.closed_loop.results import ArmResult, Difference
+from isac_cosim.evaluation.closed_loop.results import ArmDifference, ArmResult
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, Totals, figures
 from isac_cosim.evaluation.closed_loop.settings import Arm, ClosedLoopSettings, what
 from isac_cosim.evaluation.closed_loop.store import ArmEpisode
@@ -109,7 +109,7 @@ def arm_results(
     return results, sum(totals.hours for totals in scored[REFERENCE])
 
 
-def differences(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str, Difference]:
+def differences(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str, ArmDifference]:
     """Return by how much the figures of an arm differ from those of the reference, seed by seed the same traffic."""
 
     def measure(seeds: Sequence[int]) -> dict[str, tuple[float, float]]:
@@ -118,7 +118,7 @@ def differences(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str,
     return _with_intervals(measure, len(arm))
 
 
-def collisions(arm: Sequence[ArmEpisode], reference: Sequence[ArmEpisode]) -> Difference:
+def collisions(arm: Sequence[ArmEpisode], reference: Sequence[ArmEpisode]) -> ArmDifference:
     """Return by how much the number of vehicles that collide, in the mean over seeds, differs from the reference."""
     numbers = np.array([[len(row.facts.collided) for row in rows] for rows in (arm, reference)], dtype=np.float64)
 
@@ -131,13 +131,13 @@ def collisions(arm: Sequence[ArmEpisode], reference: Sequence[ArmEpisode]) -> Di
 
 def _with_intervals(
     measure: Callable[[Sequence[int]], Mapping[str, tuple[float, float]]], seeds: int
-) -> dict[str, Difference]:
+) -> dict[str, ArmDifference]:
     """Return differences with jackknife intervals. measure: gives them, absolute and relative, on some of the seeds."""
     left_out = [measure([other for other in range(seeds) if other != seed]) for seed in range(seeds)]
     result = {}
     for name, (value, relative) in measure(range(seeds)).items():
         widths = jackknife_half_width(np.array([part[name] for part in left_out]))
-        result[name] = Difference(
+        result[name] = ArmDifference(
             value=_number(value),
             interval=_interval(value, float(widths[0]), seeds),
             relative=_number(relative),

@@ -9,18 +9,15 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from pydantic import Field
 
-from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
+from isac_cosim.base.stored.tables import check_types
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, VehicleMotions
 from isac_cosim.evaluation.closed_loop.settings import Arm
+from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 
-FACTS_KEY = b"isac_cosim.closed_loop_arm"
 NUMBERS = ("time_s", "x", "y", "speed", "acceleration", "ttc_s", "drac_mps2")
 """The numeric columns of a file, as in `VehicleMotions`."""
 MAY_BE_INFINITE = ("ttc_s",)
@@ -130,18 +127,8 @@ def file_name(scenario: str, seed: int, arm: Arm) -> str:
 def write_arm(path: Path, episode: ArmEpisode) -> None:
     """Write an arm, completely or not at all. Raises OutputError."""
     driving = episode.driving
-    names = pa.DictionaryArray.from_arrays(pa.array(driving.vehicle, pa.int32()), pa.array(driving.names, pa.string()))
-    columns = {"vehicle": names, **{name: pa.array(getattr(driving, name)) for name in NUMBERS}}
-    table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
-    replace_file(path, lambda partial: pq.write_table(table, partial, compression="zstd", write_page_checksum=True))
-
-
-def read_facts(path: Path) -> ArmFacts | None:
-    """Return what a file says of its arm, or None if it is not the whole file of one."""
-    try:
-        return ArmFacts.model_validate_json(pq.read_metadata(path).metadata[FACTS_KEY])
-    except (KeyError, TypeError, OSError, ValueError):
-        return None
+    columns = {name: pa.array(getattr(driving, name)) for name in NUMBERS}
+    FILES.write(path, episode.facts, {"vehicle": named_column(driving.vehicle, driving.names), **columns})
 
 
 def _check(table: pa.Table) -> None:
@@ -155,29 +142,17 @@ def _check(table: pa.Table) -> None:
             raise ValueError(f"{name}: is not a number in every row")
 
 
+FILES = EpisodeFiles(
+    ArmFacts,
+    b"isac_cosim.closed_loop_arm",
+    lambda facts: [file_name(facts.scenario, facts.seed, facts.arm)],
+    _check,
+)
+
+
 def read_arm(path: Path) -> ArmEpisode:
     """Read an arm. Raises InputError if the file is damaged, or that of another arm."""
-    facts = read_facts(path)
-    try:
-        if facts is None:
-            raise ValueError("it says nothing of its arm")
-        if path.name != file_name(facts.scenario, facts.seed, facts.arm):
-            raise ValueError(f"it is that of {facts.scenario}, seed {facts.seed}, arm {facts.arm}")
-        table = read_columns(open_parquet(path))
-        _check(table)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a whole episode ({' '.join(str(error).split())}); delete it and run the same command again"
-        ) from None
-    vehicle = table["vehicle"].combine_chunks()
-    vehicle = vehicle.chunk(0) if isinstance(vehicle, pa.ChunkedArray) else vehicle
+    facts, table = FILES.read(path)
+    names, vehicle = names_and_numbers(table["vehicle"])
     numbers = {name: table[name].to_numpy() for name in NUMBERS}
-    return ArmEpisode(
-        facts,
-        VehicleMotions(
-            names=tuple(vehicle.dictionary.to_pylist()),
-            every_s=facts.every_s,
-            vehicle=vehicle.indices.to_numpy().astype(np.int64),
-            **numbers,
-        ),
-    )
+    return ArmEpisode(facts, VehicleMotions(names=names, every_s=facts.every_s, vehicle=vehicle, **numbers))

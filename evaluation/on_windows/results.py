@@ -35,6 +35,7 @@ from isac_cosim.evaluation.on_windows.score_results import (
 from isac_cosim.evaluation.on_windows.settings import WindowEndCurveSettings, with_current_key
 from isac_cosim.labeling.dataset.dependence import Dependence
 from isac_cosim.models.data.windows import WindowSettings
+from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.run import RunCard
 
 METRICS_FILE = "metrics.json"
@@ -130,8 +131,8 @@ class RunResult(ResultWithOptionalParts):
     overtake_against_left: PairScores
     n_unknown: int
     auroc_unknown: float | None
-    unknown_score: str
-    unknown_scores: dict[str, Separation]
+    unknown_score: OpenSetScore
+    unknown_scores: dict[OpenSetScore, Separation]
     held_out: HeldOutScores | None = None
     calibration: Calibration
     by_lead_time: list[LeadTimeBin]

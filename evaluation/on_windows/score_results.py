@@ -11,6 +11,7 @@ from typing import ClassVar
 from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from isac_cosim.base.settings import Settings
+from isac_cosim.models.runs.former_names import OpenSetScore
 
 LEAST_FOR_VERDICT = 3
 """With fewer scenario seeds than this, no predictor is called better than another."""
@@ -197,7 +198,7 @@ class HeldOutScores(Settings):
 
     intention: str
     n: int
-    unknown_scores: dict[str, Separation]
+    unknown_scores: dict[OpenSetScore, Separation]
 
 
 class Calibration(Settings):

@@ -49,7 +49,7 @@ class InWords:
         return [Part("in-words", lines=_sentences(shown.result))]
 
 
-class Figures:
+class LiveFigures:
     """The figures that the folder holds."""
 
     result_class = TrafficResult

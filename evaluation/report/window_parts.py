@@ -40,7 +40,7 @@ class Headline:
         return [Part("headline", text=text, numbers=numbers, on_terminal=False)]
 
 
-class Scores:
+class WindowScores:
     """Prediction, recognition and the unknown class, run beside run."""
 
     result_class = EvaluationResult
@@ -49,7 +49,7 @@ class Scores:
         return sections(shown.result)
 
 
-class LeadTimes:
+class ScoresByLeadTime:
     """The scores of the evaluated run by lead time and intention; nothing where they were not measured."""
 
     result_class = EvaluationResult
@@ -90,7 +90,7 @@ class Verdict:
         return [Part("verdict", text=text, sentences=verdict(result))]
 
 
-class Figures:
+class WindowFigures:
     """The figures that the folder holds."""
 
     result_class = EvaluationResult

@@ -156,7 +156,7 @@ def _kernel_spectrum(count: int, width_m: float) -> ComplexArray:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RoundedStretch:
     """A stretch of a line that is rounded.
 
     start: number of its first point. line: the stretch, at every `STEP_M`. widths: of the kernel at each point, m.
@@ -178,7 +178,7 @@ class Stretch:
 
 def stretches(
     values: ComplexArray, speeds: Array, width_s: float, limit_mps2: float, max_shift_m: float
-) -> list[Stretch]:
+) -> list[RoundedStretch]:
     """Return the stretches of a line that have to be rounded, so that a car can follow it.
 
     values: at every `STEP_M` of the line, shape (n,). The other arguments are those of `rounding_widths`.
@@ -202,7 +202,7 @@ def stretches(
             span = slice(start, int(part[-1]) + reach + 1)
             line = Smoothing(values[span], widths_m)
             widths = rounding_widths(line, speeds[span], width_s, limit_mps2, max_shift_m)
-            rounded.append(Stretch(start, line, widths))
+            rounded.append(RoundedStretch(start, line, widths))
         if max(float(stretch.widths.max(initial=0.0)) for stretch in rounded) < enough:
             break
     return [stretch for stretch in rounded if stretch.widths.any()]

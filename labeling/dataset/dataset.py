@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 
 from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import file_digest, replace_file
+from isac_cosim.base.files import file_digest, replace_file, shortened
 from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
@@ -103,7 +103,7 @@ class RoadLane:
     shape: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """A dataset that is open for reading. Rows are in the order of `meta.shards`, and within a shard as written.
 
@@ -135,6 +135,11 @@ class Dataset:
 
     def __len__(self) -> int:
         return self.meta.samples
+
+    def __repr__(self) -> str:
+        names = [scenario.name for scenario in self.meta.scenarios]
+        of = shortened(names[0]) if len(names) == 1 else f"{len(names)} scenarios"
+        return f"<Dataset {shortened(self.path)}: {len(self)} samples from {len(self.meta.shards)} episodes of {of}>"
 
     @cached_property
     def digest(self) -> str:
@@ -196,8 +201,15 @@ class Dataset:
         return samples_of(self._table(shard))
 
     def episode(self, shard: Shard) -> Episode:
-        """Return what a shard stores about its episode."""
-        return read_episode(self.checked_path(shard))
+        """Return what a shard stores about its episode. Raises InputError if it is damaged or another one's."""
+        path = self.checked_path(shard)
+        episode = read_episode(path)
+        if (episode.scenario, episode.seed) != (shard.episode.scenario, shard.episode.seed):
+            raise InputError(
+                f"{path}: stores the episode {episode.scenario}, seed {episode.seed}, not that of its name; "
+                f"delete it and run the same `{self.meta.maker}` again"
+            )
+        return episode
 
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.

@@ -104,12 +104,18 @@ def _warning_text(warning: dict[str, Any]) -> str:
 
 def _empty_text(scenario: str, entry: dict[str, Any]) -> str:
     """Return the line about the episodes of a scenario in which no vehicle was recorded."""
-    first_s = entry["first_departure_s"]
-    departs = (
-        "none of its demand departs at a known time" if first_s is None else f"the first departs at {first_s:,g} s"
-    )
+    first_s, span = entry["first_departure_s"], (entry["from_s"], entry["to_s"])
+    departs = "none of its demand departs at a known time"
+    if first_s is not None:
+        departs = f"the first departs at {seconds_text(first_s)} s"
     return (
-        f"{scenario}: no vehicle between {entry['from_s']:,g} and {entry['to_s']:,g} s in {entry['episodes']} of "
+        f"{scenario}: no vehicle between {' and '.join(map(seconds_text, span))} s in {entry['episodes']} of "
         f"{entry['of']} episodes; {departs}: set `begin` in its configuration, or traffic.run_in_s and "
         "traffic.duration_s"
     )
+
+
+def seconds_text(seconds: float) -> str:
+    """Return a time with all its digits down to milliseconds, in which SUMO counts: `25,205` or `1,732,518,000.5`."""
+    text = f"{seconds:,.3f}"
+    return text.rstrip("0").rstrip(".")

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_DATASETS, versions
+from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.missing import run_missing
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.naming import check_name
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
@@ -72,9 +73,18 @@ def generate(
         _add_existing(plan, jobs, journal.shards)
         if not plan.done:
             task = partial(_work, study, source, started.fingerprint, (out / SHARDS).resolve())
-            note = partial(log.record, out, feedback)
-            with feedback.bar("generating", study.unit) as move:
-                _run_missing(task, plan, journal, engine or LocalEngine(1), move, note)
+            keep = partial(_keep, plan, journal, partial(log.record, out, feedback))
+            run_missing(
+                task,
+                plan.missing(),
+                engine or LocalEngine(1),
+                feedback,
+                title="generating",
+                unit=study.unit,
+                keep=keep,
+                progress=plan.progress,
+                enough=lambda: plan.done,
+            )
         files = (shard_name(job.scenario, job.seed) for job in plan.kept())
         finish(out, started, journal, files, plan.lost, plan.short())
     return Dataset.open(out)
@@ -96,31 +106,18 @@ def _add_existing(plan: EpisodePlan, jobs: Jobs, shards: ShardIndex) -> None:
             plan.add(job, dict(zip(CLASS_NAMES, counts, strict=True)))
 
 
-def _run_missing(
-    task: Callable[[EpisodeJob], EpisodeResult],
-    plan: EpisodePlan,
-    journal: Journal,
-    engine: Engine,
-    move: Move,
-    note: Note,
-) -> None:
-    """Run the episodes that the plan still needs, and add them to it and to the journal."""
-    move(*plan.progress())
-    with closing(engine.run(task, plan.missing())) as outcomes:
-        for outcome in outcomes:
-            job, result = outcome.item, outcome.result
-            if result is not None:
-                journal.add(result.shard)
-                plan.add(job, result.shard.by_intention)
-                note(log.entry_of(result.shard, outcome, result.traffic))
-            else:
-                lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
-                plan.add(job, lost)
-                spent = {"seconds": outcome.seconds, "retries": outcome.retries, "printed": outcome.printed}
-                note(Entry(**lost.model_dump(), outcome="lost", **spent))
-            move(*plan.progress())
-            if plan.done:
-                return
+def _keep(plan: EpisodePlan, journal: Journal, note: Note, outcome: Outcome[EpisodeJob, EpisodeResult]) -> None:
+    """Add a finished episode to the plan, the journal and the log."""
+    job, result = outcome.item, outcome.result
+    if result is not None:
+        journal.add(result.shard)
+        plan.add(job, result.shard.by_intention)
+        note(log.entry_of(result.shard, outcome, result.traffic))
+    else:
+        lost = Lost(scenario=job.scenario, seed=job.seed, reason=str(outcome.error))
+        plan.add(job, lost)
+        spent = {"seconds": outcome.seconds, "retries": outcome.retries, "printed": outcome.printed}
+        note(Entry(**lost.model_dump(), outcome="lost", **spent))
 
 
 @limited()

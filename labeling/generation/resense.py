@@ -6,8 +6,7 @@ the other vehicles: what depends on them (blockage, the radar's line of sight) c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,10 +15,12 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field
 
 from isac_cosim.base.errors import InputError, RunError
-from isac_cosim.base.feedback import SILENT, Feedback, Move
+from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_DATASETS, versions
+from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.missing import Tally, run_missing
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.following import TOGETHER
@@ -123,9 +124,19 @@ def resense(
             meta = dataset.meta.model_copy(update={"shards": ShardIndex.of(())})
             sent = replace(dataset, path=dataset.path.absolute(), meta=meta)
             task = partial(_work, sent, settings, started.fingerprint, (out / SHARDS).resolve())
-            noted = partial(log.record, out, feedback)
-            with feedback.bar("sensing", "records") as move:
-                _sense_missing(task, jobs, stored, journal, engine or LocalEngine(1), move, noted)
+            missing = [job for job in jobs if job.file not in stored]
+            tally = Tally(records_in(jobs), records_in(jobs) - records_in(missing))
+            keep = partial(_keep, tally, journal, partial(log.record, out, feedback))
+            run_missing(
+                task,
+                missing,
+                engine or LocalEngine(1),
+                feedback,
+                title="sensing",
+                unit="records",
+                keep=keep,
+                progress=tally,
+            )
         finish(out, started, journal, files, dataset.meta.lost, dataset.meta.short)
     return Dataset.open(out)
 
@@ -145,28 +156,18 @@ def plan(shards: ShardIndex, records: int | None) -> list[ShardJob]:
     return jobs
 
 
-def _sense_missing(
-    task: Callable[[ShardJob], Shard],
-    jobs: Sequence[ShardJob],
-    stored: Collection[str],
-    journal: Journal,
-    engine: Engine,
-    move: Move,
-    note: Note,
-) -> None:
-    """Sense the shards whose files are not stored yet, and add them to the journal."""
-    total = sum(job.records for job in jobs)
-    missing = [job for job in jobs if job.file not in stored]
-    done = total - sum(job.records for job in missing)
-    move(done, total)
-    with closing(engine.run(task, missing)) as outcomes:
-        for outcome in outcomes:
-            if outcome.result is None:
-                raise RunError(f"{outcome.item.file}: {outcome.error}")
-            journal.add(outcome.result)
-            note(log.entry_of(outcome.result, outcome))
-            done += outcome.item.records
-            move(done, total)
+def records_in(jobs: Sequence[ShardJob]) -> int:
+    """Return the number of records of some jobs, repeats included."""
+    return sum(job.records for job in jobs)
+
+
+def _keep(tally: Tally, journal: Journal, note: Note, outcome: Outcome[ShardJob, Shard]) -> None:
+    """Add a finished shard to the journal and the log. Raises RunError if it failed."""
+    if outcome.result is None:
+        raise RunError(f"{outcome.item.file}: {outcome.error}")
+    journal.add(outcome.result)
+    note(log.entry_of(outcome.result, outcome))
+    tally.done += outcome.item.records
 
 
 @limited()

@@ -16,8 +16,8 @@ from isac_cosim.labeling.detectors.overtake import SAMPLE_S
 from isac_cosim.labeling.intentions import Event, Intention, outward
 from isac_cosim.labeling.road.surroundings import Surroundings
 
-Outcome = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
-DROPPED: tuple[Outcome, ...] = ("passed_did_not_return", "unresolved")
+PassOutcome = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
+DROPPED: tuple[PassOutcome, ...] = ("passed_did_not_return", "unresolved")
 """Outcomes that are in no class. Pull-outs with the others are overtakes and changes to the faster side."""
 
 
@@ -31,7 +31,7 @@ class PullOut:
     t_pair_end: until when the pair is observed, s: the first of both tracks ends, or the two are on different roads.
     """
 
-    outcome: Outcome
+    outcome: PassOutcome
     t_pass: float
     t_pair_end: float
 
@@ -54,7 +54,7 @@ def pull_out_of(surroundings: Surroundings, event: Event, uv: str) -> PullOut | 
     return None if observed is None else PullOut(outcome, *observed)
 
 
-def _outcome(event: Event, change_out: Intention) -> Outcome | None:
+def _outcome(event: Event, change_out: Intention) -> PassOutcome | None:
     """Return what became of a pull-out, None for every other event; change_out: the change to the faster side."""
     if event.mark is not None:
         return next((outcome for outcome in DROPPED if outcome == event.mark), None)

@@ -88,7 +88,7 @@ class FitSettings(Settings):
     split: SplitSettings = SplitSettings()
     ends_per_record: int = Field(1, ge=1, le=10_000, description="windows drawn from each record, anew in every epoch")
     validation_ends: int = Field(2, ge=1, le=10_000, description="fixed windows per validation record")
-    preludes: PreOnsetSettings = PreOnsetSettings()
+    pre_onset: PreOnsetSettings = PreOnsetSettings()
     augment: AugmentSettings = AugmentSettings()
     loss: LossSettings = LossSettings()
     optimiser: OptimiserSettings = Field(OptimiserSettings(), validate_default=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from isac_cosim.base.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 SPACING_M = 2.0
 """Spacing of the points that represent a centre line; on a curve of 100 m radius they are up to 5 mm off it."""
@@ -65,6 +67,8 @@ class LaneMap:
     @classmethod
     def of(cls, lanes: Sequence[CentreLine]) -> Self:
         """Make the map of the lanes of a network; at least one must have a length above 0."""
+        from scipy.spatial import cKDTree  # loaded only here, because it takes long
+
         parts = [_points(np.asarray(lane.shape, dtype=np.float64)) for lane in lanes]
         points, heading, bend = (np.concatenate(side) for side in zip(*parts, strict=True))
         width = np.repeat([float(lane.width_m) for lane in lanes], [len(part[0]) for part in parts])

@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.models.data.lane_map import InLane
@@ -80,6 +79,8 @@ def smoothed(values: Array, span: int, order: int, instants: tuple[int, ...]) ->
 @lru_cache(maxsize=16)
 def _weights(count: int, span: int, order: int, instants: tuple[int, ...]) -> Array:
     """Return the weights of `count` samples in the smoothed value at each instant, (len(instants), count)."""
+    from scipy.signal import savgol_coeffs  # loaded only here, because it takes a second
+
     weights = np.zeros((len(instants), count))
     for row, instant in zip(weights, instants, strict=True):
         first = min(max(instant - span // 2, 0), count - span)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 from pydantic import Field, model_validator
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
@@ -26,6 +25,8 @@ from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.states import COMPONENTS, States, StatesOnDisk, take, windows_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from isac_cosim.labeling.dataset.dataset import Dataset
 
 LaneMaps = Callable[[str], LaneMap]

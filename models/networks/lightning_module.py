@@ -83,7 +83,7 @@ class WindowData(lightning.LightningDataModule):
         label = self.training.label[ends.row]
         if not settings.loss.exposure_weight:
             return ends, label
-        before = pre_onset_windows(settings.windows, settings.preludes)
+        before = pre_onset_windows(settings.windows, settings.pre_onset)
         outliers = draw_ends(
             self.training, before, "exposure", settings.seed, epoch, per_record=settings.ends_per_record
         )

@@ -8,10 +8,9 @@ may trust them too much. Arrangements of this kind lead on the highD and exiD re
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.feedback import Feedback
@@ -23,6 +22,9 @@ from isac_cosim.models.predictors.asi_bip import AsiBipPredictor, AsiBipSettings
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload
 from isac_cosim.models.predictors.trees import TREES_FILE, TreesPredictor, TreesSettings, fit_trees, tree_logits
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 
 class EmbeddingTreesPredictor(Predictor):

@@ -173,7 +173,7 @@ class Predictor(ABC):
     def save(self, folder: Path) -> None:
         """Write the predictor's files into a run's folder, each by `base.files.replace_file`.
 
-        The same predictor gives the same bytes. The names run.json, reference.npz, preludes.skops, history.csv and
+        The same predictor gives the same bytes. The names run.json, reference.npz, pre_onset.skops, history.csv and
         checkpoints are taken.
         """
 

@@ -7,14 +7,18 @@ training windows by the predictor's features, and so score how much a window loo
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
 from isac_cosim.models.data.windows import batches, draw_ends
 from isac_cosim.models.predictors.protocol import FitTask, Predictor
 from isac_cosim.models.trees.boosting import boosted_trees
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 BATCH = 64
 
@@ -24,7 +28,7 @@ def fit_reject_option(predictor: Predictor, task: FitTask) -> HistGradientBoosti
 
     Each training record gives as many windows of its maneuver as pre-onset windows.
     """
-    settings, windows, training = task.settings.preludes, task.settings.windows, task.training
+    settings, windows, training = task.settings.pre_onset, task.settings.windows, task.training
     if not settings.use or not has_pre_onset_windows(training, windows, settings):
         return None
     features = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.linear_model import RidgeClassifierCV
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 
@@ -28,6 +27,8 @@ class Ridge:
 
 def fit_ridge(features: Array | Float32Array, label: IntArray) -> Ridge:
     """Fit to features (n, F) with labels (n,), classes weighted by inverse frequency."""
+    from sklearn.linear_model import RidgeClassifierCV  # loaded only here, because it takes long
+
     ridge = RidgeClassifierCV(PENALTIES, class_weight="balanced").fit(features, label)
     weight, offset = np.atleast_2d(ridge.coef_).T, np.atleast_1d(ridge.intercept_)
     if len(ridge.classes_) == 2:

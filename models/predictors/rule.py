@@ -14,7 +14,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field
-from sklearn.metrics import f1_score
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.errors import InputError
@@ -214,6 +213,8 @@ def fitted(drives: Drive, label: IntArray, settings: RuleSettings) -> RuleSettin
 
 
 def _macro_f1(drives: Drive, label: IntArray, settings: RuleSettings) -> float:
+    from sklearn.metrics import f1_score  # loaded only here, because it takes long
+
     return float(f1_score(label, logits(drives, settings).argmax(axis=1), average="macro"))
 
 

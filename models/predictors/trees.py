@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.feedback import Feedback
@@ -27,6 +26,9 @@ from isac_cosim.models.predictors.protocol import (
 )
 from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 TREES_FILE = "trees.skops"
 BINNED_S, BINNED_WINDOW_S = 5.0, 1e-3

@@ -3,7 +3,7 @@
     RUN/run.json          the card: settings, split, classes, dataset, versions
     RUN/...               the files of the predictor: weights.pt, trees.skops, rule.json, minirocket.npz, or others
     RUN/reference.npz     features of training windows, for the unknown scores that compare with them
-    RUN/preludes.skops    the reject option: trees that know windows before onset
+    RUN/pre_onset.skops   the reject option: trees that know windows before onset
     RUN/history.csv       of a network: loss and scores of every epoch
     RUN/checkpoints/      of a network: what training resumes from
 
@@ -15,15 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
-from sklearn.ensemble import HistGradientBoostingClassifier
+from pydantic import BeforeValidator, Field, model_validator
 
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import DIGEST, file_digest
+from isac_cosim.base.files import DIGEST, file_digest, shortened
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.stored.arrays import check_array, read_arrays
 from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
@@ -32,10 +31,15 @@ from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
 from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.models.runs import former_names
+from isac_cosim.models.runs.former_names import OpenSetScore, present_file, present_score
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.trees.stored_trees import read_trees
 
-CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", "preludes.skops"
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
+CARD_FILE, REFERENCE_FILE, REJECT_OPTION_FILE = "run.json", "reference.npz", former_names.FILE
 SIDES = ("train", "validation", "test", "unused")
 """Sides of a split."""
 MOST_SAMPLES = 1_000_000
@@ -44,7 +48,7 @@ LARGEST = 1e30
 """No answer of a trained predictor is as large."""
 FASTEST_HZ = 100_000.0
 """Highest sampling rate, Hz."""
-UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "prelude"]
+UnknownScore = Literal["msp", "max_logit", "energy", "entropy", "knn", "mahalanobis", "pre_onset"]
 """Names of the scores in `models.scores.open_set`."""
 Share = Annotated[float, Field(ge=0, le=1)]
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$")]
@@ -85,10 +89,10 @@ class RunCard(Sealed):
     parameters: int | None = Field(None, ge=0)
     validation_macro_f1: Share | None = None
     lstm_precision: str | None = None
-    unknown_score: UnknownScore = "msp"
+    unknown_score: Annotated[UnknownScore, BeforeValidator(present_score)] = "msp"
     unknown_threshold: float | None = None
     temperature: float = Field(1.0, ge=0.04, le=25.0)
-    validation_auroc: dict[str, Share] = Field(default_factory=dict)
+    validation_auroc: dict[OpenSetScore, Share] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _is_of_one_training(self) -> Self:
@@ -97,6 +101,8 @@ class RunCard(Sealed):
             raise ValueError(f"classes: are not {', '.join(known)}")
         if unknown := self.split.keys() - set(SIDES):
             raise ValueError(f"split: {min(unknown)} is not one of {', '.join(SIDES)}")
+        if missing := {*SIDES[:3]} - self.split.keys():
+            raise ValueError(f"split: {min(missing)} is missing")
         if not isinstance(self.dataset.get("digest"), str) or not isinstance(self.dataset.get("study", {}), dict):
             raise ValueError("dataset: has no digest, or a study that is none")
         if unknown := self.validation_auroc.keys() - set(get_args(UnknownScore)):
@@ -122,7 +128,7 @@ class RunCard(Sealed):
         return WindowShape(len(self.classes), self.tv_length, self.uv_length, self.tv_rate_hz, self.uv_rate_hz)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """A finished run.
 
@@ -135,6 +141,13 @@ class Run:
     predictor: Predictor
     reference: tuple[Float32Array, IntArray]
     reject_option: HistGradientBoostingClassifier | None = None
+
+    def __repr__(self) -> str:
+        card = self.card
+        lengths = f"{card.tv_length} and {card.uv_length} samples"
+        return (
+            f"<Run {shortened(self.path)}: {card.settings.model}, {len(card.classes)} intentions, {lengths} a window>"
+        )
 
     @property
     def name(self) -> str:
@@ -186,10 +199,10 @@ def open_run(folder: Path, card: RunCard) -> Run:
         predictor = kind.load(folder, card.settings, card.shape)
         reference = read_reference(folder / REFERENCE_FILE)
         reject_option = None
-        if (folder / REJECT_OPTION_FILE).exists():
-            reject_option = read_trees(folder / REJECT_OPTION_FILE, reference[0].shape[1], (0, 1))
-        if card.unknown_score == "prelude" and reject_option is None:
-            raise ValueError(f"{REJECT_OPTION_FILE}: is missing, on which unknown_score rests")
+        if (stored := present_file(folder)).exists():
+            reject_option = read_trees(stored, reference[0].shape[1], (0, 1))
+        if card.unknown_score == former_names.SCORE and reject_option is None:
+            raise ValueError(f"{stored.name}: is missing, on which unknown_score rests")
     except READ_ERRORS as error:
         raise InputError(f"{folder}: the run is damaged ({reason_of(error)}); train it again") from None
     return Run(folder, card, predictor, reference, reject_option)

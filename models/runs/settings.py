@@ -17,6 +17,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.models import DEFAULT
 from isac_cosim.models.data.fit_settings import FitSettings, OptimiserSettings
 from isac_cosim.models.predictors.registry import PREDICTORS, checked_sections, sections
+from isac_cosim.models.runs.former_names import present_settings
 
 SECTIONS_AFTER = "validation_ends"
 """The key that the predictors' sections follow when the settings are written."""
@@ -44,6 +45,7 @@ class TrainSettings(FitSettings):
         """Check the predictors' sections, and fill in what is absent."""
         if not isinstance(content, dict):
             return content
+        content = present_settings(content)
         fields = {key: value for key, value in content.items() if key in cls.model_fields}
         model = content.get("model", DEFAULT)
         if not isinstance(model, str) or model not in PREDICTORS:

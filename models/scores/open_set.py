@@ -3,7 +3,7 @@
 Every score is higher for known intentions, and none is fitted to windows of `following`, the unknown class. Two things
 still tell a run about mere driving, and a result has to name them:
 
-- `prelude` is a detector, trained on windows that end before the onset of the training records' maneuvers, where the
+- `pre_onset` is a detector, trained on windows that end before the onset of the training records' maneuvers, where the
   vehicle merely drives. It recognises driving like that, which `following` resembles. It does not recognise novelty.
 - Which score a run uses is chosen by its AUROC on the validation seeds, `following` of these seeds included
   (`models.training.training`). The scores of the test seeds are not looked at.
@@ -15,24 +15,23 @@ other work with these, first of all with `msp`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
-from scipy.special import logsumexp
-from sklearn.covariance import LedoitWolf
-from sklearn.ensemble import HistGradientBoostingClassifier
-from sklearn.metrics import roc_auc_score
-from sklearn.neighbors import NearestNeighbors
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.models.predictors.protocol import Outputs
+from isac_cosim.models.runs.former_names import SCORE
 from isac_cosim.models.runs.run import Run, UnknownScore
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 Score = Callable[[Outputs], Array]
 
 NEIGHBOURS = 10
 """The `knn` score is the distance to the neighbour of this rank."""
-PRE_ONSET_DETECTOR = "prelude"
+PRE_ONSET_DETECTOR = SCORE
 """Name of the reject option's score: trees that were trained on pre-onset windows of the training records."""
 SCORES: tuple[str, ...] = get_args(UnknownScore)
 """Names of all scores."""
@@ -48,7 +47,7 @@ def scores(
     """Return all SCORES, by name.
 
     reference: features (n, F) and labels (n,) of training windows, for `knn` and `mahalanobis`. reject_option: trees of
-    `models.predictors.reject_option`; without them the score `prelude` is absent.
+    `models.predictors.reject_option`; without them the score `pre_onset` is absent.
     Sources: Hendrycks & Gimpel 2017 (msp), Liu et al. 2020 (energy), Sun et al. 2022 (knn), Lee et al. 2018
     (mahalanobis).
     """
@@ -56,7 +55,7 @@ def scores(
     by_name: dict[str, Score] = {
         "msp": lambda out: np.asarray(out.probabilities.max(axis=1)),
         "max_logit": lambda out: np.asarray(out.logits.max(axis=1)),
-        "energy": lambda out: np.asarray(logsumexp(out.logits, axis=1)),
+        "energy": _energy,
         "entropy": _negative_entropy,
         "knn": _neighbours(features),
         "mahalanobis": _mahalanobis(features, label),
@@ -83,6 +82,8 @@ def auroc(known: Array, unknown: Array) -> float | None:
     """Return the area under the ROC of separating known from unknown windows by a score; None if either is empty."""
     if not len(known) or not len(unknown):
         return None
+    from sklearn.metrics import roc_auc_score  # loaded only here, because it takes long
+
     truth = np.repeat([1, 0], [len(known), len(unknown)])
     return float(roc_auc_score(truth, np.concatenate([known, unknown])))
 
@@ -99,6 +100,13 @@ def accepted_unknown(known: Array, unknown: Array, recall: float = 0.95) -> floa
     return float(np.mean(unknown >= threshold_at_recall(known, recall)))
 
 
+def _energy(out: Outputs) -> Array:
+    """Return the logarithm of the summed exponentials of the logits, (n,)."""
+    from scipy.special import logsumexp  # loaded only here, because it takes long
+
+    return np.asarray(logsumexp(out.logits, axis=1))
+
+
 def _negative_entropy(out: Outputs) -> Array:
     """Return minus the entropy of the probabilities, (n,)."""
     p = out.probabilities
@@ -107,6 +115,8 @@ def _negative_entropy(out: Outputs) -> Array:
 
 def _neighbours(features: Array) -> Score:
     """Return the score: minus the distance to the NEIGHBOURS-th nearest training window, in standardised features."""
+    from sklearn.neighbors import NearestNeighbors  # loaded only here, because it takes long
+
     mean, sd = features.mean(axis=0), features.std(axis=0) + 1e-9
     index = NearestNeighbors(n_neighbors=min(NEIGHBOURS, len(features))).fit((features - mean) / sd)
     return lambda out: np.asarray(-index.kneighbors((out.features - mean) / sd)[0][:, -1])
@@ -114,6 +124,8 @@ def _neighbours(features: Array) -> Score:
 
 def _mahalanobis(features: Array, label: IntArray) -> Score:
     """Return the score: minus the least squared distance to a class mean, by the shrunk within-class covariance."""
+    from sklearn.covariance import LedoitWolf  # loaded only here, because it takes long
+
     sd = features.std(axis=0) + 1e-9
     scaled = features / sd
     means = np.stack([scaled[label == g].mean(axis=0) for g in np.unique(label)])

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from pydantic import Field
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.settings import Settings
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 
 class BoostingSettings(Settings):
@@ -19,6 +23,8 @@ class BoostingSettings(Settings):
 
 def boosted_trees(settings: BoostingSettings, seed: int = 0, balanced: bool = False) -> HistGradientBoostingClassifier:
     """Return trees that are still to be fitted. balanced: whether classes are weighted by inverse frequency."""
+    from sklearn.ensemble import HistGradientBoostingClassifier  # loaded only here, because it takes long
+
     return HistGradientBoostingClassifier(
         max_iter=settings.rounds,
         learning_rate=settings.learning_rate,

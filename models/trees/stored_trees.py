@@ -7,14 +7,16 @@ import json
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.stored.archives import check_archive
 from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
+
+if TYPE_CHECKING:
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
 OBJECTS = (
     "numpy.dtype",
@@ -62,6 +64,7 @@ def read_trees(path: Path, n_features: int | None, classes: Sequence[int]) -> Hi
     at what is not there: scikit-learn's compiled loops do not check.
     """
     import skops.io
+    from sklearn.ensemble import HistGradientBoostingClassifier
 
     check_archive(path)
     with zipfile.ZipFile(path) as archive:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.isacsim.scenarios.demand import flow
+from isac_cosim.isacsim.scenarios.demand import flow, flows_by_lane
 from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, PlainRoad, write_scenario
 
 ROAD = PlainRoad(bend_m=1100.0, radius_m=900.0, angle=float(np.radians(50.0)))
@@ -44,13 +44,15 @@ def demand() -> list[str]:
         f'<route id="through" edges="{main} east"/>',
         f'<route id="off" edges="{main} offramp"/>',
         '<route id="on" edges="onramp merge approach curve leave diverge east"/>',
-        flow("car_through", "cars", "through", 2400),
-        flow("car_off", "cars", "off", 240),
+        *flows_by_lane("car_through", "through", 2400, range(CARRIAGEWAY.lanes)),
+        *flows_by_lane("car_off", "off", 240, range(CARRIAGEWAY.lanes)),
         flow("car_on", "cars", "on", 300, depart_speed="15"),
-        flow("truck_through", "trucks", "through", 300),
+        flow("truck_through", "trucks", "through", 300, lane=0),
         flow("truck_on", "trucks", "on", 40, depart_speed="15"),
     ]
 
 
 if __name__ == "__main__":
-    write_scenario(Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS)
+    write_scenario(
+        Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS, lanes=CARRIAGEWAY.lanes
+    )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.isacsim.scenarios.demand import flow
+from isac_cosim.isacsim.scenarios.demand import flow, flows_by_lane
 from isac_cosim.sumo_nets.plain import MOTORWAY_OPTIONS, Carriageway, Plain, PlainRoad, write_scenario
 
 ROAD = PlainRoad(bend_m=700.0, radius_m=700.0, angle=float(np.radians(35.0)))
@@ -48,15 +48,17 @@ def demand() -> list[str]:
         '<route id="on1" edges="onramp1 merge between bend on weave after"/>',
         '<route id="on1off" edges="onramp1 merge between bend on weave offramp"/>',
         '<route id="on2" edges="onramp2 weave after"/>',
-        flow("car_through", "cars", "through", 1600),
-        flow("car_off", "cars", "off", 400),
+        *flows_by_lane("car_through", "through", 1600, range(CARRIAGEWAY.lanes)),
+        *flows_by_lane("car_off", "off", 400, range(CARRIAGEWAY.lanes)),
         flow("car_on1", "cars", "on1", 300, depart_speed="13"),
         flow("car_on1off", "cars", "on1off", 60, depart_speed="13"),
         flow("car_on2", "cars", "on2", 400, depart_speed="13"),
-        flow("truck_through", "trucks", "through", 200),
+        flow("truck_through", "trucks", "through", 200, lane=0),
         flow("truck_on2", "trucks", "on2", 40, depart_speed="13"),
     ]
 
 
 if __name__ == "__main__":
-    write_scenario(Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS)
+    write_scenario(
+        Path(__file__).parent, network(), demand(), CARRIAGEWAY.covered, MOTORWAY_OPTIONS, lanes=CARRIAGEWAY.lanes
+    )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.isacsim.scenarios.demand import flow
+from isac_cosim.isacsim.scenarios.demand import flow, flows_by_lane
 from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.scenarios.site_placement import sites_file
 from isac_cosim.isacsim.scenarios.xml_files import write_lines
@@ -34,12 +34,12 @@ def demand() -> list[str]:
     """Return the route and the flows, as lines of XML."""
     return [
         '<route id="through" edges="road"/>',
-        flow("car", "cars", "through", 2400),
-        flow("truck", "trucks", "through", 200),
+        *flows_by_lane("car", "through", 2400, range(CARRIAGEWAY.lanes)),
+        flow("truck", "trucks", "through", 200, lane=0),
     ]
 
 
 if __name__ == "__main__":
     folder = Path(__file__).parent
-    write_scenario(folder, CARRIAGEWAY.network(), demand(), {"road"}, MOTORWAY_OPTIONS)
+    write_scenario(folder, CARRIAGEWAY.network(), demand(), {"road"}, MOTORWAY_OPTIONS, lanes=CARRIAGEWAY.lanes)
     write_lines(folder / "sites.add.xml", sites_file(sites()))

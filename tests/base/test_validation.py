@@ -145,7 +145,7 @@ def test_files_that_are_no_toml_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("seeds = {")
     with pytest.raises(InputError, match="not a readable TOML file"):
         read_toml(tmp_path / "bad.toml")
-    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "binary.toml").write_bytes(b"\xfe\x00\x81")
     with pytest.raises(InputError, match="not a readable TOML file"):
         read_toml(tmp_path / "binary.toml")
     with pytest.raises(InputError, match="not a readable TOML file"):

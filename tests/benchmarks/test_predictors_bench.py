@@ -21,7 +21,7 @@ TABLES = Path(__file__).parents[2] / "docs" / "predictor_tables.py"
 SMALL = TrainSettings.model_validate(
     {
         **SMALL_RUN.model_dump(mode="json", include={"asi_bip", "trees", "windows"}),
-        "preludes": {"rounds": 4, "ends_per_record": 1},
+        "pre_onset": {"rounds": 4, "ends_per_record": 1},
         "split": {"validation": 0.2, "test": 0.3},
         "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     }

@@ -20,7 +20,7 @@ from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train
 from tests.support.made_up_dataset import write_dataset
 
-QUICK = {"windows": {"window_s": 1.2}, "preludes": {"rounds": 3}, "optimiser": {"epochs": 1}, "trees": {"rounds": 3}}
+QUICK = {"windows": {"window_s": 1.2}, "pre_onset": {"rounds": 3}, "optimiser": {"epochs": 1}, "trees": {"rounds": 3}}
 VARIABLE = "OMP_NUM_THREADS"
 
 
@@ -55,7 +55,7 @@ def test_the_same_bytes_whatever_the_cores(tmp_path: Path) -> None:
         confined = functools.partial(os.sched_setaffinity, 0, cores)
         subprocess.run(words, env=environment, check=True, cwd=Path(__file__).parents[2], preexec_fn=confined)
         results.append(digests(out))
-    assert {"evaluation/predictions.parquet", "trees/trees.skops", "trees/preludes.skops"} <= results[0].keys()
+    assert {"evaluation/predictions.parquet", "trees/trees.skops", "trees/pre_onset.skops"} <= results[0].keys()
     assert any(name.startswith("kept/") for name in results[0])
     assert results == results[:1] * 3
 

@@ -88,7 +88,7 @@ def true_states(dataset: Dataset) -> np.ndarray:
 def witnessed(where: str, settings: dict[str, object], out: Path, engine: InlineEngine | LocalEngine) -> Witnessed:
     """Generate a dataset of one scenario and judge it. Recordings are kept where the engine works in this process."""
     scenario, study = load(where), DatasetStudy.model_validate({"scenarios": [where], **settings})
-    source = KeepingSource(SumoSource.of(study))
+    source = KeepingSource(SumoSource(**study.source_settings()))
     dataset = generate(study, out, engine, source=source)
     network = Network.read(scenario.network, scenario.origin)
     frame, truth = dataset.frame(), true_states(dataset)

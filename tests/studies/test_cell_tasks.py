@@ -27,7 +27,7 @@ FEW_ROUNDS = {"rounds": 4, "ends_per_record": 1}
 
 
 def study_of(model: str) -> Study:
-    training = {**SMALL_RUN.model_dump(), "optimiser": OPTIMISER, "trees": FEW_ROUNDS, "preludes": FEW_ROUNDS}
+    training = {**SMALL_RUN.model_dump(), "optimiser": OPTIMISER, "trees": FEW_ROUNDS, "pre_onset": FEW_ROUNDS}
     axes = {"scenarios": ["north"], "models": [model], "training_seeds": [1, 2]}
     content = {"name": "small", "training": training, "evaluation": {"ends_per_record": 2}, "sweep": axes}
     return checked(Study, content, "test")
@@ -127,6 +127,7 @@ class Dying(InlineEngine):
 
 def test_a_worker_that_died_is_reported_and_the_others_go_on() -> None:
     feedback, tasks = RecordedFeedback(), [Task(None), Task(None), Task(ValueError("broke"))]
-    failed = list(run_tasks(tasks, Dying(), feedback, "training", "trainings"))
+    failed: list[tuple[Task, str]] = []
+    run_tasks(tasks, Dying(), feedback, "training", "trainings", lambda task, reason: failed.append((task, reason)))
     assert failed == [(tasks[1], "the worker process died"), (tasks[2], "ValueError: broke")]
     assert feedback.moves == [(0, 3), (1, 3), (2, 3), (3, 3)]

@@ -36,7 +36,7 @@ TINY = {
     **SMALL_RUN.model_dump(),
     "optimiser": {"epochs": 1, "batch": 32, "threads": 1},
     "trees": {"rounds": 4, "ends_per_record": 1},
-    "preludes": {"rounds": 4, "ends_per_record": 1},
+    "pre_onset": {"rounds": 4, "ends_per_record": 1},
 }
 EVALUATION = EvaluateSettings(ends_per_record=4).model_dump()
 SEEDS = {"north": 6, "south": 4}
@@ -320,7 +320,7 @@ TOML = """
 [training]
 windows = { window_s = 1.2 }
 trees = { rounds = 4, ends_per_record = 1 }
-preludes = { use = false }
+pre_onset = { use = false }
 optimiser = { threads = 1 }
 
 [evaluation]
@@ -391,7 +391,7 @@ def test_a_network_that_does_not_exist_is_reported_before_anything_is_made(
         ("plain.toml", "there is no scenario nowhere"),
         ("twice.toml", "motorway is named twice"),
         ("null.toml", "there is no scenario "),
-        ("nameless.toml", f"{command} has no SUMO configuration (.sumocfg) and no network (.net.xml)"),
+        ("nameless.toml", "nameless.toml: dataset.scenarios.0: must have at least 1 character"),
     ):
         for options in ([], ["--dry-run"]):
             assert cosim.main(["run", study, *options]) == 2

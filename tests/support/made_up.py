@@ -98,13 +98,13 @@ def make_records(seeds: int = 8, per_class: int = 4, noise: float = 1.0) -> Reco
     return Records(np.array(tv, np.float32), np.array(uv, np.float32), TV_RATE_HZ, UV_RATE_HZ, table)
 
 
-MADE_OF = {"digest": "made up", "study": {"name": "made up"}}
+MADE_OF = {"digest": "made up", "study": {"scenarios": ["made up"]}}
 SMALL_RUN = TrainSettings(
     windows=WindowSettings(window_s=1.2),
     asi_bip=AsiBipSettings(hidden=12, width=16, heads=4, feedforward=32, dropout=0.05),
     optimiser=OptimiserSettings(epochs=3, batch=16, learning_rate=5e-3, schedule="cosine", threads=1),
     trees=TreesSettings(rounds=10, ends_per_record=1),
-    preludes=PreOnsetSettings(rounds=20, ends_per_record=1),
+    pre_onset=PreOnsetSettings(rounds=20, ends_per_record=1),
 )
 
 

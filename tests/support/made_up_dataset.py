@@ -26,7 +26,7 @@ from tests.support.made_up import make_records
 from tests.support.made_up_pull_outs import make_pull_outs
 
 SITE = SiteMeta(id="s", x=1.0, y=2.0, height_m=25.0, azimuth_deg=90.0)
-STUDY = {"seeds": [0, 3]}
+STUDY = {"seeds": {"first": 0, "last": 3}}
 
 
 def write_dataset(

@@ -29,7 +29,7 @@ from isac_cosim.base import landlock
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.evaluation.closed_loop.environment.settings import EnvironmentSettings
-from isac_cosim.evaluation.closed_loop.environment.traffic import Outcome, TrafficHere
+from isac_cosim.evaluation.closed_loop.environment.traffic import StepOutcome, TrafficHere
 
 GIVEN_S = 10.0
 """How long a process may take to end, s."""
@@ -54,9 +54,9 @@ class Served(ABC):
         observation: Float32Array | None = self._ask("begin", seed)
         return observation
 
-    def step(self, action: Sequence[int]) -> Outcome:
+    def step(self, action: Sequence[int]) -> StepOutcome:
         """As `Traffic.step`."""
-        outcome: Outcome = self._ask("step", action)
+        outcome: StepOutcome = self._ask("step", action)
         return outcome
 
     def picture(self) -> npt.NDArray[np.uint8]:

@@ -38,7 +38,7 @@ DANGER_TTC_S = 3.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepOutcome:
     """What came of an action.
 
     observation: (slots, FEATURES). sent: advisories. exposure_s: time that vehicles spent below 3 s of time to
@@ -61,7 +61,7 @@ class Traffic(Protocol):
         None if there is none to be made: no TV is known at any time of the simulation, which has ended.
         """
 
-    def step(self, action: Sequence[int]) -> Outcome:
+    def step(self, action: Sequence[int]) -> StepOutcome:
         """Send advisories, and simulate up to the next action. action: a number for each slot, (slots,)."""
 
     def picture(self) -> npt.NDArray[np.uint8]:
@@ -104,7 +104,7 @@ class TrafficHere:
                 return self._observed.features
         return None
 
-    def step(self, action: Sequence[int]) -> Outcome:
+    def step(self, action: Sequence[int]) -> StepOutcome:
         sent = self._send(action)
         exposure_s, speeds = 0.0, []
         decision = None
@@ -117,7 +117,7 @@ class TrafficHere:
             speeds.append(speed)
         self._observed = self._observe(decision)
         mean_speed_mps = float(np.mean(speeds)) if speeds else 0.0
-        return Outcome(self._observed.features, sent, exposure_s, mean_speed_mps, decision is None)
+        return StepOutcome(self._observed.features, sent, exposure_s, mean_speed_mps, decision is None)
 
     def picture(self) -> npt.NDArray[np.uint8]:
         assert self._latest is not None, "there is a decision as soon as a simulation has begun"

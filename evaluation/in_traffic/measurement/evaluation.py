@@ -19,7 +19,7 @@ from pydantic import Field
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import claim, remove_partial, write_json
+from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings, checked, merged, read_json
 from isac_cosim.base.versions import OF_EPISODES, versions
@@ -35,9 +35,9 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
-from isac_cosim.evaluation.in_traffic.streams.running import Episodes, run_missing
+from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
-from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RULE, RUN, SPEED_FILE, TRUTH, file_name, read_facts
+from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, FILES, RULE, RUN, SPEED_FILE, TRUTH, file_name
 from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
@@ -48,6 +48,7 @@ from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
+from isac_cosim.models.runs.former_names import as_formerly
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
 
@@ -64,7 +65,7 @@ SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
 """The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
 
 
-class Begun(Settings):
+class BegunEvaluation(Settings):
     """The content of STUDY_FILE.
 
     versions: with which its episodes are run. inputs: digests of what recordings depend on, by name. Both are empty in
@@ -161,9 +162,9 @@ def evaluate_traffic(
     meta = describe(study.dataset, {where: scenario}, source)
     named = _named(against)
     cards = {
-        "run": run.card.model_dump(mode="json"),
-        "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
-        "alone": None if alone is None else alone.card.model_dump(mode="json"),
+        "run": as_formerly(run.card.model_dump(mode="json")),
+        "against": {name: as_formerly(compared.card.model_dump(mode="json")) for name, compared in named.items()},
+        "alone": None if alone is None else as_formerly(alone.card.model_dump(mode="json")),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
@@ -179,11 +180,13 @@ def evaluate_traffic(
     for remark in source.remarks(scenario):
         feedback.message(remark)
     with claim(out, STUDY_FILE, "evaluation in traffic"):
-        _begin(out, Begun(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs))
+        _begin(
+            out, BegunEvaluation(fingerprint=digest, study=study, versions=installed, inputs=meta.scenarios[0].inputs)
+        )
         for line in withheld(scenario.name, scenario):
             feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
-        _run_missing(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
+        _run_episodes(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
         evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
@@ -275,9 +278,9 @@ def _named(runs: Sequence[Run]) -> dict[str, Run]:
     }
 
 
-def _begin(out: Path, begun: Begun) -> None:
+def _begin(out: Path, begun: BegunEvaluation) -> None:
     """Mark a folder as that of this evaluation. Raises InputError if it holds another evaluation."""
-    before = read_json(Begun, out / STUDY_FILE)
+    before = read_json(BegunEvaluation, out / STUDY_FILE)
     if before is not None and before.fingerprint != begun.fingerprint:
         differing = sorted(
             name
@@ -289,19 +292,17 @@ def _begin(out: Path, begun: Begun) -> None:
         if changed := changed_input(before.inputs, begun.inputs):
             raise InputError(f"{out}: {changed} has changed since the evaluation was begun; choose a new folder")
         raise InputError(f"{out}: holds an evaluation of another run or other settings; choose a new folder")
-    write_json(out / STUDY_FILE, begun.model_dump(mode="json"))
-    (out / EPISODES).mkdir(exist_ok=True)
-    remove_partial(out / EPISODES, "*.parquet")
+    begin_episodes(out / STUDY_FILE, begun, out / EPISODES)
 
 
-def _run_missing(
+def _run_episodes(
     task: EpisodeTask, scenario: str, study: LiveStudy, out: Path, engine: Engine, feedback: Feedback
 ) -> None:
     """Run the episodes that have no file yet, and write down their processor times."""
 
     def finished(seed: int) -> bool:
         kinds = (False, True) if task.predictors.alone is not None else (False,)
-        facts = [read_facts(task.folder / file_name(scenario, seed, alone)) for alone in kinds]
+        facts = [FILES.read_facts(task.folder / file_name(scenario, seed, alone)) for alone in kinds]
         return all(fact is not None and fact.fingerprint == task.fingerprint for fact in facts)
 
     episodes = Episodes(study.seeds, finished, "watching traffic", "episodes", lambda seed: f"seed {seed}")
@@ -312,4 +313,4 @@ def _run_missing(
         spent[str(seed)] = asdict(result)
         write_json(out / SPEED_FILE, dict(sorted(spent.items())))
 
-    run_missing(task, episodes, engine, feedback, keep)
+    run_episodes(task, episodes, engine, feedback, keep)

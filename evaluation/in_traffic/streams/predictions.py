@@ -131,7 +131,7 @@ class Reports:
         first, states = self._of(vehicle)
         last = round(end_s * self._sensing.study.record.uv_rate_hz) - first
         if last + 1 < length or last >= states.shape[1]:
-            raise ValueError(f"vehicle {vehicle} has not reported throughout the window that ends at {end_s:g} s")
+            raise ValueError(f"vehicle {vehicle} has not reported throughout the window that ends at {end_s:.3f} s")
         return states[:, last + 1 - length : last + 1]
 
     def _stream(self, vehicle: str) -> tuple[int, Array]:

@@ -1,17 +1,19 @@
-"""Runs the missing episodes of an evaluation, with a progress bar, and collects the errors of workers."""
+"""Runs the missing episodes of an evaluation, and collects the errors of workers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from pathlib import Path
+from typing import Any, Generic
 
 from isac_cosim.base.errors import RunError
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.files import remove_partial, write_json
+from isac_cosim.base.settings import Settings
+from isac_cosim.base.workers.attempts import Item, Outcome
 from isac_cosim.base.workers.engine import Engine
-
-Item = TypeVar("Item")
+from isac_cosim.base.workers.missing import Tally, run_missing
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,14 @@ class Episodes(Generic[Item]):
     name: Callable[[Item], str]
 
 
-def run_missing(
+def begin_episodes(file: Path, begun: Settings, folder: Path) -> None:
+    """Write the file that says what is evaluated, and prepare the folder of its episodes. Raises OutputError."""
+    write_json(file, begun.model_dump(mode="json"))
+    folder.mkdir(exist_ok=True)
+    remove_partial(folder, "*.parquet")
+
+
+def run_episodes(
     task: Callable[[Item], Any],
     episodes: Episodes[Item],
     engine: Engine,
@@ -42,20 +51,19 @@ def run_missing(
     Raises RunError after all episodes were run, if some failed; what the engine raises, at once.
     """
     missing = [item for item in episodes.items if not episodes.finished(item)]
-    done = len(episodes.items) - len(missing)
+    tally = Tally(len(episodes.items), len(episodes.items) - len(missing))
     lost: list[str] = []
     if not missing:
         return
-    with feedback.bar(episodes.title, episodes.noun) as move:
-        move(done, len(episodes.items))
-        with closing(engine.run(task, missing)) as outcomes:
-            for outcome in outcomes:
-                if outcome.error is not None:
-                    lost.append(f"{episodes.name(outcome.item)}: {outcome.error}")
-                else:
-                    keep(outcome.item, outcome.result)
-                done += 1
-                move(done, len(episodes.items))
+
+    def finish(outcome: Outcome[Item, Any]) -> None:
+        if outcome.error is not None:
+            lost.append(f"{episodes.name(outcome.item)}: {outcome.error}")
+        else:
+            keep(outcome.item, outcome.result)
+        tally.done += 1
+
+    run_missing(task, missing, engine, feedback, title=episodes.title, unit=episodes.noun, keep=finish, progress=tally)
     if lost:
         raise RunError(
             f"{len(lost)} of {len(episodes.items)} {episodes.noun} failed, {lost[0]}; the same command tries them again"

@@ -10,21 +10,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
 from pydantic import Field
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
-from isac_cosim.base.stored.tables import check_types, open_parquet, read_columns
+from isac_cosim.base.stored.tables import check_types
+from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
 
 EPISODES, SPEED_FILE = "episodes", "speed.json"
 """In the folder of an evaluation: the folder of the episodes, and the file with the processor time of each."""
-FACTS_KEY = b"isac_cosim.live_episode"
 ROW_GROUP = 8192
 RUN = "run"
 """The name of the evaluated run among the predictors of an episode."""
@@ -90,9 +87,7 @@ def file_name(scenario: str, seed: int, alone: bool = False) -> str:
 def write_episode(path: Path, episode: LiveEpisode) -> None:
     """Write an episode, completely or not at all. Raises OutputError."""
     columns: dict[str, Any] = {
-        "tv": pa.DictionaryArray.from_arrays(
-            pa.array(episode.vehicle, pa.int32()), pa.array(episode.names, pa.string())
-        ),
+        "tv": named_column(episode.vehicle, episode.names),
         "time_s": pa.array(episode.time_s),
         "group": pa.array(episode.group, pa.int8()),
     }
@@ -101,17 +96,7 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
         columns[f"{name}.score"] = pa.array(answers.score)
         if name in WITH_FEATURES:
             columns[f"{name}.features"] = _rows(answers.features)
-    table = pa.table(columns).replace_schema_metadata({FACTS_KEY: episode.facts.model_dump_json()})
-    options = {"compression": "zstd", "row_group_size": ROW_GROUP, "write_page_checksum": True}
-    replace_file(path, lambda partial: pq.write_table(table, partial, **options))
-
-
-def read_facts(path: Path) -> EpisodeFacts | None:
-    """Return the facts of an episode, or None if the file is not that of a complete episode."""
-    try:
-        return EpisodeFacts.model_validate_json(pq.read_metadata(path).metadata[FACTS_KEY])
-    except (KeyError, TypeError, OSError, ValueError):
-        return None
+    FILES.write(path, episode.facts, columns, row_group_size=ROW_GROUP)
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:
@@ -119,27 +104,13 @@ def read_episode(path: Path, features: bool = False) -> LiveEpisode:
 
     Raises InputError if the file is damaged, that of another episode, or holds what no predictor answers.
     """
-    facts = read_facts(path)
-    try:
-        if facts is None:
-            raise ValueError("it has no facts of an episode")
-        if path.name not in (file_name(facts.scenario, facts.seed, alone) for alone in (False, True)):
-            raise ValueError(f"it is that of {facts.scenario}, seed {facts.seed}")
-        file = open_parquet(path)
-        stored = file.schema_arrow.names
-        table = read_columns(file, [name for name in stored if features or not name.endswith(".features")])
-        _check(table)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"{path}: not a complete episode ({' '.join(str(error).split())}); delete it and run the same command again"
-        ) from None
-    tv = table["tv"].combine_chunks()
-    tv = tv.chunk(0) if isinstance(tv, pa.ChunkedArray) else tv
+    facts, table = FILES.read(path, lambda column: features or not column.endswith(".features"))
+    names, vehicle = names_and_numbers(table["tv"])
     predictors = dict.fromkeys(name.rpartition(".")[0] for name in table.column_names if name.endswith(".score"))
     return LiveEpisode(
         facts=facts,
-        names=tuple(tv.dictionary.to_pylist()),
-        vehicle=tv.indices.to_numpy().astype(np.int64),
+        names=names,
+        vehicle=vehicle,
         time_s=table["time_s"].to_numpy(),
         group=table["group"].to_numpy().astype(np.int64),
         answers={name: _answers(table, name) for name in predictors},
@@ -169,6 +140,14 @@ def _check(table: pa.Table) -> None:
         raise ValueError("time_s: is not finite")
     if ((np.diff(vehicle) < 0) | ((np.diff(vehicle) == 0) & (np.diff(time_s) <= 0))).any():
         raise ValueError("tv or time_s: is not in order")
+
+
+FILES = EpisodeFiles(
+    EpisodeFacts,
+    b"isac_cosim.live_episode",
+    lambda facts: [file_name(facts.scenario, facts.seed, alone) for alone in (False, True)],
+    _check,
+)
 
 
 def _answers(table: pa.Table, name: str) -> Answers:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView, ending_lanes, is_parked
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import VehicleAhead
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import Steps, restore
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView, ending_lanes, is_parked
 from isac_cosim.isacsim.traffic.drivers.maneuvers.closed_ramp_end import ClosedRampEndCommand, Closures
 from isac_cosim.isacsim.traffic.drivers.maneuvers.debris import Litter
 from isac_cosim.isacsim.traffic.drivers.maneuvers.evasion import draw_answer, draw_debris_evasion
@@ -56,6 +56,8 @@ class Director:
         self._sites_xy = np.array([(site.x, site.y) for site in self.sites]).reshape(-1, 2) + self.origin
         self._active: dict[str, _Active] = {}
         self._rested: dict[str, float] = {}
+        # Speed factors of vehicles that vanished under command: SUMO may be teleporting them.
+        self._vanished: dict[str, float] = {}
         self._steps_per_decision = round(self.decision_s / self.step_s)
         self._step = 0
         self._ending_lanes: list[str] | None = None
@@ -71,6 +73,7 @@ class Director:
         for vehicle, active in list(self._active.items()):
             if vehicle not in present:
                 active.steps.close()
+                self._vanished[vehicle] = active.speed_factor
                 self._end(vehicle, time)
             elif is_parked(sumo, vehicle):
                 active.steps.close()
@@ -79,6 +82,8 @@ class Director:
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
         if decides:
+            for vehicle in self._vanished.keys() & present:
+                restore(sumo, vehicle, self._vanished.pop(vehicle))
             self._evade_debris(sumo, time)
             self._start_maneuvers(sumo, sorted(present), time)
             if self.settings.closed_ramp_end_per_lane_hour > 0.0:

@@ -63,7 +63,7 @@ class Way:
 
 
 @dataclass(frozen=True)
-class Crossings:
+class LaneTransitions:
     """Vehicles that come from one lane into another between two samples, (n,) each.
 
     ways: of which `number` says which is whose. driven_m, moved_m: distances from sample to sample, along and to the
@@ -172,7 +172,7 @@ class Road:
     def _segments_of(self, numbers: IntArray) -> Places:
         return Places(numbers, *(of.take(numbers, axis=1) for of in (self._corner, self._along, self._across)))
 
-    def crossings(self, lane: IntArray, goal: IntArray, ends: Array, moved: Array, elapsed_s: Array) -> Crossings:
+    def crossings(self, lane: IntArray, goal: IntArray, ends: Array, moved: Array, elapsed_s: Array) -> LaneTransitions:
         """Return how vehicles got from one lane to another, (n,) each.
 
         lane, goal: numbers of the lanes. ends: lane_pos before and after, m, and speed before and after, m/s, (4, n).
@@ -189,7 +189,7 @@ class Road:
         side = np.where(sideways, np.sign(-moved), 0.0)
         shift = np.where(known & ~sideways & (np.abs(moved) > SHIFT_M), moved, 0.0)
         moved = np.where(sideways, moved + side * apart, np.where(known, moved - shift, 0.0))
-        return Crossings(ways, number, driven, moved, side, np.where(sideways, side * apart, -shift))
+        return LaneTransitions(ways, number, driven, moved, side, np.where(sideways, side * apart, -shift))
 
     def _way(self, lane: int, goal: int) -> Way:
         if (lane, goal) not in self._ways:

@@ -206,7 +206,8 @@ class _Along:
         b = np.where(i < n, (dv - a * i) / np.where(i < n, n - i, 1), a)
         moving = np.full(len(n), np.inf)
         stands = np.append(speed[1:] == 0.0, False) & ~last
-        stops = np.flatnonzero(stands & (v > 0.0) & (dp > 0.0) & (n > 1))
+        # One that stands at the next sample stops before it, unless it went too far for braking all the time.
+        stops = np.flatnonzero(stands & (v > 0.0) & (dp > 0.0) & (n > 1) & (2.0 * dp <= v * n))
         moving[stops] = 2.0 * dp[stops] / v[stops]
         a[stops] = b[stops] = -v[stops] / moving[stops]
         kept = _before(b, last, np.zeros(len(n)))[last]

@@ -40,8 +40,8 @@ from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
 LOG_FILE = "messages.log"
 STUCK_S = 300.0
 """How long a vehicle may stand at the head of a queue before SUMO teleports it, s. Longer than any red light."""
-MISSED_EXIT_S = 20.0
-"""The same for a vehicle on a fast road, in a lane that does not lead to its exit, s."""
+MISSED_EXIT_S = 65.0
+"""The same for a vehicle on a fast road, in a lane that does not lead to its exit, s. Longer than a ramp is closed."""
 DRAWN_WITHIN_S = 60.0
 """Departures that are drawn anew lie within this after those of the demand, s: within the run-in, so that traffic is as
 dense as it should be when the recording begins."""

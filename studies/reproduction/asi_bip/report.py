@@ -24,6 +24,7 @@ from isac_cosim.evaluation.statistics import (
     score,
 )
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.scores import open_set
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
 from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
@@ -202,12 +203,12 @@ def _unknown(out: Path) -> Part | None:
                 "score": name,
                 "paper: AUROC": UNKNOWN_AUROC if name == "msp" else None,
                 "ours: AUROC": between_0_and_1(of_left_out(areas, left_out)),
-                "saw driving in training": "yes" if name == "prelude" else "no",
+                "saw driving in training": "yes" if name == open_set.PRE_ONSET_DETECTOR else "no",
             }
         )
     text = (
         "`following` takes no part in training. The paper does not name its score; the largest probability (msp) is "
-        "the common one. The paper could not have used `prelude`, which was trained on windows before the onset. "
+        "the common one. The paper could not have used `pre_onset`, which was trained on windows before the onset. "
         f"{first.n_known} known windows and {first.n_unknown} of following in each training."
     )
     drawn = [

@@ -107,6 +107,7 @@ class AsiBipReproduction:
             )
             for case in TRAINED
         ]
+        data_s = self._generating_s()
         test_share = self.study.training.split.test
         measured_s = 0.05 * training_s * seeds
         snr_s = test_share * self._snr_s() + measured_s
@@ -124,14 +125,18 @@ class AsiBipReproduction:
             for chain in self.size.weather_chains
         ]
         return [
-            Stage("data", "data", "how many samples of each intention", self._generating_s(), 8, self._data, DataResult),
+            Stage(
+                "data", "data", "how many samples of each intention", self._generating_s(), 8, self._data, DataResult
+            ),
             *table,
             *weather,
             training_stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
             training_stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
             training_stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
             training_stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
-            training_stage("literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal),
+            training_stage(
+                "literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal
+            ),
             training_stage("fast", "fast", "what faster trainings cost", fast_s, seeds * len(FAST), self._fast),
         ]
 

@@ -89,7 +89,7 @@ class CastformerReproduction:
             data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
             stages += [
-                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, DataResult, motorway),
+                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, motorway, DataResult),
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
@@ -100,14 +100,14 @@ class CastformerReproduction:
         cost_s = self.size.folds * sum(self.training_s(row, source) for row in new)
         parallel = max(1, len(new) * self.size.folds)
         work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
-        return Stage(name, name, question, cost_s, parallel, VariantsResult, work, check)
+        return Stage(name, name, question, cost_s, parallel, work, VariantsResult, check)
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
-            return Stage("data", "data", "the clips", 1.0, 1, DataResult, self._clips_data)
+            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, DataResult)
         cost_s = estimate(self.dataset_study(KINEMATIC)).cpu_s
         question = "windows that reach 6 s before the commit"
-        return Stage("data", "data", question, cost_s, 8, DataResult, partial(self._windows_data, KINEMATIC))
+        return Stage("data", "data", question, cost_s, 8, partial(self._windows_data, KINEMATIC), DataResult)
 
     def _windows_data(self, source: str) -> DataResult:
         return DataResult(source=source, dataset=description(self.dataset(source)), folds=self.folds(source))
@@ -178,7 +178,7 @@ class CastformerReproduction:
                 "windows": {"relative_to": "commit", "end_after_s": self.size.trained_end_s},
                 "optimiser": {"clip_norm": 0.0, "threads": 1},
                 "loss": {"class_weights": False},
-                "preludes": {"use": False},
+                "pre_onset": {"use": False},
                 "castformer": row.settings,
                 "asi_bip": {"lstm_bfloat16": False},
             },

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar
@@ -24,7 +23,9 @@ from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Sealed, Settings, read_json, write_sealed
+from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.base.workers.missing import Tally, run_missing
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.evaluation.on_windows.predictions import Predictions, predict
@@ -159,16 +160,16 @@ def run_tasks(
     if missing:
         for task in missing:
             task.scores_file.parent.mkdir(parents=True, exist_ok=True)
-        with feedback.bar(title, "trainings") as move, closing(engine.run(work, missing)) as outcomes:
-            done = len(tasks) - len(missing)
-            move(done, len(tasks))
-            for outcome in outcomes:
-                if outcome.result is None:
-                    raise RunError(f"{outcome.item.name}: {outcome.error}")
-                write_sealed(outcome.item.scores_file, StoredScores(schema_version=2, **dict(outcome.result)))
-                scores[outcome.item.name] = outcome.result
-                done += 1
-                move(done, len(tasks))
+        tally = Tally(len(tasks), len(tasks) - len(missing))
+
+        def keep(outcome: Outcome[AnyTask, Scores]) -> None:
+            if outcome.result is None:
+                raise RunError(f"{outcome.item.name}: {outcome.error}")
+            write_sealed(outcome.item.scores_file, StoredScores(schema_version=2, **dict(outcome.result)))
+            scores[outcome.item.name] = outcome.result
+            tally.done += 1
+
+        run_missing(work, missing, engine, feedback, title=title, unit="trainings", keep=keep, progress=tally)
     return [result for task in tasks if (result := scores[task.name]) is not None]
 
 

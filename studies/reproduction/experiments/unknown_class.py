@@ -14,6 +14,7 @@ from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.evaluation.on_windows.predictions import Predictions
 from isac_cosim.evaluation.statistics import Counts
 from isac_cosim.labeling.intentions import Intention
+from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
 from isac_cosim.studies.reproduction.experiments.stage_results import Count, is_square
@@ -29,7 +30,7 @@ Histogram = Annotated[list[Count], Field(min_length=BINS, max_length=BINS)]
 class UnknownScores(Settings):
     """Separation of `following` from the known intentions.
 
-    n_known, n_unknown: number of windows. auroc: by open-set score; `prelude` alone saw driving in training.
+    n_known, n_unknown: number of windows. auroc: by open-set score; `pre_onset` alone saw driving in training.
     auroc_without: the same without each of the test seeds in turn, by score; empty where a seed left out leaves nothing
     to separate, and in older files.
     roc: true-positive rates (known kept) at false-positive rates (following kept) evenly spaced from 0 to 1, by score.
@@ -40,9 +41,9 @@ class UnknownScores(Settings):
 
     n_known: Count
     n_unknown: Count
-    auroc: dict[str, Share]
-    auroc_without: dict[str, list[Share]] = Field(default_factory=dict)
-    roc: dict[str, Annotated[list[Share], Field(min_length=RATES, max_length=RATES)]]
+    auroc: dict[OpenSetScore, Share]
+    auroc_without: dict[OpenSetScore, list[Share]] = Field(default_factory=dict)
+    roc: dict[OpenSetScore, Annotated[list[Share], Field(min_length=RATES, max_length=RATES)]]
     known_confidence: Histogram
     unknown_confidence: Histogram
     threshold: float

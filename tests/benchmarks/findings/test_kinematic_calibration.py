@@ -36,7 +36,7 @@ def test_it_trains_on_true_records_and_scores_other_seeds() -> None:
     assert len(records) == 13
     training = checked(
         TrainSettings,
-        {"model": "trees", "trees": {"rounds": 3}, "preludes": {"rounds": 3}, "optimiser": {"threads": 1}},
+        {"model": "trees", "trees": {"rounds": 3}, "pre_onset": {"rounds": 3}, "optimiser": {"threads": 1}},
         "test",
     )
     result = run(STUDY, training, 5, test_episodes=2)

@@ -17,6 +17,7 @@ from isac_cosim.evaluation.closed_loop.safety import FIGURES
 from isac_cosim.evaluation.closed_loop.settings import ARMS, AdvisorySettings, ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.report.live_figures import arms as draw_arms
+from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models.runs.run import Run
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
@@ -170,8 +171,9 @@ def test_no_connected_vehicle_is_said(trees_run: Run, study: LiveStudy, tmp_path
 
 
 def test_recorded_traffic_has_no_closed_loop(trees_run: Run, study: LiveStudy, tmp_path: Path) -> None:
-    recorded = study.model_copy(update={"dataset": study.dataset.model_copy(update={"source": "kinematic"})})
-    with pytest.raises(InputError, match="a closed loop needs traffic that is simulated"):
+    dataset = DatasetStudy(source="kinematic")
+    recorded = study.model_copy(update={"dataset": dataset})
+    with pytest.raises(InputError, match="kinematic: has recordings only, and a closed loop needs a world that runs"):
         evaluate_advisories(trees_run, recorded, SETTINGS, tmp_path)
 
 

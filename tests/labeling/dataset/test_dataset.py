@@ -304,7 +304,15 @@ def test_an_unfinished_dataset_and_a_missing_shard_are_refused(tmp_path: Path) -
         Dataset.open(dataset.path)
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_dataset_of_a_version_that_is_read_no_longer_is_refused_with_its_version(tmp_path: Path) -> None:
+    dataset = make(tmp_path / "data", (6,))
+    meta = without_index(dataset.path) | {"schema_version": 1}
+    (dataset.path / "dataset.json").write_text(json.dumps(meta))
+    with pytest.raises(InputError, match=r"dataset\.json: was written by version 0\.1\.0, which is read no longer"):
+        Dataset.open(dataset.path)
+
+
+@pytest.mark.parametrize("version", [2, 3])
 def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path, version: int) -> None:
     """Before schema 4, positions are in the plane; before schema 3, nothing has a cause, and commands stimulate."""
     dataset = make(tmp_path / "data", (6, 3))

@@ -7,7 +7,7 @@ from typing import Any
 from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
 from isac_cosim.labeling.dataset.shard import Episode
-from isac_cosim.labeling.dataset.traffic_summary import share_text, traffic_faults, traffic_summary
+from isac_cosim.labeling.dataset.traffic_summary import seconds_text, share_text, traffic_faults, traffic_summary
 
 SLOW = SumoWarning(kind="'...' is slow", count=3, example="'a' is slow")
 
@@ -74,3 +74,9 @@ def test_discarded_vehicles_and_classes_that_are_no_cars_are_named() -> None:
         "8 of 30 vehicles are neither cars nor trucks (bicycle 7, tram 1): they echo and block as cars do; "
         "`pairs.tv_kinds` and `pairs.uv_kinds` leave classes out",
     ]
+
+
+def test_times_are_written_in_full() -> None:
+    assert seconds_text(1_732_518_000.0) == "1,732,518,000"
+    assert seconds_text(123_456.75) == "123,456.75"
+    assert seconds_text(90.0) == "90"

@@ -62,7 +62,7 @@ def test_the_run_is_the_shortest_whatever_the_order(
 
 
 def test_jobs_are_every_scenario_seed_by_seed() -> None:
-    jobs = Jobs((("nets/a", "a"), ("nets/b", "b")), SeedRange(first=3, last=5))
+    jobs = Jobs((("nets/a", "a", range(3, 6)), ("nets/b", "b", range(3, 6))))
     listed = [EpisodeJob(f"nets/{name}", name, seed) for seed in (3, 4, 5) for name in "ab"]
     assert list(jobs) == listed
     assert jobs[1:4] == listed[1:4]
@@ -71,8 +71,15 @@ def test_jobs_are_every_scenario_seed_by_seed() -> None:
     assert jobs.find("b", 6) is jobs.find("nets/b", 5) is None
 
 
+def test_a_scenario_with_fewer_seeds_leaves_the_rest_to_the_others() -> None:
+    jobs = Jobs((("nets/a", "a", (4, 9)), ("nets/b", "b", (1,)), ("nets/c", "c", (2, 3, 5))))
+    assert [(job.scenario, job.seed) for job in jobs] == [
+        ("a", 4), ("b", 1), ("c", 2), ("a", 9), ("c", 3), ("c", 5),
+    ]  # fmt: skip
+
+
 def test_a_range_of_all_seeds_is_not_made_before_it_is_asked_for() -> None:
-    jobs = Jobs((("road", "road"),), SeedRange(first=0, last=2**31 - 1))
+    jobs = Jobs((("road", "road", SeedRange(first=0, last=2**31 - 1).numbers),))
     plan = EpisodePlan(jobs, SelectionSettings(windows=12))
     for job in plan.missing():
         plan.add(job, episode(job, [1] * 6))

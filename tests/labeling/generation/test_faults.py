@@ -270,7 +270,7 @@ def test_a_dataset_does_not_go_on_after_its_configuration_has_changed(tmp_path: 
     config = tmp_path / "r/r.sumocfg"
     text = config.read_text().replace("</configuration>", f"{option}</configuration>")
     config.write_text(text)
-    with pytest.raises(InputError, match=r"holds the dataset of another study \(inputs\.r\.sha256 is"):
+    with pytest.raises(InputError, match="the configuration of r has changed since it was begun"):
         again(tmp_path)
 
 

@@ -257,7 +257,7 @@ def test_another_network_of_the_same_name_is_refused(
             scenario.network.write_text("<net version='2'/>")
             return scenario
 
-    with pytest.raises(InputError, match=r"inputs\.road\.sha256"):
+    with pytest.raises(InputError, match=r"road\.net\.xml of road has changed since it was begun"):
         generate(study, undisturbed.path, INLINE, source=Changed(source.folder))
 
 

@@ -131,7 +131,7 @@ def test_a_large_dataset_is_finished_without_reading_its_shards(
     count = 20_000
     study = small_study(seeds={"first": 1, "last": count})
     source, out = ScriptedSource(tmp_path), tmp_path / "data"
-    started = generate.describe(study, generate.read_scenarios(study, source))
+    started = generate.describe(study, generate.read_scenarios(study, source), source)
     (out / SHARDS).mkdir(parents=True)
     write_meta(out, started)
     noted = write_many(out / "shards.parquet", count - 1, started.fingerprint)

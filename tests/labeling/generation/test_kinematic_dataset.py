@@ -102,7 +102,7 @@ def evaluation(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Ev
     folder = tmp_path_factory.mktemp("run")
     settings = checked(
         TrainSettings,
-        {"model": "trees", "trees": {"rounds": 5}, "preludes": {"rounds": 5}, "optimiser": {"threads": 1}},
+        {"model": "trees", "trees": {"rounds": 5}, "pre_onset": {"rounds": 5}, "optimiser": {"threads": 1}},
         "test",
     )
     return evaluate(train(dataset, folder / "run", settings), dataset, folder / "evaluation")

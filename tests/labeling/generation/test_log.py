@@ -86,9 +86,7 @@ def test_how_much_a_command_says(
     """A line an episode with --verbose, nothing but warnings with --quiet; the result on standard output always."""
     source = ScriptedSource(tmp_path, broken=(2,), warnings=3)
     monkeypatch.setattr("isac_cosim.labeling.generation.generate.motion_source", lambda study: source)
-    monkeypatch.setattr(
-        "isac_cosim.base.workers.engine.LocalEngine.run", lambda _, task, items: INLINE.run(task, items)
-    )
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine.run", lambda _, *task: INLINE.run(*task))
     out = tmp_path / "data"
     words = ["generate", "road", "-o", str(out), "--seeds", "1:2", "--jobs", "1", "--json", *option.split()]
     assert cosim.main(words) == 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +10,6 @@ import numpy as np
 import pytest
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.files import file_digest
 from isac_cosim.base.parsing import channel
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.command_line.arguments import SenseArguments, resense_settings
@@ -24,8 +21,6 @@ from isac_cosim.labeling.dataset.summary import summary
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.log import LOG_FILE
 from isac_cosim.labeling.generation.resense import ResenseSettings, _carrier, own_report, own_sensing, plan, resense
-from tests.support import sensing_road
-from tests.support.former_dataset import as_schema, without_index
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
@@ -250,55 +245,6 @@ FORMER = {
     },
 }  # fmt: skip
 """Sensing settings as `dataset.json` of schema 1 holds them."""
-
-
-def former(dataset: Dataset, folder: Path, **sensing: object) -> Dataset:
-    """The dataset as schema 1 would have stored it, with UVs that report without noise."""
-    shutil.copytree(dataset.path, folder)
-    content = without_index(folder)
-    content["schema_version"] = 1
-    del content["run_in_s"]
-    content["study"] |= {"sensing": FORMER | sensing, "report": dict.fromkeys(content["study"]["report"], 0.0)}
-    for shard in content["shards"]:
-        shard["episode"]["schema_version"] = 1
-        path = folder / "shards" / shard["file"]
-        as_schema(path, 1)
-        shard |= {"sha256": file_digest(path), "bytes": path.stat().st_size}
-    (folder / "dataset.json").write_text(json.dumps(content))
-    return Dataset.open(folder)
-
-
-@pytest.mark.parametrize(
-    ("kind", "snr_db", "state"),
-    [
-        ("link", 11.954796326332724, [134.93708996550308, 1.0002598556304616, 24.99942126260975]),
-        ("uniform", 9.846802570142005, [134.93744967709435, 0.9998252814955282, 24.999316670921527]),
-    ],
-)
-def test_datasets_of_schema_1_are_sensed_as_they_were(
-    dataset: Dataset, tmp_path: Path, kind: str, snr_db: float, state: list[float]
-) -> None:
-    """Numbers of the last version that wrote schema 1, for a vehicle on the road of the sensing tests."""
-    stored = former(dataset, tmp_path / "former", channel=FORMER["channel"] | {"kind": kind})
-    settings = own_sensing(stored)
-    truth = sensing_road.drive(80, 130.0, 1.0, 25.0)[None]
-    sites = sensing_road.road_sites(12, 200.0)
-    record = sensing_road.sense(truth, sites, settings, [("old", 1)])[0]
-    assert record.snr_db == pytest.approx(snr_db, abs=1e-12)
-    assert record.state[:3, -1] == pytest.approx(state, abs=1e-9)
-
-
-def test_a_dataset_of_schema_1_becomes_one_of_today(dataset: Dataset, tmp_path: Path) -> None:
-    stored = former(dataset, tmp_path / "former")
-    once = resense(stored, resense_settings(stored, SenseArguments("isac")), tmp_path / "once", INLINE)
-    once.verify()
-    assert (once.meta.schema_version, once.meta.shards[0].episode.schema_version) == (4, 4)
-    assert once.meta.run_in_length == 0
-    # Sensed a second time, its settings are not converted a second time.
-    again = resense(once, resense_settings(once, SenseArguments("isac")), tmp_path / "again", INLINE)
-    np.testing.assert_array_equal(again.arrays("tv")["tv"], once.arrays("tv")["tv"])
-    assert own_sensing(again) == own_sensing(once) == own_sensing(stored)
-    assert own_sensing(stored).channel.link.cross_section_dbsm == pytest.approx(11.25 + np.log(10) / 20 * 3.41**2)
 
 
 def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from isac_cosim.base.errors import InputError, OutputError, RunError, ShortageEr
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.isacsim.traffic.sources.registry import SumoSource
+from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from tests.support.roads import straight_road, vehicle
@@ -75,10 +75,10 @@ class HarmedSource(ScriptedSource):
     """A source that does something to its process before an episode."""
 
     harm: str = ""
-    seeds: tuple[int, ...] = (HARMED,)
+    harmed: tuple[int, ...] = (HARMED,)
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
-        if seed in self.seeds:
+        if seed in self.harmed:
             HARMS[self.harm]()
         return super().record(scenario, seed)
 
@@ -115,26 +115,19 @@ def test_what_is_lacking_ends_the_command_and_leaves_the_episode_missing(
 
 
 @dataclass(frozen=True)
-class SmallDisk:
+class SmallDisk(SumoSource):
     """SUMO's traffic, with files that cannot grow in one episode, as on a full disk."""
 
-    source: SumoSource
-    largest_bytes: int
-
-    def load(self, where: str) -> Scenario:
-        return self.source.load(where)
+    largest_bytes: int = 0
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
         before = resource.getrlimit(resource.RLIMIT_FSIZE)
         try:
             if seed == HARMED:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (self.largest_bytes, before[1]))
-            return self.source.record(scenario, seed)
+            return super().record(scenario, seed)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-    def expected_cpu_s(self) -> float:
-        return 0.1
 
 
 @pytest.mark.parametrize("sample_s", [0.01, 0.1])
@@ -147,9 +140,9 @@ def test_a_simulation_without_room_names_the_folder_for_temporary_files(tmp_path
     study = small_study(
         scenarios=[str(scenario)], seeds={"first": 1, "last": 3}, traffic=traffic, maneuvers={"rest_s": 1.0}
     )
-    source = SumoSource.of(study)
+    source = SumoSource(**study.source_settings())
     with pytest.raises(OutputError, match="the folder for temporary files cannot be written"):
-        generate(study, tmp_path / "data", LocalEngine(1), source=SmallDisk(source, 50_000))
+        generate(study, tmp_path / "data", LocalEngine(1), source=SmallDisk(source.traffic, source.maneuvers, 50_000))
     assert [path.name for path in (tmp_path / "data/shards").iterdir()] == ["road-1.parquet"]
     dataset = generate(study, tmp_path / "data", LocalEngine(1), source=source)
     assert dataset.digest == generate(study, tmp_path / "other", LocalEngine(1), source=source).digest
@@ -171,7 +164,7 @@ def test_an_episode_in_which_the_process_crashes_is_lost_with_what_was_printed(t
 
 
 def test_a_scenario_in_which_the_process_always_crashes_is_bad_input(tmp_path: Path) -> None:
-    source = HarmedSource(tmp_path, harm="segmentation_fault", seeds=(1, 2, 3))
+    source = HarmedSource(tmp_path, harm="segmentation_fault", harmed=(1, 2, 3))
     with pytest.raises(InputError, match=r"road, seed 1: the worker process died \(signal 11.* and said: SUMO's last"):
         generate(STUDY, tmp_path / "data", LocalEngine(2), source=source)
 

@@ -113,7 +113,7 @@ def test_two_trainings_of_a_network_give_the_same_bytes(records: Records, networ
         {str(path.relative_to(run.path)): path.read_bytes() for path in run.path.rglob("*") if path.is_file()}
         for run in (network_run, again)
     )
-    assert {"weights.pt", "checkpoints/last.ckpt", "checkpoints/best.ckpt", "history.csv", "preludes.skops"} <= set(
+    assert {"weights.pt", "checkpoints/last.ckpt", "checkpoints/best.ckpt", "history.csv", "pre_onset.skops"} <= set(
         first
     )
     assert set(first) == set(second)

@@ -46,7 +46,7 @@ def test_exposure_lowers_the_confidence_on_pre_onset_windows(
 ) -> None:
     run = train_records(records, MADE_OF, tmp_path / "run", EXPOSED)
     left = records.take(np.isin(records.groups, run.card.split["test"]) & np.isin(records.label, KNOWN))
-    shown = pre_onset_windows(SMALL_RUN.windows, SMALL_RUN.preludes)
+    shown = pre_onset_windows(SMALL_RUN.windows, SMALL_RUN.pre_onset)
     confidence = []
     for trained in (network_run, run):
         ends = draw_ends(left, shown, "test")

@@ -36,7 +36,7 @@ def test_following_takes_no_part(records: Records, trees_run: Run, tmp_path: Pat
     run = train_records(other, MADE_OF, tmp_path / "run", TREES)
     left = unseen(records.take(~following), [trees_run])
     outputs = predict(trees_run, left, draw_ends(left, TREES.windows, "test")).outputs
-    first, second = (open_set.of_run(trained)["prelude"](outputs) for trained in (trees_run, run))
+    first, second = (open_set.of_run(trained)["pre_onset"](outputs) for trained in (trees_run, run))
     np.testing.assert_array_equal(first, second)
 
 
@@ -46,17 +46,17 @@ def test_it_separates_maneuvers_from_mere_driving(kind: str, records: Records, r
     left = unseen(records, [run])
     late = WindowSettings.model_validate({**run.card.settings.windows.model_dump(), "end_after_s": (1.0, 2.2)})
     answered = predict(run, left, draw_ends(left, late, "test", per_record=4))
-    value = open_set.of_run(run)["prelude"](answered.outputs)
+    value = open_set.of_run(run)["pre_onset"](answered.outputs)
     area = open_set.auroc(value[answered.known], value[answered.unknown])
     assert area is not None
     assert area > 0.85
 
 
 def test_it_can_be_turned_off(records: Records, tmp_path: Path) -> None:
-    settings = TREES.model_copy(update={"preludes": PreOnsetSettings(use=False)})
+    settings = TREES.model_copy(update={"pre_onset": PreOnsetSettings(use=False)})
     run = train_records(records, MADE_OF, tmp_path / "run", settings)
     assert not (run.path / REJECT_OPTION_FILE).exists()
-    assert set(open_set.of_run(run)) == set(open_set.SCORES) - {"prelude"} == set(run.card.validation_auroc)
+    assert set(open_set.of_run(run)) == set(open_set.SCORES) - {"pre_onset"} == set(run.card.validation_auroc)
 
 
 def test_records_that_begin_too_late_have_none(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_records_that_begin_too_late_have_none(tmp_path: Path) -> None:
     first, last = end_bounds(records, pre_onset_windows(WindowSettings(window_s=2.0), PreOnsetSettings()))
     assert (last >= first).all()
     run = train_records(records, MADE_OF, tmp_path / "run", TREES.model_copy(update={"windows": windows}))
-    assert "prelude" not in open_set.of_run(run)
+    assert "pre_onset" not in open_set.of_run(run)
 
 
 @pytest.mark.parametrize("ends", [(-0.1, -0.6), (-0.5, 0.2)])

@@ -66,7 +66,7 @@ def test_two_trainings_give_the_same_bytes(records: Records, trees_run: Run, tmp
     time.sleep(2.1)  # Times in a zip archive have a resolution of two seconds.
     again = train_records(records, MADE_OF, tmp_path / "run", SMALL_RUN.model_copy(update={"model": "trees"}))
     first, second = ({path.name: path.read_bytes() for path in run.path.iterdir()} for run in (trees_run, again))
-    assert {"trees.skops", "preludes.skops", "reference.npz", "run.json"} <= set(first)
+    assert {"trees.skops", "pre_onset.skops", "reference.npz", "run.json"} <= set(first)
     assert set(first) == set(second)
     assert [name for name, content in first.items() if content != second[name]] == []
 

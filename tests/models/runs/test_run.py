@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.settings import checked
 from isac_cosim.models.data.windows import Records, cut, draw_ends
 from isac_cosim.models.predictors.asi_bip import AsiBipSettings
 from isac_cosim.models.predictors.registry import sections
+from isac_cosim.models.runs.former_names import as_formerly
 from isac_cosim.models.runs.run import RunCard, load_run, read_card
 from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.models.scores import open_set
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
 
@@ -52,6 +56,7 @@ STORED_CARD = """
 LATER_OPTIMISER_KEYS = {"accelerator": "auto", "devices": 1, "precision": "32-true"}
 """Keys that the stored card does not have yet, with their defaults, in order."""
 FILES = {"weights.pt", "trees.skops", "preludes.skops", "reference.npz", "history.csv"}
+"""Its files, under the names of then."""
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +64,7 @@ def stored(records: Records, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run with the stored card, beside the files of the same training."""
     folder = tmp_path_factory.mktemp("stored") / "run"
     train_records(records, MADE_OF, folder, SMALL_RUN.model_copy(update={"model": "ensemble"}))
+    (folder / "pre_onset.skops").rename(folder / "preludes.skops")
     (folder / "run.json").write_text(STORED_CARD)
     return folder
 
@@ -75,16 +81,19 @@ def test_a_stored_run_opens_and_answers(stored: Path, records: Records, network_
 
 
 def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Path) -> None:
-    """Beside them the sections of predictors that came later, with their defaults, in the order of the registry."""
+    """Beside them the sections of predictors that came later, with their defaults, in the order of the registry.
+
+    Pre-onset windows have their present name.
+    """
     card = read_card(stored)
     assert card is not None
-    expected = json.loads(STORED_CARD)
+    expected = json.loads(STORED_CARD.replace('"preludes"', '"pre_onset"').replace('"prelude"', '"pre_onset"'))
     stored_settings = expected["settings"]
     of_predictors = {
         name: {**kind().model_dump(mode="json"), **stored_settings.get(name, {})} for name, kind in sections().items()
     }
     keys = list(stored_settings)
-    first, last = keys.index("asi_bip"), keys.index("preludes")
+    first, last = keys.index("asi_bip"), keys.index("pre_onset")
     assert set(keys[first:last]) <= of_predictors.keys()
     expected["settings"] = {
         **{key: stored_settings[key] for key in keys[:first]},
@@ -96,6 +105,27 @@ def test_a_stored_card_is_written_back_with_the_same_keys_and_values(stored: Pat
     # Of a version that stored no digests.
     expected |= {"sha256": None, "files": {}, "lstm_precision": None, "validation_counts": None}
     assert card.model_dump(mode="json") == expected
+
+
+def test_a_score_of_a_stored_run_has_its_present_name(stored: Path, records: Records) -> None:
+    run = load_run(stored)
+    windows = cut(records, draw_ends(records, SMALL_RUN.windows, "test")[:3], SMALL_RUN.windows)
+    value = open_set.of_run(run)["pre_onset"](run.answer(windows))
+    assert value.shape == (3,)
+    assert run.card.validation_auroc["pre_onset"] == 0.8515625
+    former = json.loads(STORED_CARD)
+    assert as_formerly(run.card.model_dump(mode="json"))["settings"].keys() == {*former["settings"], *sections()}
+    chosen = RunCard.model_validate(former | {"unknown_score": "prelude"})
+    assert chosen.unknown_score == "pre_onset"
+    formerly = as_formerly(chosen.model_dump(mode="json"))
+    assert (formerly["unknown_score"], formerly["validation_auroc"]) == ("prelude", former["validation_auroc"])
+
+
+def test_a_study_may_use_the_former_name_but_not_both() -> None:
+    former = TrainSettings.model_validate({"preludes": {"rounds": 7}})
+    assert former == TrainSettings.model_validate({"pre_onset": {"rounds": 7}})
+    with pytest.raises(InputError, match=r"study: .*preludes: is the former name of pre_onset, which is given, too"):
+        checked(TrainSettings, {"preludes": {"rounds": 7}, "pre_onset": {}}, "study")
 
 
 def test_a_card_without_later_keys_opens(stored: Path, tmp_path: Path) -> None:

@@ -40,12 +40,12 @@ def trees(trees_run: Run, tmp_path: Path) -> Path:
 
 def test_the_card_has_the_digests_of_the_files(network_run: Run) -> None:
     card = json.loads((network_run.path / "run.json").read_text())
-    assert set(card["files"]) == {"weights.pt", "reference.npz", "preludes.skops", "history.csv"}
+    assert set(card["files"]) == {"weights.pt", "reference.npz", "pre_onset.skops", "history.csv"}
     assert card["schema_version"] == 2
     assert card["sha256"] == network_run.card.sha256
 
 
-@pytest.mark.parametrize("file", ["weights.pt", "reference.npz", "preludes.skops", "history.csv"])
+@pytest.mark.parametrize("file", ["weights.pt", "reference.npz", "pre_onset.skops", "history.csv"])
 def test_a_flipped_bit_is_noticed(network: Path, file: str) -> None:
     content = bytearray((network / file).read_bytes())
     content[len(content) // 2] ^= 1
@@ -78,6 +78,7 @@ CARDS: dict[str, tuple[dict[str, Any], str]] = {
     "negative counts": ({"counts": {"overtake": -1}}, "counts.overtake: must be at least 0"),
     "classes in another order": ({"classes": [i.text for i in reversed(KNOWN)]}, "classes: are not"),
     "an unknown side": ({"split": {"exam": ["toy-1"]}}, "split: exam is not one of"),
+    "a side without seeds": ({"split": {"validation": ["toy-1"], "test": ["toy-2"]}}, "split: train is missing"),
     "a data set without a digest": ({"dataset": {}}, "dataset: has no digest"),
     "files that lie elsewhere": ({"files": {"../weights.pt": "0" * 64}}, "files"),
     "no files": ({"files": {}}, "files: is empty"),
@@ -157,7 +158,7 @@ FORGED: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "labels of 99": (array_changed(label=lambda x: x + 99), r"reference\.npz: label: is not a known intention"),
     "fewer labels": (array_changed(label=lambda x: x[:-1]), r"reference\.npz: features: has the shape"),
-    "a reference of another width": (array_changed(features=lambda x: x[:, :5]), r"preludes\.skops: n_features_in_"),
+    "a reference of another width": (array_changed(features=lambda x: x[:, :5]), r"pre_onset\.skops: n_features_in_"),
 }
 
 
@@ -174,13 +175,13 @@ def test_a_forged_file_is_refused_by_its_content(network: Path, change: str, for
 
 def test_the_score_needs_its_trees(network: Path) -> None:
     path = network / "run.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"unknown_score": "prelude"}))
-    (network / "preludes.skops").unlink()
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"unknown_score": "pre_onset"}))
+    (network / "pre_onset.skops").unlink()
     content = json.loads(path.read_text())
-    del content["files"]["preludes.skops"]
+    del content["files"]["pre_onset.skops"]
     path.write_text(json.dumps(content))
     reseal(path)
-    with pytest.raises(InputError, match=r"preludes\.skops: is missing, on which unknown_score rests"):
+    with pytest.raises(InputError, match=r"pre_onset\.skops: is missing, on which unknown_score rests"):
         load_run(network)
 
 
@@ -247,7 +248,7 @@ def test_another_runs_files_are_refused(trees: Path, network: Path) -> None:
     shutil.copy(network / "reference.npz", trees / "reference.npz")
     with pytest.raises(InputError, match=r"reference\.npz: its bytes differ"):
         load_run(trees)
-    (trees / "preludes.skops").unlink()
+    (trees / "pre_onset.skops").unlink()
     content = json.loads((trees / "run.json").read_text())
     (trees / "run.json").write_text(json.dumps(content | {"unknown_score": "msp"}))
     as_former_run(trees)

@@ -30,7 +30,7 @@ def test_sections_are_read_and_written_under_their_names() -> None:
     assert settings.of(CastformerSettings) == CastformerSettings()
     stored = json.loads(settings.model_dump_json())
     assert list(stored) == [
-        "model", "seed", "held_out", "windows", "split", "ends_per_record", "validation_ends", *sections(), "preludes",
+        "model", "seed", "held_out", "windows", "split", "ends_per_record", "validation_ends", *sections(), "pre_onset",
         "augment", "loss", "optimiser",
     ]  # fmt: skip
     assert stored["trees"]["rounds"] == 7

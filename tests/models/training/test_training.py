@@ -174,7 +174,7 @@ class Evil:
         ("network_run", "weights.pt"),
         ("trees_run", "trees.skops"),
         ("network_run", "reference.npz"),
-        ("network_run", "preludes.skops"),
+        ("network_run", "pre_onset.skops"),
     ],
 )
 def test_loading_executes_nothing(kind: str, file: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:

@@ -30,7 +30,7 @@ def asi_bip(**changes: Any) -> AsiBipSize:
         },
         "training": {
             **NETWORKS,
-            "preludes": {"rounds": 2},
+            "pre_onset": {"rounds": 2},
             "split": {"validation": 0.2, "test": 0.4},
             "optimiser": {"epochs": 1, "learning_rate": 1e-3},
         },

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import BRAKING_LIMIT_MPS2, Driver, Limb, approach_mps2
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import open_to
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import NO_LATERAL_MODE, UNCHECKED_SPEED_MODE, Steps
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import open_to
 
 MODE_S = 0.2
 """SUMO drops lateral positions unless the mode was set a decision interval before, s."""

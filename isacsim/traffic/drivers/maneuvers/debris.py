@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.maneuvers.evasion import Evasion, Evasions, draw_debris_evasion
 from isac_cosim.isacsim.traffic.drivers.maneuvers.kinds import Kind, Occasion, rate
 

@@ -15,9 +15,9 @@ from isac_cosim.base.setting_fields import sourced
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.drivers.handling.controls import MODE_S, Foot, Hands, pedal_limit
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import Driver, braking_mps2, draw_driver
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris, Hazard, VehicleAhead, time_to_collision_s
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import DEFAULT_LANE_CHANGE_MODE, Steps, release
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.maneuvers import kinds
 from isac_cosim.isacsim.traffic.drivers.maneuvers.kinds import DirectorSettings, ManeuverCommand
 

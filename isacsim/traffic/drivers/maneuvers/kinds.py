@@ -16,9 +16,9 @@ from pydantic import Field
 from isac_cosim.base.setting_fields import Range, within
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings, braking_mps2
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import Steps
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView
 
 Speed = Annotated[float, Field(ge=0.0, le=60.0)]
 Duration = Annotated[float, Field(ge=0.0, le=600.0)]

@@ -10,8 +10,8 @@ import numpy as np
 from isac_cosim.base.setting_fields import sourced
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.drivers.handling import vehicle_control as control
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import is_parked
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import Steps
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import is_parked
 from isac_cosim.isacsim.traffic.drivers.maneuvers import kinds
 from isac_cosim.isacsim.traffic.drivers.maneuvers.kinds import DirectorSettings, Kind, ManeuverCommand, Occasion, rate
 

@@ -13,8 +13,8 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.traffic.drivers.director import Director
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.drivers.handling.vehicle_control import DEFAULT_LANE_CHANGE_MODE, DEFAULT_SPEED_MODE
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView, ending_lanes
 from isac_cosim.isacsim.traffic.drivers.maneuvers.hard_brake import BrakeCommandSettings
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
@@ -119,9 +119,9 @@ def test_closures_do_not_change_the_other_maneuvers() -> None:
     busy = only(hard_brake_per_vehicle_hour=100.0, debris_per_vehicle_hour=10.0, cut_in_per_vehicle_hour=6.0)
     # Sway depends on the whole drive, also on what comes later.
     brief = TrafficSettings(run_in_s=20.0, duration_s=25.0, sway=SwaySettings(sd_m=(0.0, 0.0)))
-    without = record(load("ramp_weave"), 1, brief, busy)
+    without = record(load("ramp_weave"), 2, brief, busy)
     closing = busy.model_copy(update={"closed_ramp_end_per_lane_hour": 3600.0})
-    with_closures = record(load("ramp_weave"), 1, brief, closing)
+    with_closures = record(load("ramp_weave"), 2, brief, closing)
 
     def starts(commands: tuple[Command, ...], before: float) -> set[tuple[str, str, float]]:
         return {(c.vehicle, c.maneuver, c.start) for c in commands if c.start < before}
@@ -165,7 +165,7 @@ def test_every_command_has_parameters_of_its_own(monkeypatch: pytest.MonkeyPatch
         started[kind].append(getattr(maneuver, DRAWN[kind]) if kind in DRAWN else 0.0)
         if kind == "OvertakeCommand":
             _, gap_m = sumo.vehicle.getLeader(maneuver.vehicle, 150.0)
-            headways.append(gap_m / sumo.vehicle.getSpeed(maneuver.vehicle))
+            headways.append(gap_m / max(sumo.vehicle.getSpeed(maneuver.vehicle), 1.0))
         begin(self, sumo, maneuver, time)
 
     monkeypatch.setattr(Director, "_start", remembered)
@@ -235,8 +235,8 @@ def test_nobody_is_sent_past_its_exit() -> None:
     scenario = load("motorway")
     stay_s = NONE.stay_s
     time_left_s: dict[bool, list[float]] = {True: [], False: []}
-    with session(scenario, 1, TrafficSettings()) as sumo:
-        for step in range(9000):
+    with session(scenario, 2, TrafficSettings()) as sumo:
+        for step in range(15_000):
             sumo.simulationStep()
             if step % 100:
                 continue
@@ -260,7 +260,7 @@ def _ahead(sumo: Any, name: str) -> float:
 def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
     scenario = load(name)
     speeds: list[float] = []
-    with session(scenario, 1, TrafficSettings()) as sumo:
+    with session(scenario, 2, TrafficSettings()) as sumo:
         director = new_director(scenario, ManeuverSettings())
         for step in range(360_000):
             director.step(sumo, step * STEP)
@@ -273,3 +273,22 @@ def test_an_hour_of_stimulated_traffic_keeps_flowing(name: str) -> None:
     )
     early = np.mean(speeds[1:10])
     assert np.mean(speeds[-10:]) > 0.7 * early
+
+
+def test_a_vehicle_that_is_moved_on_under_command_is_given_back_to_its_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SUMO teleports it; it would stand for good where it reappears."""
+    monkeypatch.setattr("isac_cosim.isacsim.traffic.sources.sumo.MISSED_EXIT_S", 20.0)
+    scenario = load("ramp_weave")
+    director = new_director(scenario, only(closed_ramp_end_per_lane_hour=600.0))
+    moved: set[str] = set()
+    with session(scenario, 1, TrafficSettings()) as sumo:
+        for step in range(6000):
+            director.step(sumo, step * STEP)
+            sumo.simulationStep()
+            moved |= set(sumo.simulation.getStartingTeleportIDList()) & director.commanded
+        free = moved & set(sumo.vehicle.getIDList()) - director.commanded
+        assert free
+        for name in free:
+            assert sumo.vehicle.getSpeedMode(name) == DEFAULT_SPEED_MODE
+            assert sumo.vehicle.getLaneChangeMode(name) == DEFAULT_LANE_CHANGE_MODE
+            assert sumo.vehicle.getSpeed(name) > 1.0

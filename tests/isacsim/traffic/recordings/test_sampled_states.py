@@ -83,6 +83,18 @@ def test_a_vehicle_that_stops_between_two_samples_stands_from_then_on() -> None:
     assert (rebuilt[SPEED] >= 0.0).all()
 
 
+def test_the_speed_of_a_vehicle_that_speeds_up_and_stops_between_two_samples_is_that_of_its_motion() -> None:
+    """As in a queue: it creeps on until the driver decides, and stops at once. Nothing is left over for a jump."""
+    speed, position = drive(np.array([0.0, 1.2, -12.0, 0.0, 0.0]), 7, 0.15, 40)
+    assert speed[10] > 0.15
+    assert speed[20] == 0.0 < speed[18]
+    truth = np.stack([position, 0.0 * position, speed, position, 0.0 * position, 0.0 * position])
+    rebuilt = sampled(truth, np.arange(0, 41, 10), 7, 40, BENT)
+    driven = np.cumsum(np.append(0.0, rebuilt[SPEED, 1:] + rebuilt[SPEED, :-1])) / 2.0 * STEP_S
+    np.testing.assert_allclose(driven, rebuilt[LANE_POS], atol=1e-4)
+    np.testing.assert_allclose(rebuilt[LANE_POS], position, atol=2e-3)
+
+
 def test_a_vehicle_drives_on_through_lanes_that_are_passed_between_two_samples() -> None:
     speed, position = drive(np.linspace(2.0, -2.0, 30), 0, 25.0, 250)
     number = np.searchsorted([50.0, 50.4], position)

@@ -1,14 +1,16 @@
 """Motion sources: found by name, sent to workers, and added with one line."""
 
 import pickle
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.base.settings import checked
+from isac_cosim.base.settings import Settings, checked
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
-from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, MotionStudy, SumoSource, motion_source
+from isac_cosim.isacsim.traffic.sources.registry import MOTION_SOURCES, SumoSource, motion_source
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.labeling.generation.generate import generate
@@ -25,7 +27,7 @@ def test_the_default_source_simulates_the_studys_traffic() -> None:
 def test_sources_pickle_and_equal_ones_hash_equally() -> None:
     """Workers keep what they loaded by source; each gets its own copy."""
     for name in MOTION_SOURCES:
-        source = MOTION_SOURCES[name](DatasetStudy())
+        source = motion_source(DatasetStudy(source=name))
         copy = pickle.loads(pickle.dumps(source))
         assert copy == source
         assert hash(copy) == hash(source)
@@ -47,14 +49,23 @@ def test_an_unknown_source_is_refused_with_the_known_ones() -> None:
 
 
 def test_a_registered_source_is_all_that_a_study_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def scripted(study: MotionStudy) -> ScriptedSource:
-        return ScriptedSource(tmp_path, warnings=round(study.traffic.run_in_s))
+    class ScriptedSettings(Settings):
+        warnings: int = 0
 
-    monkeypatch.setitem(MOTION_SOURCES._items, "scripted", scripted)
-    study = small_study(source="scripted", seeds={"first": 1, "last": 2})
+    @dataclass(frozen=True)
+    class Registered(ScriptedSource):
+        folder: Path = tmp_path
+        scripted: ScriptedSettings = field(default_factory=ScriptedSettings)
+        sections: ClassVar = {"scripted": ScriptedSettings}
+
+        def __post_init__(self) -> None:
+            object.__setattr__(self, "warnings", self.scripted.warnings)
+
+    monkeypatch.setitem(MOTION_SOURCES._items, "scripted", Registered)
+    study = small_study(source="scripted", scripted={"warnings": 2}, seeds={"first": 1, "last": 2})
     dataset = generate(study, tmp_path / "data", InlineEngine())
     assert set(dataset.frame(["source"])["source"]) == {"scripted"}
-    source = ScriptedSource(tmp_path, warnings=round(study.traffic.run_in_s))
+    source = ScriptedSource(tmp_path, warnings=2)
     by_hand = generate(study, tmp_path / "by_hand", InlineEngine(), source=source)
     assert dataset.digest == by_hand.digest
     assert estimate(study).cpu_s < estimate(small_study(seeds={"first": 1, "last": 2})).cpu_s

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.handling.hazards import Debris, VehicleAhead
-from isac_cosim.isacsim.traffic.drivers.handling.vehicle_view import DriverView
 from isac_cosim.isacsim.traffic.drivers.maneuvers.debris import draw_debris
 from isac_cosim.isacsim.traffic.drivers.maneuvers.evasion import draw_answer, draw_debris_evasion
 from isac_cosim.isacsim.traffic.drivers.maneuvers.kinds import Kind, ManeuverCommand, Occasion
