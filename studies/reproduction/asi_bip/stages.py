@@ -107,7 +107,6 @@ class AsiBipReproduction:
             )
             for case in TRAINED
         ]
-        data_s = self._generating_s()
         test_share = self.study.training.split.test
         measured_s = 0.05 * training_s * seeds
         snr_s = test_share * self._snr_s() + measured_s
