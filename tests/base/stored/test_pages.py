@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.base.stored.pages import check_pages
@@ -45,6 +45,7 @@ def table(rows: int) -> pa.Table:
 
 
 @settings(deadline=None, max_examples=40)
+@example(0, {"compression": "zstd", "use_dictionary": True})
 @given(st.integers(0, 300), OPTIONS)
 def test_what_arrow_writes_is_accepted(rows: int, options: dict[str, Any]) -> None:
     with TemporaryDirectory() as folder:
