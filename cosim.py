@@ -80,6 +80,7 @@ def run(
         "generate motorway -o data --samples 500",
         "generate my_net.sumocfg -o data --seeds 1:40 --snr link",
         "generate -o data --source kinematic --samples 7200",
+        "generate motorway -o streams --streams --snr link",
     ),
 )
 def generate(
@@ -97,10 +98,20 @@ def generate(
         int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
     ] = None,
     windows: Annotated[int | None, typer.Option("--windows", min=1, hidden=True)] = None,
+    streams: Annotated[
+        bool,
+        typer.Option(
+            "--streams", help="Store every watched stretch of driving, to cut windows from, in place of samples."
+        ),
+    ] = False,
     seeds: Annotated[
-        str | None, typer.Option(metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20.")
+        str | None,
+        typer.Option(
+            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:10."
+        ),
     ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     natural: Annotated[
         bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
     ] = False,
@@ -119,16 +130,27 @@ def generate(
     quiet: opt.Quiet = False,
     verbose: opt.Verbose = False,
 ) -> None:
-    """Generate a labelled dataset from simulated traffic, or from another source of motion.
+    """Generate a labelled dataset, or streams, from simulated traffic or another source of motion.
 
     Repeat the command to continue an interrupted dataset.
     """
-    from isac_cosim.command_line.arguments import dataset_study, one_of
+    from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of
+    from isac_cosim.command_line.streams import generate_and_show
     from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
-    study = dataset_study(scenarios or [], one_of(samples, windows), seeds, snr, source, natural, drivers, demand)
+    wanted = one_of(samples, windows)
+    if streams and wanted is not None:
+        raise InputError("--samples counts records, and --streams stores whole episodes: give --seeds in its place")
+    if streams and scene:
+        raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
+    chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
+    study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene)
     feedback = output.feedback_of(console, verbose)
+    if streams:
+        engine = opt.engine_of(jobs, cluster, out)
+        output.print_json(as_json, generate_and_show(study, out, engine, feedback, console))
+        return
     dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(dataset, console))
 
@@ -140,8 +162,11 @@ def generate(
 def sense(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    sensor: Annotated[str, typer.Option(help="What senses the target vehicle: {sensors}.")] = "isac",
+    sensor: Annotated[
+        str | None, typer.Option(help="What senses the target vehicle: {sensors}. Default: isac.")
+    ] = None,
     snr: opt.Snr = None,
+    scene: opt.Scene = False,
     estimator: Annotated[
         str | None, typer.Option(help="How angle, delay and Doppler are estimated: {estimators}.")
     ] = None,
@@ -176,7 +201,8 @@ def sense(
 
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
-    arguments = SenseArguments(sensor, snr, estimator, fusion, sites, rain, not no_blockage, radar, pattern, records)
+    channel = sensor, snr, estimator, fusion, sites, rain, not no_blockage
+    arguments = SenseArguments(*channel, radar, pattern, records, scene)
     settings = resense_settings(source, arguments)
     sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
@@ -189,9 +215,14 @@ def inspect(
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
-    """Show what is in a dataset: counts by intention and origin, distributions, rates, seeds, SNR."""
+    """Show what is in a dataset: counts by intention and origin, distributions, rates, seeds, SNR; hours of streams."""
+    from isac_cosim.command_line.streams import inspect_and_show
     from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.streams.dataset import META_FILE
 
+    if (dataset / META_FILE).is_file():
+        output.print_json(as_json, inspect_and_show(dataset, verify, output.console_of(quiet)))
+        return
     opened = Dataset.open(dataset)
     if verify:
         opened.verify()
@@ -244,6 +275,7 @@ def train(
         "evaluate predictor --data data",
         "evaluate predictor --data data --against floor",
         "evaluate predictor --traffic motorway --duration 120",
+        "evaluate predictor --traffic motorway --stress",
         "evaluate predictor --traffic motorway --duration 60 --advisories",
     ),
 )
@@ -272,6 +304,7 @@ def evaluate(
     alone: opt.AloneRun = None,
     source: opt.TrafficSource = None,
     natural: opt.NaturalTraffic = False,
+    stress: opt.Stress = False,
     advisories: opt.Advisories = False,
     conditioning: opt.ConditioningKind = None,
     jobs: opt.Jobs = None,
@@ -292,6 +325,7 @@ def evaluate(
         duration=duration,
         jobs=jobs,
         natural=natural,
+        stress=stress,
         advisories=advisories,
         conditioning=conditioning,
         false_alarms=false_alarms,

@@ -19,6 +19,8 @@ from rich.progress import (
 
 from isac_cosim.base.feedback import Feedback, Move
 
+UNBOUND = 1000
+"""Wider than any table, characters."""
 SPEED_S = 300.0
 """The time left is estimated from the speed over this time, s."""
 

@@ -25,23 +25,22 @@ from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     LiveWindows,
-    Reports,
     WindowCutter,
     lanes_of,
     rule_answer,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
 from isac_cosim.labeling.road.surroundings import Surroundings
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.labeling.streams.reports import Reports
+from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
+from isac_cosim.labeling.streams.stretches import Timing, watched
 from isac_cosim.models.data.windows import WindowSettings, in_frame
 from isac_cosim.models.predictors.protocol import WindowShape
-from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees
+from isac_cosim.models.predictors.trees import TreesPredictor, TreesSettings, fit_trees, tree_features
 
 VEHICLES = 10
 DURATION_S = 40.0
@@ -154,12 +153,13 @@ def _windows(cutter: WindowCutter, tracks: list[SensedStretch]) -> Iterator[tupl
 def _trees(batch: tuple[Array, Array]) -> TreesPredictor:
     """Return trees of default size, trained on noisy windows. What they learn does not change the time of an answer."""
     rng = np.random.default_rng(0)
-    features = statistics(in_frame(*batch, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz))
+    windows = in_frame(*batch, WindowSettings(), SHAPE.tv_rate_hz, SHAPE.uv_rate_hz)
+    features = tree_features(windows, SHAPE.tv_rate_hz)
     many = np.repeat(features, 12, axis=0)
     noisy = many + rng.normal(0, 1 + np.abs(many).mean(axis=0), many.shape)
     label = np.arange(len(many)) % len(KNOWN)
     trees: HistGradientBoostingClassifier = fit_trees(noisy.astype(np.float32), label, TreesSettings(), 0)
-    return TreesPredictor(trees)
+    return TreesPredictor(trees, SHAPE.tv_rate_hz)
 
 
 if __name__ == "__main__":

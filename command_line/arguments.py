@@ -9,7 +9,8 @@ from typing import Any
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
-from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors import DEFAULT as SENSOR
+from isac_cosim.isacsim.sensing.sensors import SCENE, SENSORS
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
 from isac_cosim.labeling.dataset.dataset import Dataset
@@ -17,6 +18,10 @@ from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 WHERE = "arguments"
+STREAM_SEEDS = "1:10"
+"""The seeds of streams where no --seeds are given: some 40 vehicle-hours of the bundled motorway."""
+LINK = "link"
+"""The channel of a scene."""
 SEEDS_WITH_WINDOWS = (1, 1000)
 """The seeds that --windows may use up where no --seeds bound them."""
 
@@ -48,11 +53,13 @@ def dataset_study(
     natural: bool = False,
     drivers: str = "theirs",
     demand: str = "as_given",
+    scene: bool = False,
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
     scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
-    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section.
+    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section. scene: the
+    sites sense all vehicles at once.
     """
     kind = source_class(source)
     if not scenarios and not kind.own_scenarios:
@@ -65,6 +72,10 @@ def dataset_study(
         content["seeds"] = {"first": first, "last": last}
     if snr is not None:
         content["sensing"] = {"channel": channel(snr)}
+    if scene:
+        if snr not in (None, LINK):
+            raise InputError(f"--snr {snr}: a scene has the link budget; leave --snr out")
+        content["sensing"] = {"channel": {"kind": LINK}, "scene": {}}
     if natural:
         content["world"] = natural_world(source)
     traffic = {"drivers": drivers, "demand": demand.replace("-", "_")}
@@ -80,10 +91,11 @@ class SenseArguments:
     """The arguments of `sense`; None leaves the dataset's own setting.
 
     fusion: a fusion method, or `eq5-covariance`. sites: at most so many. rain_mm_per_h: rain rate, mm/h.
-    radar: condition of the onboard radar. pattern: which cycles it loses. records: how many to sense.
+    radar: condition of the onboard radar. pattern: which cycles it loses. records: how many to sense. scene: the same
+    as the sensor `scene`.
     """
 
-    sensor: str
+    sensor: str | None
     snr: str | None = None
     estimator: str | None = None
     fusion: str | None = None
@@ -93,6 +105,7 @@ class SenseArguments:
     radar: str | None = None
     pattern: str | None = None
     records: int | None = None
+    scene: bool = False
 
 
 def _refuse_given(options: Mapping[str, bool], belongs_to: str) -> None:
@@ -107,7 +120,10 @@ def _refuse_given(options: Mapping[str, bool], belongs_to: str) -> None:
 
 def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSettings:
     """Return a dataset's own sensing settings, changed by what the arguments give. Raises InputError."""
-    if arguments.sensor in SENSORS and not SENSORS[arguments.sensor].by_sites:
+    if arguments.scene and arguments.sensor not in (None, SCENE):
+        raise InputError(f"--scene is a sensor of its own: remove it, or --sensor {arguments.sensor}")
+    sensor = SCENE if arguments.scene else arguments.sensor or SENSOR
+    if sensor in SENSORS and not SENSORS[sensor].by_sites:
         of_sites = {
             "--snr": arguments.snr is not None,
             "--estimator": arguments.estimator is not None,
@@ -115,10 +131,23 @@ def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSett
             "--sites": arguments.sites is not None,
             "--no-blockage": not arguments.blockage,
         }
-        _refuse_given(of_sites, f"the sites: remove it, or --sensor {arguments.sensor}")
-    of_echoes = {"--rain": arguments.sensor == "truth" and arguments.rain_mm_per_h is not None}
+        _refuse_given(of_sites, f"the sites: remove it, or --sensor {sensor}")
+    of_echoes = {"--rain": sensor == "truth" and arguments.rain_mm_per_h is not None}
     _refuse_given(of_echoes, "sensors with echoes: remove it, or --sensor truth")
+    if sensor == SCENE:
+        one_by_one = {
+            "--snr": arguments.snr not in (None, LINK),
+            "--estimator": arguments.estimator is not None,
+            "--fusion": arguments.fusion is not None,
+            "--sites": arguments.sites is not None,
+        }
+        _refuse_given(one_by_one, "vehicles that are sensed one by one: remove it, or the scene")
     sensing = own_sensing(dataset).model_dump()
+    if sensor == SCENE:
+        sensing["channel"]["kind"] = LINK
+        sensing.setdefault("scene", {})
+    else:
+        sensing.pop("scene", None)
     if arguments.snr is not None:
         sensing["channel"] |= channel(arguments.snr)
     if not arguments.blockage:
@@ -133,7 +162,7 @@ def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSett
     if arguments.sites is not None:
         sensing["view"]["sites"] = arguments.sites
     for option, value in (("--radar", arguments.radar), ("--pattern", arguments.pattern)):
-        if value is not None and arguments.sensor != "radar":
+        if value is not None and sensor != "radar":
             raise InputError(f"{option} applies to the onboard radar only: add --sensor radar")
     _refuse_given({"--pattern": arguments.pattern is not None and arguments.radar != "nlos"}, "--radar nlos: add it")
     radar = {
@@ -142,7 +171,7 @@ def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSett
         "rain_mm_per_h": arguments.rain_mm_per_h,
     }
     content = {
-        "sensor": arguments.sensor,
+        "sensor": sensor,
         "sensing": sensing,
         "radar": {name: value for name, value in radar.items() if value is not None},
         "records": arguments.records,

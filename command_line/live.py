@@ -14,6 +14,7 @@ from isac_cosim.base.parsing import number_range
 from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import options, output
 from isac_cosim.isacsim.traffic.sources import DEFAULT
+from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
 
 if TYPE_CHECKING:
     from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
@@ -30,6 +31,7 @@ class LiveArguments:
     duration: float | None = None
     jobs: int | None = None
     natural: bool | None = None
+    stress: bool | None = None
     advisories: bool | None = None
     conditioning: str | None = None
     false_alarms: float | None = None
@@ -47,6 +49,8 @@ def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Li
     if traffic is not None:
         if live.conditioning is not None and not live.advisories:
             raise InputError("--conditioning applies to a closed loop: give --advisories")
+        if live.stress and live.advisories:
+            raise InputError("--advisories runs in one world, by default the stimulated one: leave out --stress")
         return "traffic"
     for name, value in asdict(live).items():
         if value is not None and (value is not False or name == "lanes"):
@@ -60,6 +64,7 @@ def evaluate_and_show(
 ) -> dict[str, Any]:
     """Evaluate a run in running traffic, draw its figures and show its scores. Returns what `--json` prints."""
     from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
+    from isac_cosim.evaluation.in_traffic.measurement.stress import STRESS, with_stress
     from isac_cosim.evaluation.report.live_figures import draw_live_figures
     from isac_cosim.evaluation.report.report import show_live
     from isac_cosim.models.runs.run import load_run
@@ -69,10 +74,17 @@ def evaluate_and_show(
         None if text is None else number_range(text, f"--{name}", int, "1001:1004")
         for name, text in (("seeds", arguments.seeds), ("development", arguments.development))
     )
-    settings, natural = live_settings(arguments), bool(arguments.natural)
-    source = arguments.source or DEFAULT
-    study = study_of(loaded.card, scenario, seeds, development, arguments.duration, settings, natural, source)
-    folder = out or run / f"traffic-{Path(scenario).name}{'-natural' if arguments.natural else ''}"
+    settings, source = live_settings(arguments), arguments.source or DEFAULT
+    # Recordings are as they are: their source has no world in which drivers are left alone, and none to stress.
+    worlds = source_class(source).natural is not None
+    if arguments.natural or arguments.stress:
+        natural_world(source)
+    chosen = (loaded.card, scenario, seeds, development, arguments.duration, settings)
+    natural = worlds and (bool(arguments.natural) or not arguments.advisories)
+    study = study_of(*chosen, natural=natural, source=source)
+    stressed = study_of(*chosen, source=source) if arguments.stress else None
+    kind = f"-advisories{'-natural' if natural else ''}" if arguments.advisories else ""
+    folder = out or run / f"traffic-{Path(scenario).name}{kind}"
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster, folder), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
@@ -86,7 +98,11 @@ def evaluate_and_show(
         evaluation, closed = closed_loop.open_loop, closed_loop.result
         arms(closed, folder / "arms.png")
     else:
+        if stressed is not None:
+            print_line(console, f"the stimulated world is run on the same seeds, in {folder / STRESS}: twice the cost")
         evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others, alone=alone)
+        if stressed is not None:
+            evaluation = with_stress(evaluation, loaded, stressed, folder, engine, feedback)
     draw_live_figures(evaluation, folder)
     output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     result = closed or evaluation.result

@@ -44,6 +44,10 @@ Snr = Annotated[
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
 ]
+Scene = Annotated[
+    bool,
+    typer.Option("--scene", help="The sites sense all vehicles at once, and have to find out who is who."),
+]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1024, help="Worker processes. Default: one per core.")]
 Cluster = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Use the workers of a running dask scheduler, tls://HOST:PORT.")
@@ -71,7 +75,9 @@ MeasuredSeeds = Annotated[
 ]
 DevelopmentSeeds = Annotated[
     str | None,
-    typer.Option(metavar="A:B", help="With --traffic: seeds on which the alarms are chosen. Default: 2001:2004."),
+    typer.Option(
+        metavar="A:B", help="With --traffic: seeds on which alarms are chosen. Default: from 2001 on, 30 vehicle-hours."
+    ),
 ]
 Duration = Annotated[
     float | None,
@@ -105,13 +111,24 @@ AloneRun = Annotated[
     ),
 ]
 NaturalTraffic = Annotated[
-    bool, typer.Option("--natural", help="With --traffic: leave the drivers alone, without causes or commands.")
+    bool,
+    typer.Option(
+        "--natural", help="With --traffic: leave the drivers alone, without causes or commands. That is the default."
+    ),
+]
+Stress = Annotated[
+    bool,
+    typer.Option(
+        "--stress",
+        help="With --traffic: also measure the stimulated world, on the same seeds. Doubles the cost.",
+    ),
 ]
 Advisories = Annotated[
     bool,
     typer.Option(
         "--advisories",
-        help="With --traffic: also close the loop: advisories to connected vehicles on alarms, in several arms.",
+        help="With --traffic: also close the loop: advisories to connected vehicles on alarms, in several arms. In the "
+        "stimulated world, because natural traffic has hardly a conflict.",
     ),
 ]
 ConditioningKind = Annotated[

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.files import json_text
-from isac_cosim.base.progress import ConsoleFeedback, print_line
+from isac_cosim.base.progress import UNBOUND, ConsoleFeedback, print_line
 
 if TYPE_CHECKING:
     from isac_cosim.evaluation.on_windows.results import EvaluationResult
@@ -22,8 +22,14 @@ if TYPE_CHECKING:
 
 
 def console_of(quiet: bool) -> Console:
-    """Return where people's output goes: standard error, or nowhere."""
-    return Console(stderr=True, quiet=quiet)
+    """Return where people's output goes: standard error, or nowhere.
+
+    In a file or a pipe it is wider than any table: a column that is cut off there cannot be looked up anywhere.
+    """
+    console = Console(stderr=True, quiet=quiet)
+    if not console.is_terminal:
+        console.width = UNBOUND
+    return console
 
 
 def feedback_of(console: Console, verbose: bool = False) -> ConsoleFeedback:

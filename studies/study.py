@@ -45,6 +45,14 @@ class Study(Settings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _scene_among_the_sensors(self) -> Self:
+        if self.sweep is not None and self.dataset.sensing.scene is not None:
+            raise ValueError(
+                'dataset.sensing.scene: a sweep senses records anew; remove it, and add "scene" to sweep.sensors'
+            )
+        return self
+
     def check_scenarios(self) -> None:
         """Raise InputError where a scenario is at fault, before anything is written or hours go into the others."""
         for network in self.networks.values():

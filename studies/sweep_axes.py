@@ -21,7 +21,7 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.radio.channel import ChannelSettings
 from isac_cosim.isacsim.scenarios.sumo_files import CONFIG_ENDINGS, NETWORK_ENDINGS
-from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SCENE, SENSORS
 from isac_cosim.models.predictors.registry import PREDICTORS
 
 
@@ -61,7 +61,7 @@ class SweepAxes(Settings):
         for axis, values in (*_values(self), ("scenarios", [network_name(scenario) for scenario in self.scenarios])):
             if repeated := [value for value, times in Counter(values).items() if times > 1]:
                 raise ValueError(f"{axis} has {repeated[0]} twice: remove one, or rename it")
-        if self.snr and not any(SENSORS[name].by_sites for name in self.sensors):
+        if self.snr and not any(SENSORS[name].by_sites and name != SCENE for name in self.sensors):
             raise ValueError("snr applies to the sites only: add isac to sensors, or remove snr")
         if unlisted := [network for network in self.test_on if network not in self.scenarios]:
             raise ValueError(f"test_on names {unlisted[0]}, which is not among scenarios: add it there")
@@ -107,11 +107,11 @@ class Cell:
 
 
 def sensings(axes: SweepAxes) -> list[WayOfSensing]:
-    """Return the ways of sensing. The SNR applies to the sites only, so radar and truth are one way each."""
+    """Return the ways of sensing. The SNR applies to sites that sense vehicles one by one; others are one way each."""
     return [
         WayOfSensing(sensor, snr)
         for sensor in axes.sensors
-        for snr in ((axes.snr or (None,)) if SENSORS[sensor].by_sites else (None,))
+        for snr in ((axes.snr or (None,)) if SENSORS[sensor].by_sites and sensor != SCENE else (None,))
     ]
 
 

@@ -180,8 +180,7 @@ def write_scenario(
     types = drivers(np.random.default_rng(20250101))
     routes = [*types, *(by_lane(types, lanes) if lanes else ()), *demand]
     write_lines(folder / f"{name}.rou.xml", "<routes>\n  " + "\n  ".join(routes) + "\n</routes>\n")
-    lanes = read_network(network).lanes
-    sites = place(lanes, covered, PlacementSettings(), is_lefthand(network))
+    sites = place(read_network(network).lanes, covered, PlacementSettings(), is_lefthand(network))
     write_lines(folder / "sites.add.xml", sites_file(sites))
     additional = "sites.add.xml"
     if stops:

@@ -14,9 +14,9 @@ standard deviation over seeds.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,14 +76,14 @@ RATES = {
 """The maneuvers of the table of rates, and how often they happen per km, as published."""
 STYLE = {
     "time gaps below 1 s, % of followers within 3 s": "",
-    "time gaps below 2 s, % of all": "25 of cars and vans (Department for Transport 2020, British roads in free flow)",
+    "time gaps below 2 s, % of all": "25 of cars and vans (Department for Transport, Great Britain, 2019, free flow)",
     "time gap of followers within 3 s, median, s": "",
     "time gap of close followers, mean, s": "1.1 (Al-Obaedi 2019, 250,000 pairs of close followers, M25 and M42)",
     "time gap of close followers, sd, s": "0.42 (the same)",
-    "speed of cars, mean, km/h": "117 (Heidemann 1989, German motorways, two thirds without a limit)",
+    "speed of cars, mean, km/h": "117 (Heidemann: all German motorways in 1987; 15 % above 145)",
     "speed of cars, sd, km/h": "",
     "speed of cars, 85th percentile, km/h": "",
-    "free cars above the limit, %": "45 on motorways, 50 where the limit is 48 km/h (Department for Transport 2023)",
+    "free cars above the limit, %": "45 on motorways, 50 where the limit is 48 km/h (Department for Transport, 2022)",
     "free cars 14 % above the limit, %": "8 on motorways (the same: 10 mph above 70 mph)",
 }
 """The other quantities of the table of rates, and what is published about them."""
@@ -179,7 +179,7 @@ def moving(recording: Recording) -> Iterator[Moving]:
                 by_step.setdefault(step, []).append(state)
     for states in by_step.values():
         states.sort()
-        for (lane, place, speed, _, kind), ahead in pairwise([*states, None]):
+        for (lane, place, speed, _, kind), ahead in zip(states, [*states[1:], None], strict=True):
             if speed > MOVING_MPS:
                 gap_s, closing_mps = np.inf, 0.0
                 if ahead is not None and ahead[0] == lane:
@@ -222,15 +222,20 @@ def rates(recording: Recording, labels: Labels, limits: Mapping[str, float]) -> 
     over = np.array([vehicle.speed / limits[vehicle.lane] for vehicle in vehicles])[cars & (gaps > FREE_S)]
     following = gaps[gaps < FOLLOWER_S]
     measures = (
-        100.0 * (following < 1.0).mean(), 100.0 * (gaps < 2.0).mean(), np.median(following),
-        gaps[close].mean(), gaps[close].std(),
-        speeds[cars].mean(), speeds[cars].std(), np.quantile(speeds[cars], 0.85),
-        100.0 * (over > 1.0).mean(), 100.0 * (over > 8.0 / 7.0).mean(),
+        100.0 * _of(np.mean, following < 1.0), 100.0 * _of(np.mean, gaps < 2.0), _of(np.median, following),
+        _of(np.mean, gaps[close]), _of(np.std, gaps[close]),
+        _of(np.mean, speeds[cars]), _of(np.std, speeds[cars]), _of(lambda x: np.quantile(x, 0.85), speeds[cars]),
+        100.0 * _of(np.mean, over > 1.0), 100.0 * _of(np.mean, over > 8.0 / 7.0),
     )  # fmt: skip
-    values |= {name: float(value) for name, value in zip(STYLE, measures, strict=True)}
+    values |= dict(zip(STYLE, measures, strict=True))
     incidents = recording.incidents
     totals = (km, seconds / 3600.0, len(incidents.collided), len(incidents.teleported))
     return values | dict(zip(TOTALS, totals, strict=True))
+
+
+def _of(measure: Callable[[Any], Any], values: np.ndarray[Any, Any]) -> float:
+    """Return a measure of values, NaN where there are none."""
+    return float(measure(values)) if len(values) else np.nan
 
 
 def speed_limits(scenario: Scenario) -> dict[str, float]:

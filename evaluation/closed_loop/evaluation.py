@@ -26,6 +26,7 @@ from isac_cosim.evaluation.closed_loop.settings import ARMS, Arm, ClosedLoopSett
 from isac_cosim.evaluation.closed_loop.store import FILES, ArmEpisode, file_name, read_arm
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, Background, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import STUDY_FILE, BegunEvaluation, evaluate_traffic
+from isac_cosim.evaluation.in_traffic.measurement.measuring import truths_of
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
@@ -83,6 +84,7 @@ def evaluate_advisories(
     engine = engine or LocalEngine(1)
     _check_settings(out, settings)
     opened = evaluate_traffic(run, study, out, engine, feedback, against, source, alone)
+    study = opened.result.made_by.study
     where = resolved(study.dataset.scenarios[0])
     scenario = source.load(where).name
     chosen = dict.fromkeys((REFERENCE, ALARMING, *settings.arms))
@@ -114,9 +116,10 @@ def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out:
     """
     settings, background = opened.result.alarms, None
     if settings is not None and settings.method == "background":
-        paths = [out / EPISODES / open_loop.file_name(scenario, seed) for seed in study.development]
-        episodes = [open_loop.read_episode(path, features=True) for path in paths]
         live = study.live
+        paths = [out / EPISODES / open_loop.file_name(scenario, seed) for seed in study.development]
+        read = [open_loop.read_episode(path, features=True) for path in paths]
+        episodes = [truth.episode for truth in truths_of(read, live.scoring)]
         kept = KeptTrees(out / TREES_FOLDER)
         background = Background.fit(episodes, live.background, live.scoring.before_onset_s, kept=kept)
     rates = dict.fromkeys([known.text for known in KNOWN], 0.0)

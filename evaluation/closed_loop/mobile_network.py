@@ -10,7 +10,6 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answering, Answers, LiveWindows
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.passages import Piece
 from isac_cosim.isacsim.sensing.reports import report
@@ -19,6 +18,7 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.road.lane_graph import LaneGraph
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.samples.uv_choice import Pair, choose_uv, may_be_tv
+from isac_cosim.labeling.streams.stretches import Timing
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.predictors.protocol import WindowShape
 

@@ -12,10 +12,10 @@ import pyarrow as pa
 from pydantic import Field
 
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.base.stored.tables import check_types
 from isac_cosim.evaluation.closed_loop.safety import Encroachments, VehicleMotions
 from isac_cosim.evaluation.closed_loop.settings import Arm
-from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 
 NUMBERS = ("time_s", "x", "y", "speed", "acceleration", "ttc_s", "drac_mps2")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import ceil
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -22,8 +21,10 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
 from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from isac_cosim.labeling.detectors.near_misses import NearMissSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.settings import StretchSettings
 from isac_cosim.models.trees.boosting import BoostingSettings
 
 Method = Literal["reject", "background"]
@@ -32,44 +33,13 @@ Sharing = Literal["shared", "separate"]
 """Whether all intentions share a threshold, or each has its own."""
 
 
-def _whole(seconds: float, *rates_hz: float) -> float:
-    """Return the shortest time, s, not shorter than `seconds`, that is a whole number of samples at all rates.
-
-    That is `seconds` itself where no such time is near.
-    """
-    slowest = min(rates_hz)
-    first = ceil(seconds * slowest - 1e-6)
-    times = (k / slowest for k in range(first, first + 100))
-    return next((t for t in times if all(abs(t * rate - round(t * rate)) < 1e-6 for rate in rates_hz)), seconds)
-
-
 Confirmation = Annotated[int, Field(ge=1, le=10_000)]
 """Number of windows."""
 
 
-class StreamSettings(Settings):
-    """How vehicles are watched."""
+class StreamSettings(StretchSettings):
+    """How vehicles are watched, and by which sensor."""
 
-    decision_s: float = Field(0.1, gt=0.0, le=2.0, description="time between two predictions for a vehicle, s")
-    report_delay_s: float = Field(
-        0.02,
-        ge=0.0,
-        le=2.0,
-        description="age of a UV's newest report at the end of a window, s",
-    )
-    outcome_s: float = Field(
-        6.0,
-        ge=0.0,
-        le=1e5,
-        description="no prediction is made this close to the end of a vehicle's track, s: whether an alarm is right "
-        "would not be known",
-    )
-    longest_stretch_s: float = Field(
-        120.0,
-        ge=10.0,
-        le=1e5,
-        description="longest stretch that is sensed without acquiring the vehicle anew, s; limits the use of memory",
-    )
     truth: bool = Field(
         False, description="whether the run is also measured on true motion, which shows what sensing costs"
     )
@@ -86,15 +56,6 @@ class StreamSettings(Settings):
                 content.pop(name, None)
         return content
 
-    def fitting(self, tv_rate_hz: float, uv_rate_hz: float) -> Self:
-        """Return these settings with times that are whole numbers of samples, as little longer as possible."""
-        return self.model_copy(
-            update={
-                "decision_s": _whole(self.decision_s, tv_rate_hz, uv_rate_hz),
-                "report_delay_s": _whole(self.report_delay_s, uv_rate_hz),
-            }
-        )
-
 
 class AlarmSettings(Settings):
     """When the answers to consecutive windows of a vehicle become an alarm for an intention.
@@ -105,7 +66,9 @@ class AlarmSettings(Settings):
     threshold: a single one for all intentions, or one for each by its name. An intention without one never raises an
     alarm.
     k, n: an alarm is raised when k of the last n windows reach the threshold. refractory_s: the next alarm for the same
-    vehicle and intention needs the level to fall below the threshold, and this time to pass, s.
+    vehicle and intention needs the level to fall below the threshold, and this time to pass, s. rise: a level that
+    falls by as much as this and rises as much again raises an alarm, too, without ever falling below the threshold;
+    None in results of earlier versions, and for levels without a scale.
     """
 
     method: Method
@@ -114,6 +77,7 @@ class AlarmSettings(Settings):
     n: int = Field(1, ge=1)
     least_probability: float = Field(0.0, ge=0.0, le=1.0)
     refractory_s: float = Field(2.0, ge=0.0, le=1e5)
+    rise: float | None = Field(None, gt=0.0, le=1e6)
 
     @field_validator("threshold")
     @classmethod
@@ -169,6 +133,13 @@ class ChoiceSettings(Settings):
         description="time between two alarms of one intention and vehicle, s; 5 is the mean duration of a lane change, "
         "which should raise no second alarm",
     )
+    rise: float | None = Field(
+        2.0,
+        gt=0.0,
+        le=1e6,
+        description="log-odds by which a level that stays above its threshold has to fall, and to rise again, to raise "
+        "another alarm; for levels that are log-odds",
+    )
     thresholds: int = Field(
         80, ge=2, le=100_000, description="thresholds tried for each combination of the other settings"
     )
@@ -220,6 +191,9 @@ class ScoringSettings(Settings):
         (0.1, 0.3, 1.0, 3.0, 10.0), min_length=1, description="rates at which the curve is read"
     )
     confidence: float = Field(0.95, gt=0.0, lt=1.0, description="confidence of the intervals")
+    near_misses: Literal["neutral", "false"] = Field(
+        "neutral", description="what an alarm for a motion just under a threshold is: neither right nor false, or false"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -234,12 +208,18 @@ class LiveSettings(Settings):
     """Everything that the evaluation adds to the traffic and to the run."""
 
     streams: StreamSettings = StreamSettings()
+    near_misses: NearMissSettings = NearMissSettings()
     choice: ChoiceSettings = ChoiceSettings()
     background: BackgroundSettings = BackgroundSettings()
     scoring: ScoringSettings = ScoringSettings()
 
 
-BEFORE: dict[str, dict[str, Any]] = {"streams": {"outcome_s": 0.0}, "background": {"lanes": False, "until": "end"}}
+BEFORE: dict[str, dict[str, Any]] = {
+    "streams": {"outcome_s": 0.0},
+    "choice": {"rise": None},
+    "background": {"lanes": False, "until": "end"},
+    "scoring": {"near_misses": "false"},
+}
 """What settings were before they were stored."""
 
 
@@ -247,11 +227,13 @@ class LiveStudy(Settings):
     """An evaluation in running traffic.
 
     dataset: settings of traffic, labels, pairs and sensing, with the one scenario and the seeds to measure.
-    development: seeds of the same scenario on which alarms are chosen.
+    development: seeds of the same scenario on which alarms are chosen. development_h: if given, no more of them are run
+    than it takes to predict for so many vehicle-hours; the study of a result names those that were.
     """
 
     dataset: DatasetStudy
     development: SeedRange
+    development_h: float | None = Field(None, gt=0.0, le=1e6)
     live: LiveSettings = LiveSettings()
 
     @field_validator("dataset", mode="before")

@@ -26,8 +26,9 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.statistics import jackknife_interval
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.labeling.intentions import Intention, outward
-from isac_cosim.models.data.statistics import statistics
+from isac_cosim.models.data.statistics import N_RECENT, N_STATISTICS
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, batches, draw_ends, end_bounds
+from isac_cosim.models.predictors.trees import tree_features
 from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
 
 WITHIN_S = (5.0, 10.0)
@@ -292,7 +293,7 @@ BATCH = 256
 
 @dataclass(frozen=True)
 class PassFeatures:
-    """Windows of pull-outs with their statistics, (n, 120)."""
+    """Windows of pull-outs with what trees take of them, (n, 140)."""
 
     windows: PassWindows
     features: Float32Array
@@ -311,13 +312,13 @@ class PassFeatures:
 
         records: of the dataset's samples. seed, per_record: of the draw of ends.
         """
-        sample_id, group, end_s, features = [], [], [], [np.empty((0, 120), np.float32)]
+        sample_id, group, end_s, features = [], [], [], [np.empty((0, N_STATISTICS + N_RECENT), np.float32)]
         for part in pull_outs.parts(records, groups):
             ends = ends_of(part, settings, seed, per_record)
             sample_id.append(part.table["sample_id"].to_numpy(dtype=object)[ends.row])
             group.append(part.groups[ends.row])
             end_s.append(ends.times(part))
-            features += [statistics(windows) for windows in batches(part, ends, settings, BATCH)]
+            features += [tree_features(windows, part.tv_rate_hz) for windows in batches(part, ends, settings, BATCH)]
         windows = PassWindows.of(pull_outs, np.concatenate(sample_id), np.concatenate(group), np.concatenate(end_s))
         return cls(windows, np.concatenate(features))
 
@@ -336,7 +337,7 @@ class PassModel:
     calibration_windows: int
 
     def probability(self, features: Float32Array) -> Array:
-        """Return the probability that the TV passes in time, (n,), for statistics of windows (n, 120)."""
+        """Return the probability that the TV passes in time, (n,), for what trees take of windows."""
         if not len(features):
             return np.empty(0)
         return np.asarray(expit(self.scale * self.trees.decision_function(features) + self.shift))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
-from isac_cosim.evaluation.in_traffic.scores.results import EventScores, TrafficResult
+from isac_cosim.evaluation.in_traffic.scores.results import EventScores, HeadlineResult, HeadlineScores, TrafficResult
 from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown
 from isac_cosim.evaluation.statistics import Interval
@@ -16,6 +16,61 @@ CAPTIONS = (
     ("time_line.png", "The first measured episode: events as bars, alarms as marks, false ones as crosses."),
 )
 ARMS_FIGURE = "arms.png"
+LEAST_FOR_SENTENCE = 20
+"""Events, below which a table shows the score and no sentence says it."""
+
+
+class LiveHeadline:
+    """What an operator asks: what is predicted and what is recognised, in natural traffic and under stress."""
+
+    result_class = TrafficResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: TrafficResult = shown.result
+        asked = [("predicted by the commit", result.prediction), ("recognised by commit + 0.5 s", result.recognition)]
+        if result.stress is not None:
+            asked += [
+                ("stimulated: predicted by the commit", result.stress.prediction),
+                ("stimulated: recognised by commit + 0.5 s", result.stress.recognition),
+            ]
+        answered = [(title, headline) for title, headline in asked if headline is not None]
+        lines = [line for title, headline in answered for line in _rate_sentence(title, headline)]
+        return [
+            *(Part(f"live-headline-{k}", title, rows=_headline(of)) for k, (title, of) in enumerate(answered)),
+            Part("live-headline-in-words", lines=lines),
+        ]
+
+
+def _headline(asked: HeadlineResult) -> list[Row]:
+    all_of_them = HeadlineScores(
+        events=asked.events,
+        recall=asked.recall,
+        lead_s=asked.lead_s,
+        false_alarms_per_vehicle_hour=asked.false_alarms_per_vehicle_hour,
+    )
+    return [
+        {
+            "five intentions": spoken(name),
+            "events": scores.events,
+            "recall": _number(scores.recall),
+            "lead s": _number(scores.lead_s),
+            "false/h": _number(scores.false_alarms_per_vehicle_hour),
+        }
+        for name, scores in [*asked.by_intention.items(), ("all of these", all_of_them)]
+    ]
+
+
+def _rate_sentence(title: str, asked: HeadlineResult) -> list[str]:
+    """Return what the alarms were chosen for, and what came of it; nothing on too few events."""
+    if asked.events < LEAST_FOR_SENTENCE or asked.recall is None or asked.false_alarms_per_vehicle_hour is None:
+        return []
+    kept = "" if asked.keeps_to_rate else ", beyond a factor of 1.5"
+    leads = ", ".join(f"{_number(share)} by {lead} s before" for lead, share in asked.recall_at_lead.items())
+    return [
+        f"{title}: {asked.recall:.2f} of {asked.events} events ({leads}) at {asked.false_alarms_per_vehicle_hour:.2f} "
+        f"false alarms per vehicle-hour, chosen for {asked.chosen_for:g}{kept}; {asked.near_misses.alarms} alarms for "
+        "near misses are neutral"
+    ]
 
 
 class AlarmsByIntention:
@@ -129,17 +184,20 @@ def _number(value: float | None) -> str:
 def _sentences(result: TrafficResult) -> list[str]:
     """Return what the result says, a line each."""
     lines = []
-    for point in result.recall_at:
+    enough = result.over_all.events >= LEAST_FOR_SENTENCE
+    for point in result.recall_at if enough else ():
         if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
             interval = point.recall_interval
             between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
             lines.append(
                 f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
             )
-    for cost in result.truth.lost if result.truth else ():
+    for cost in result.truth.lost if result.truth and enough else ():
         if cost.false_alarms_per_vehicle_hour == 1.0:
             between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""
             lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
+    if result.near_miss_alarms:
+        lines.append(f"neutral: {result.near_miss_alarms} alarms for motion just under a threshold")
     if result.coverage.share is not None:
         rest = [f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in result.coverage.uncovered.items()]
         lines.append(f"predicted: {100 * result.coverage.share:.0f} % of the driving (not: {', '.join(rest)})")

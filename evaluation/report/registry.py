@@ -24,6 +24,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "verdict": window_parts.Verdict(),
         "passing": PassesUv(),
         "window-figures": window_parts.WindowFigures(),
+        "live-headline": live_parts.LiveHeadline(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),
         "live-figures": live_parts.LiveFigures(),

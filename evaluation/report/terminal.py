@@ -11,11 +11,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from isac_cosim.base.progress import print_line
+from isac_cosim.base.progress import UNBOUND, print_line
 from isac_cosim.evaluation.report.parts import Part, texts_of
 
-UNBOUND = 1000
-"""Wider than any table, characters."""
 NUMBER = re.compile(r"[-+±]?[\d.]|-?$")
 """How the text of a number begins."""
 

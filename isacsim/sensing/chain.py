@@ -10,7 +10,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.seeding import stream
@@ -21,6 +28,7 @@ from isac_cosim.isacsim.radio.blockage import Blockers
 from isac_cosim.isacsim.radio.channel import ChannelSettings, EchoGeometry, snr_db
 from isac_cosim.isacsim.radio.estimators import ESTIMATORS
 from isac_cosim.isacsim.radio.waveform import Waveform
+from isac_cosim.isacsim.scene.settings import SceneSettings
 from isac_cosim.isacsim.sensing.following import Approach, Observed, filled
 from isac_cosim.isacsim.tracking.fusion import Fixes
 from isac_cosim.isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
@@ -76,6 +84,35 @@ class SensingSettings(Settings):
     )
     fusion: FusionSettings = Field(default_factory=FusionSettings)
     tracking: TrackingSettings = Field(default_factory=TrackingSettings)
+    scene: SceneSettings | None = Field(
+        None,
+        description="The sites sense all vehicles at once and have to find out who is who; absent: one vehicle alone, "
+        "whose identity is known. With it, `waveform`, `estimator`, `echo`, `fusion` and `view.sites` have no effect.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _link_budget_of_a_scene(cls, content: Any) -> Any:
+        """A scene has the link budget, where no channel is given."""
+        if isinstance(content, dict) and content.get("scene") is not None and "channel" not in content:
+            return {**content, "channel": {"kind": "link"}}
+        return content
+
+    @model_serializer(mode="wrap")
+    def _without_no_scene(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scene is stored where there is one: what was stored before there were scenes is the same as ever."""
+        content: dict[str, Any] = serialize(self)
+        if content.get("scene", ...) is None:
+            del content["scene"]
+        return content
+
+    @model_validator(mode="after")
+    def _of_a_scene(self) -> Self:
+        if self.scene is not None and self.channel.kind != "link":
+            raise ValueError(f'channel.kind "{self.channel.kind}": a scene has the link budget; make it "link"')
+        if self.scene is not None and self.channel.blockage:
+            raise ValueError("channel.blockage: scenes have no blockage; turn it off")
+        return self
 
     @model_validator(mode="after")
     def _within_the_cyclic_prefix(self) -> Self:

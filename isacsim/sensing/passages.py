@@ -62,6 +62,20 @@ class Passage:
 
 
 @dataclass(frozen=True)
+class TrackUse:
+    """Which of the network's tracks stands for a TV in a passage, and how well.
+
+    track_id: of the one at the beginning. right_share: share of the passage in which what was followed was the TV.
+    breaks: how often it was lost and another one taken up. position_sd_m: median of the track's own statement, m.
+    """
+
+    track_id: str
+    right_share: float
+    breaks: int
+    position_sd_m: float
+
+
+@dataclass(frozen=True)
 class SensedRecord:
     """What a sensor knows of one passage.
 
@@ -69,7 +83,7 @@ class SensedRecord:
     detection repeats the fix before it. n_sites: fewest sites assigned at any snapshot; 0 for a sensor that uses none,
     and for a vehicle that was not located before the record. snr_db: per-element SNR, mean over the record and its
     sites. detected: share of the echoes that were detected. usable: whether the sensor could follow the vehicle;
-    otherwise state and fixes mean nothing.
+    otherwise state and fixes mean nothing. track: of a sensor that does not know who is who, None of others.
     """
 
     state: Array
@@ -78,6 +92,7 @@ class SensedRecord:
     snr_db: float
     detected: float
     usable: bool
+    track: TrackUse | None = None
 
 
 @dataclass(frozen=True)

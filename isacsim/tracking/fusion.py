@@ -95,7 +95,7 @@ def information_of(state: Array, deviation: Array, panels: Panels) -> Array:
 
     state: (S, 4). deviation: of sine, range and radial velocity, (S, I, 3).
     """
-    rows = _jacobian(state, panels.measured(state), panels).reshape(len(state), -1, 4)
+    rows = jacobian(state, panels.measured(state), panels).reshape(len(state), -1, 4)
     return np.asarray((rows * deviation.reshape(len(state), -1, 1) ** -2.0).transpose(0, 2, 1) @ rows)
 
 
@@ -138,18 +138,18 @@ def _first_position(measured: Array, weight: Array, used: BoolArray, panels: Pan
     return np.asarray(np.stack([first, second], axis=-1) / (a * c - b**2)[:, None])
 
 
-def _jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
+def jacobian(state: Array, predicted: Array, panels: Panels) -> Array:
     """Derivatives of sine, range and radial velocity with respect to x, y, vx, vy at a state (S, 4), (S, I, 3, 4)."""
     dx, dy, distance = panels.sight(state[:, 0, None], state[:, 1, None])
-    jacobian = np.zeros((*distance.shape, 3, 4))
+    rows = np.zeros((*distance.shape, 3, 4))
     # Each axis by itself: long loops over instants are faster than short ones over the axes.
     for axis, offset in enumerate((dx, dy)):
         unit = offset / distance
-        jacobian[..., 0, axis] = (panels.right[..., axis] - predicted[..., 0] * unit) / distance
-        jacobian[..., 1, axis] = unit
-        jacobian[..., 2, axis] = (state[:, 2 + axis, None] - predicted[..., 2] * unit) / distance
-        jacobian[..., 2, 2 + axis] = unit
-    return jacobian
+        rows[..., 0, axis] = (panels.right[..., axis] - predicted[..., 0] * unit) / distance
+        rows[..., 1, axis] = unit
+        rows[..., 2, axis] = (state[:, 2 + axis, None] - predicted[..., 2] * unit) / distance
+        rows[..., 2, 2 + axis] = unit
+    return rows
 
 
 def _normal_equations(
@@ -157,7 +157,7 @@ def _normal_equations(
 ) -> tuple[Array, Array]:
     """Fisher information (S, 4, 4) and gradient (S, 4) of the log-likelihood (with the velocity prior) at a state."""
     predicted = panels.measured(state)
-    rows = _jacobian(state, predicted, panels).reshape(len(state), -1, 4)
+    rows = jacobian(state, predicted, panels).reshape(len(state), -1, 4)
     weighted = (rows * weight.reshape(len(state), -1, 1)).transpose(0, 2, 1)
     information = weighted @ rows
     gradient = (weighted @ (measured - predicted).reshape(len(state), -1, 1))[..., 0]

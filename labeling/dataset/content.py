@@ -17,7 +17,8 @@ import pyarrow.compute as pc
 
 from isac_cosim.base.stored.tables import check_types
 from isac_cosim.labeling.dataset.meta import Meta
-from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema, states_of
+from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 ORIGINS = ("natural", "reaction", "commanded")
 TIMES = ("t_start", "t_onset", "t_commit", "t_end")
@@ -49,6 +50,13 @@ def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     yield from _time_faults(table, names)
     if "n_sites" in names and not _all(pc.greater_equal(table["n_sites"], 0)):
         yield "n_sites: is negative"
+    if "breaks" in names and not _all(pc.greater_equal(table["breaks"], 0)):
+        yield "breaks: is negative"
+    for name, most in (("right_share", 1.0), ("position_sd_m", np.inf)):
+        if name in names:
+            values = table[name].to_numpy()
+            if not (np.isnan(values) | ((values >= 0) & (values <= most) & np.isfinite(values))).all():
+                yield f"{name}: is not between 0 and {most:g}"
     for name in ("x0", "y0"):
         if name in names and not np.isfinite(table[name].to_numpy()).all():
             yield f"{name}: is not finite"

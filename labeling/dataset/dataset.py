@@ -53,10 +53,10 @@ from isac_cosim.labeling.dataset.shard import (
     samples_of,
     schema,
     shard_name,
-    states_of,
     write_shard,
 )
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 __all__ = [
     "ARRAYS",

@@ -80,7 +80,7 @@ class Meta(Sealed):
 
     sealed_since: ClassVar[int] = 4
 
-    schema_version: Literal[2, 3, 4] = SCHEMA_VERSION
+    schema_version: Literal[2, 3, 4, 5] = SCHEMA_VERSION
     complete: bool
     fingerprint: str
     class_names: tuple[str, ...] = CLASS_NAMES

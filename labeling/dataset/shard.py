@@ -26,15 +26,18 @@ from isac_cosim.base.settings import Settings
 from isac_cosim.base.stored.tables import open_parquet, read_columns
 from isac_cosim.base.validation import first_fault
 from isac_cosim.isacsim.scenarios.naming import NAME
+from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.traffic.recordings.traffic_facts import TrafficFacts
+from isac_cosim.labeling.dataset.state_columns import states_column, states_of
 from isac_cosim.labeling.intentions import Intention
 
-SCHEMA_VERSION: Literal[4] = 4
+SCHEMA_VERSION: Literal[5] = 5
 """Of the samples that are written. 2 (2026-11): UVs report with noise by default, and the link budget's cross-section
 follows 3GPP TR 38.901. 3 (2026-11): `origin` tells reactions from commands, and the columns `cause`, `cause_ttc_s`,
 `tv_run_in`, `pull_out`, `t_pass` and `t_pair_end` are new. The last three are missing from the first datasets of
-schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`; `tv_departed` is new."""
-READABLE = (2, 3, 4)
+schema 3. 4 (2026-12): positions are relative to the point of their record, `x0` and `y0`; `tv_departed` is new.
+5 (2026-12): the columns `TRACK` say which of the network's tracks stands for the TV."""
+READABLE = (2, 3, 4, 5)
 """Schema versions that can be read."""
 FORMER_ORIGINS = {"stimulated": "commanded"}
 """Origins of schema 2, and what they are called now."""
@@ -47,6 +50,8 @@ ARRAYS = ("tv", "tv_truth", "uv", RUN_IN)
 CLASS_NAMES = tuple(intention.text for intention in Intention)
 PASSING = ("pull_out", "t_pass", "t_pair_end")
 """The columns that say whether and when the TV passes the UV."""
+TRACK = ("track_id", "right_share", "breaks", "position_sd_m")
+"""The columns that say which track stands for the TV, where the sites sense all vehicles at once."""
 ROW_GROUP = 256
 SHARD_FILE = rf"{NAME.removesuffix('$')}\.parquet$"
 """Names of shards' files."""
@@ -67,6 +72,8 @@ class Sample:
     x0, y0: point of the scenario's plane to which the positions in the four arrays are relative, m.
     tv_departed: when the demand lets the TV depart, s of simulation time; NaN where the motion source does not say. A
     vehicle with the same id and departure in two seeds is the same one in the demand.
+    track_id, right_share, breaks, position_sd_m: which of the network's tracks stands for the TV, and how well
+    (`isacsim.sensing.passages.TrackUse`); empty, NaN, 0 and NaN of sensors that know whom they watch.
     tv, tv_truth: sensed and true states of the TV, float32, (6, S), at the TV rate. uv: reported states of the UV,
     float32, (6, C), at the UV rate. tv_run_in: true states of the TV just before the record, while the filter settles,
     float32, (6, R), at the TV rate; R may be 0. The rows are those of `STATE`.
@@ -99,6 +106,10 @@ class Sample:
     x0: float = 0.0
     y0: float = 0.0
     tv_departed: float = nan
+    track_id: str = ""
+    right_share: float = nan
+    breaks: int = 0
+    position_sd_m: float = nan
 
 
 class Episode(Settings):
@@ -109,12 +120,13 @@ class Episode(Settings):
     left_out: number of candidates that did not become samples, by reason. collided, teleported: number of vehicles.
     fix_error_m, state_error_m: median distance to the true position in each sample, m, of the fused fixes before the
     filter and of the sensed states. traffic: what became of the demand; None where the motion is not SUMO's, and in
-    earlier datasets. Only the shard's file holds these three (`read_episode`), the index does not.
+    earlier datasets. scene: how well the network knew who was where, None of sensors that know whom they watch. Only
+    the shard's file holds these four (`read_episode`), the index does not.
     """
 
     scenario: str = Field(pattern=NAME)
     seed: int
-    schema_version: Literal[2, 3, 4] = SCHEMA_VERSION
+    schema_version: Literal[2, 3, 4, 5] = SCHEMA_VERSION
     fingerprint: str = ""
     events: dict[str, int] = Field(default_factory=dict)
     counts: dict[str, int] = Field(default_factory=dict)
@@ -124,6 +136,7 @@ class Episode(Settings):
     fix_error_m: tuple[float, ...] = ()
     state_error_m: tuple[float, ...] = ()
     traffic: TrafficFacts | None = None
+    scene: SceneScores | None = None
 
 
 class Shard(Settings):
@@ -147,7 +160,7 @@ class Shard(Settings):
     @classmethod
     def _brief(cls, episode: Episode) -> Episode:
         """Drop what only the shard's file holds, so that long lists of shards fit into memory."""
-        return episode.model_copy(update={"fix_error_m": (), "state_error_m": (), "traffic": None})
+        return episode.model_copy(update={"fix_error_m": (), "state_error_m": (), "traffic": None, "scene": None})
 
     @model_validator(mode="after")
     def _named_by_its_episode(self) -> Self:
@@ -199,6 +212,10 @@ def schema(
         "x0": pa.float64(),
         "y0": pa.float64(),
         "tv_departed": pa.float64(),
+        "track_id": pa.string(),
+        "right_share": pa.float32(),
+        "breaks": pa.int16(),
+        "position_sd_m": pa.float32(),
         "tv": states(tv_length),
         "tv_truth": states(tv_length),
         "uv": states(uv_length),
@@ -207,6 +224,9 @@ def schema(
         del types["cause"], types["cause_ttc_s"]
     if version < 3 or not passing:
         for name in PASSING:
+            del types[name]
+    if version < 5:
+        for name in TRACK:
             del types[name]
     if version < 4:
         del types["x0"], types["y0"], types["tv_departed"]
@@ -219,7 +239,7 @@ SCALARS = tuple(name for name in schema(1, 1).names if name not in ARRAYS)
 ORIGIN = schema(1, 1).field("origin")
 LACKING = {
     "cause": "", "cause_ttc_s": nan, "pull_out": "", "t_pass": nan, "t_pair_end": nan, "x0": 0.0, "y0": 0.0,
-    "tv_departed": nan,
+    "tv_departed": nan, "track_id": "", "right_share": nan, "breaks": 0, "position_sd_m": nan,
 }  # fmt: skip
 """The columns that older datasets lack, and what they are read as."""
 
@@ -377,29 +397,11 @@ def _count(values: Sequence[str], order: Sequence[str] = ()) -> dict[str, int]:
     return {value: counted[value] for value in [*ranked, *sorted(set(counted) - set(ranked))]}
 
 
-def states_of(column: pa.ChunkedArray) -> Float32Array:
-    """Return a column of states, nested fixed-size lists, as an array, (n, 6, length), float32."""
-    length = column.type.value_type.list_size
-    chunks = [chunk.flatten().flatten().to_numpy(zero_copy_only=False) for chunk in column.chunks]
-    flat = np.concatenate(chunks) if chunks else np.empty(0, np.float32)
-    return flat.reshape(-1, 6, length)
-
-
 def _column(field: pa.Field, samples: Sequence[Sample]) -> pa.Array:
     if field.name in ARRAYS:
-        return _states_column(field, [getattr(sample, field.name) for sample in samples])
+        return states_column(field, [getattr(sample, field.name) for sample in samples])
     if field.name == "label":
         return pa.array([int(sample.intention) for sample in samples], field.type)
     if field.name == "intention":
         return pa.array([sample.intention.text for sample in samples], field.type)
     return pa.array([getattr(sample, field.name) for sample in samples], field.type)
-
-
-def _states_column(field: pa.Field, states: Sequence[Float32Array]) -> pa.Array:
-    length = field.type.value_type.list_size
-    for state in states:
-        if state.shape != (6, length) or state.dtype != np.float32:
-            raise ValueError(f"{field.name}: {state.dtype} {state.shape} where float32 {(6, length)} is stored")
-    flat = np.stack(states).ravel() if states else np.empty(0, np.float32)
-    rows = pa.FixedSizeListArray.from_arrays(pa.array(flat), type=field.type.value_type)
-    return pa.FixedSizeListArray.from_arrays(rows, type=field.type)

@@ -10,7 +10,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.isacsim.scene.scores import pooled
+from isac_cosim.labeling.dataset.dataset import Dataset, Episode
 from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
 from isac_cosim.labeling.dataset.label_truth import label_truth
@@ -23,6 +24,8 @@ SHOWN = (
     "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
+SCENE_SHOWN = ("rms_m", "p95_m", "missed", "missed_slow", "false", "switches_per_km", "idf1", "nees", "gospa_m")
+"""Scores of a scene that are printed."""
 EPISODES_SHOWN = 24
 """With more episodes than this, the console shows only the sums by scenario. The plain values hold all of them."""
 
@@ -39,8 +42,9 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     `drivers`, what is to be said of the vehicle types of each scenario's demand;
     `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
     beside the samples, by outcome; `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None
-    where the motion is not SUMO's; `label_agreement`, what the detectors make of the maneuvers of each intention, only
-    where the motion source gives the labels.
+    where the motion is not SUMO's; `scene`, how well the network knew who was where, over all episodes, only where the
+    sites sense all vehicles at once (`isacsim.scene.scores.SceneScores`); `label_agreement`, what the detectors make of
+    the maneuvers of each intention, only where the motion source gives the labels.
     """
     meta, shards = dataset.meta, dataset.meta.shards
     seeds: dict[str, list[int]] = {scenario.name: [] for scenario in meta.scenarios}
@@ -79,6 +83,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
+        **_scene(episodes),
         "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
@@ -107,6 +112,9 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(_agreement_table(values["label_agreement"]))
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
+    if "scene" in values:
+        scores = {key: values["scene"][key] for key in SCENE_SHOWN}
+        console.print(f"scene: {_brief(scores)}", highlight=False, soft_wrap=True)
     for key in ("collided", "teleported"):
         console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 
@@ -208,6 +216,12 @@ def faults(values: dict[str, Any]) -> list[str]:
     if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines
+
+
+def _scene(episodes: Sequence[Episode]) -> dict[str, Any]:
+    """Return how well the network knew who was where, by the key `scene`; nothing where it was not a scene."""
+    scores = [episode.scene for episode in episodes if episode.scene is not None]
+    return {"scene": pooled(scores).model_dump(mode="json")} if scores else {}
 
 
 def _brief(value: Any) -> str:

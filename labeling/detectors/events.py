@@ -25,6 +25,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.motion import CAR_MPS2, CAR_MPS3
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.detectors.lane_change import LaneChangeDetector
+from isac_cosim.labeling.detectors.near_misses import NearMissSettings, near_misses
 from isac_cosim.labeling.detectors.protocol import Detector, VehicleView, vehicle_view
 from isac_cosim.labeling.detectors.settings import LabelSettings
 from isac_cosim.labeling.intentions import LANE_CHANGES, Event, Intention
@@ -52,6 +53,7 @@ class Labels:
     counts: what is not an event. Crossings that were `dithering`, or `cut_off` by the end of the track; lane changes
     `within_swerve`; and vehicles whose conditioned motion is `beyond_car`, over 9 m/s2 or 25 m/s3, which only a driver
     model can do.
+    near_misses: motions just under a threshold, by onset; empty where they were not asked for.
     """
 
     settings: LabelSettings
@@ -59,22 +61,30 @@ class Labels:
     changes: dict[str, tuple[Event, ...]]
     jumps: dict[str, tuple[float, ...]]
     counts: dict[str, int]
+    near_misses: tuple[Event, ...] = ()
 
     def of(self, intention: Intention) -> list[Event]:
         """Return the events of one intention, by onset."""
         return [event for event in self.events if event.intention is intention]
 
 
-def label(recording: Recording, settings: LabelSettings, surroundings: Surroundings | None = None) -> Labels:
+def label(
+    recording: Recording,
+    settings: LabelSettings,
+    surroundings: Surroundings | None = None,
+    near: NearMissSettings | None = None,
+) -> Labels:
     """Find all events of a recording.
 
-    surroundings: of the recording, if already at hand. Commands play no part; `provenance` is looked up afterwards.
+    surroundings: of the recording, if already at hand. near: what near misses are, to find them, too. Commands play no
+    part; `provenance` is looked up afterwards.
     Raises InputError where a selected detector returns an event that it may not return.
     """
     surroundings = Surroundings(recording) if surroundings is None else surroundings
     lane_changes = LaneChangeDetector(settings.lane_change)
     detectors = {name: d for name, d in settings.active_detectors().items() if not isinstance(d, LaneChangeDetector)}
     events: list[Event] = []
+    nearly: list[Event] = []
     changes: dict[str, tuple[Event, ...]] = {}
     jumps: dict[str, tuple[float, ...]] = {}
     counts: Counter[str] = Counter(dithering=0, cut_off=0, within_swerve=0, beyond_car=0)
@@ -85,14 +95,16 @@ def label(recording: Recording, settings: LabelSettings, surroundings: Surroundi
         view = replace(view, lane_changes=tuple(lane_changes.detect(view)))
         vehicle_events = _events_of(view, detectors, settings)
         events += vehicle_events
+        nearly += [] if near is None else near_misses(view, vehicle_events, settings, near)
         changes[track.vehicle] = view.lane_changes
         jumps[track.vehicle] = view.motion.jumps
         crossings = lane_changes.crossings(view.motion)
         within_swerve = len(view.lane_changes) - len(outside_swerves(view.lane_changes, vehicle_events))
         counts.update(dithering=crossings.dithering, cut_off=crossings.cut_off, within_swerve=within_swerve)
         counts.update(beyond_car=beyond_car(view.motion))
-    events.sort(key=lambda event: (event.onset, event.vehicle, event.intention))
-    return Labels(settings, tuple(events), changes, jumps, dict(counts))
+    for found in (events, nearly):
+        found.sort(key=lambda event: (event.onset, event.vehicle, event.intention))
+    return Labels(settings, tuple(events), changes, jumps, dict(counts), tuple(nearly))
 
 
 def _events_of(view: VehicleView, detectors: Mapping[str, Detector], settings: LabelSettings) -> list[Event]:

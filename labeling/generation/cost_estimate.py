@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from isac_cosim.isacsim.sensing.sensors import SENSORS
+from isac_cosim.isacsim.sensing.sensors import SCENE, SENSORS
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import KNOWN
@@ -47,7 +47,8 @@ def estimate(study: DatasetStudy) -> EpisodeCost:
         episodes = min(episodes, math.ceil(selection.windows / per_episode))
     samples = round(episodes * per_episode)
     tv, uv = record.duration_s * record.tv_rate_hz, record.duration_s * record.uv_rate_hz
-    cpu_s = episodes * source.expected_cpu_s() + samples * tv * SENSED_S
+    instant_s = SENSED_S + (0.0 if study.sensing.scene is None else SENSORS[SCENE].cost_s)
+    cpu_s = episodes * source.expected_cpu_s() + samples * tv * instant_s
     return EpisodeCost(episodes, samples, round(cpu_s, 1), round(samples * (2 * tv + uv) * INSTANT_BYTES))
 
 

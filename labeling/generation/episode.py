@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,15 @@ import numpy as np
 from isac_cosim.base.arrays import Array, Float32Array
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.following import run_in, run_in_snapshots
-from isac_cosim.isacsim.sensing.passages import Carrier, Passage
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord
 from isac_cosim.isacsim.sensing.reports import report
-from isac_cosim.isacsim.sensing.sensors import Watch
+from isac_cosim.isacsim.sensing.sensors import SENSORS, Watch
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import LabelledRecording, Recording
 from isac_cosim.labeling.dataset.dataset import Episode, Sample, Shard, write_shard
 from isac_cosim.labeling.dataset.pull_outs import write_dropped_pull_outs
 from isac_cosim.labeling.dataset.record_point import in_plane, point_near, relative
+from isac_cosim.labeling.dataset.shard import TRACK
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.selection import Draw, draw_of_pull_outs, draws, select
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -78,9 +80,10 @@ def shard_of(study: DatasetStudy, scenario: Scenario, recording: Recording, fold
         left_out={**available.left_out, **{reason: number for reason, number in dropped.items() if number}},
         collided=len(recording.incidents.collided),
         teleported=len(recording.incidents.teleported),
-        fix_error_m=made.fix_error_m,
+        fix_error_m=made.fix_error_m if SENSORS[sensor.name].filtered else (),
         state_error_m=[median_error_m(sample.tv, sample.tv_truth) for sample in made.samples],
         traffic=recording.facts,
+        scene=sensor.scene_scores,
     )
     run_in_s = study.sensing.tracking.run_in_s
     lengths = (
@@ -179,6 +182,7 @@ def _sensed(
             x0=point[0],
             y0=point[1],
             tv_departed=recording.tracks[candidate.tv].departed,
+            **track_columns(record),
             tv=relative(record.state, point),
             tv_truth=tv_truth,
             uv=relative(report(uv_truth, study.report, key), point),
@@ -194,6 +198,13 @@ def _passing(candidate: Candidate) -> dict[str, Any]:
     if pull_out is None:
         return {}
     return {"pull_out": pull_out.outcome, "t_pass": pull_out.t_pass, "t_pair_end": pull_out.t_pair_end}
+
+
+def track_columns(record: SensedRecord) -> dict[str, Any]:
+    """Return the columns of a sample that say which track stands for the TV."""
+    if record.track is None:
+        return {"track_id": "", "right_share": nan, "breaks": 0, "position_sd_m": nan}
+    return {name: getattr(record.track, name) for name in TRACK}
 
 
 def record_key(scenario: str, seed: int, tv: str, intention: Intention, t_start: float) -> tuple[str | int, ...]:

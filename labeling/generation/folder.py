@@ -43,6 +43,11 @@ def claimed(out: Path, started: Meta, unused: Container[str] = ()) -> Iterator[M
     """
     with claim(out, META_FILE, "dataset"):
         before = read_description(out)
+        if before is not None and before.schema_version != started.schema_version:
+            raise InputError(
+                f"{out}: holds a dataset of schema version {before.schema_version}, and this version writes "
+                f"{started.schema_version}; choose another folder, or finish it with the version that began it"
+            )
         if before is not None and unused and _identity(before, unused) == _identity(started, unused):
             started = started.model_copy(update={"fingerprint": before.fingerprint})
         elif before is not None and before.fingerprint != started.fingerprint:

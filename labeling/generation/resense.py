@@ -1,7 +1,8 @@
 """Sensing a dataset's records anew: another channel, estimator or sensor over the same motion.
 
 A dataset holds the true motion of its TVs, what its UVs reported, and the sites. That is all that sensing needs, except
-the other vehicles: what depends on them (blockage, the radar's line of sight) cannot be sensed anew.
+the other vehicles. For a scene, the episode is recorded again (`labeling.generation.recorded_again`); what else depends
+on them (blockage, the radar's line of sight) cannot be sensed anew.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.following import TOGETHER
 from isac_cosim.isacsim.sensing.passages import Carrier, Passage, SensedRecord, WatchedTraffic
 from isac_cosim.isacsim.sensing.reports import ReportSettings, report_noise
-from isac_cosim.isacsim.sensing.sensors import DEFAULT, SENSORS, Watch, watch
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SCENE, SENSORS, Watch, watch
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
+from isac_cosim.isacsim.sensing.sensors.scene import as_sensed
+from isac_cosim.isacsim.traffic.motion import MotionSettings
 from isac_cosim.labeling.dataset.dataset import (
     SHARDS,
     Dataset,
@@ -42,10 +45,11 @@ from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs, write_dropp
 from isac_cosim.labeling.dataset.record_point import in_plane, relative
 from isac_cosim.labeling.dataset.shard import SCHEMA_VERSION
 from isac_cosim.labeling.generation import log
-from isac_cosim.labeling.generation.episode import median_error_m, record_key
+from isac_cosim.labeling.generation.episode import median_error_m, record_key, track_columns
 from isac_cosim.labeling.generation.folder import claimed, fingerprint, finish
 from isac_cosim.labeling.generation.journal import Journal
 from isac_cosim.labeling.generation.log import Note
+from isac_cosim.labeling.generation.recorded_again import Recorder
 
 REPEAT = "-r"
 """Separates a sample's id from the number of its repeat."""
@@ -110,7 +114,9 @@ def resense(
     feedback: receives the progress.
     Raises InputError if the settings, the dataset or the folder are at fault, RunError if a shard fails.
     """
+    settings = settings.model_copy(update={"sensing": as_sensed(settings.sensing, settings.sensor == SCENE)})
     _check(dataset, settings, out)
+    recorder = Recorder.of(dataset) if settings.sensor == SCENE else None
     started = _describe(dataset, settings)
     roads = {scenario.name: dataset.roads(scenario.name) for scenario in dataset.meta.scenarios}
     with claimed(out, started):
@@ -123,7 +129,7 @@ def resense(
             # Every task carries the dataset: leave out the index, which may be long. Workers may run in another folder.
             meta = dataset.meta.model_copy(update={"shards": ShardIndex.of(())})
             sent = replace(dataset, path=dataset.path.absolute(), meta=meta)
-            task = partial(_work, sent, settings, started.fingerprint, (out / SHARDS).resolve())
+            task = partial(_work, sent, settings, recorder, started.fingerprint, (out / SHARDS).resolve())
             missing = [job for job in jobs if job.file not in stored]
             tally = Tally(records_in(jobs), records_in(jobs) - records_in(missing))
             keep = partial(_keep, tally, journal, partial(log.record, out, feedback))
@@ -171,18 +177,23 @@ def _keep(tally: Tally, journal: Journal, note: Note, outcome: Outcome[ShardJob,
 
 
 @limited()
-def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, job: ShardJob) -> Shard:
-    """Sense one shard and write it; runs in a worker."""
+def _work(
+    dataset: Dataset, settings: ResenseSettings, recorder: Recorder | None, mark: str, folder: Path, job: ShardJob
+) -> Shard:
+    """Sense one shard and write it; runs in a worker. recorder: of its episode, where all vehicles are needed."""
     alone = replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of([job.shard])}))
     stored, episode = alone.samples(job.shard), alone.episode(job.shard)
     wanted = [_repeated(sample, turn) for turn in range(job.times) for sample in stored]
     wanted += [_repeated(sample, job.times) for sample in stored[: job.more]]
+    recording = None if recorder is None else recorder.record(episode.scenario, episode.seed, stored)
     traffic = WatchedTraffic(
         episode.scenario,
         episode.seed,
         dataset.sites(episode.scenario),
         dataset.meta.tv_rate_hz,
         own_report(dataset),
+        recording,
+        MotionSettings() if recorder is None else recorder.study.motion,
     )
     sensor = watch(settings.sensor, traffic, settings)
     samples, fix_errors = _sense(wanted, dataset.meta, traffic.report, sensor)
@@ -198,6 +209,7 @@ def _work(dataset: Dataset, settings: ResenseSettings, mark: str, folder: Path, 
         "fingerprint": mark,
         "left_out": left_out,
         "fix_error_m": tuple(fix_errors),
+        "scene": sensor.scene_scores,
         "state_error_m": tuple(median_error_m(sample.tv, sample.tv_truth) for sample in samples),
     }
     meta, sensed = dataset.meta, episode.model_copy(update=update)
@@ -260,7 +272,8 @@ def _carrier(sample: Sample, meta: Meta, report: ReportSettings) -> Carrier:
 def _with(sample: Sample, record: SensedRecord, sensor: str) -> Sample:
     """Return a sample with its TV as it was sensed anew."""
     tv = relative(record.state, (sample.x0, sample.y0))
-    return replace(sample, sensor=sensor, snr_db=record.snr_db, n_sites=record.n_sites, tv=tv)
+    known = {"snr_db": record.snr_db, "n_sites": record.n_sites, **track_columns(record)}
+    return replace(sample, sensor=sensor, tv=tv, **known)
 
 
 def _repeated(sample: Sample, turn: int) -> Sample:
@@ -286,6 +299,8 @@ def _check(dataset: Dataset, settings: ResenseSettings, out: Path) -> None:
         raise InputError(f"{out}: is the dataset to sense anew; choose another folder with -o")
     if refusal := SENSORS[settings.sensor].refusal(settings):
         raise InputError(f"{dataset.path}: {refusal}")
+    if settings.sensor == SCENE and settings.records is not None:
+        raise InputError(f"{dataset.path}: --records repeats records, and a scene is sensed once; leave it out")
     before = dataset.meta.resensed or {}
     if settings.records is not None and before.get("settings", {}).get("records") is not None:
         raise InputError(f"{dataset.path}: repeats records already; give --records with the dataset it was made from")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.passages import WatchedTraffic
-from isac_cosim.isacsim.sensing.sensors import DEFAULT, Watch, watch
+from isac_cosim.isacsim.sensing.sensors import DEFAULT, SCENE, Watch, watch
 from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -20,8 +20,11 @@ def watch_episode(
 ) -> Watch:
     """Let a sensor watch an episode of a study. recording: of the episode; None while it runs.
 
+    sensor: the sites, unless another one is named; they sense a scene where the study says so.
     settings: of the sensor; the default are those of the study. Raises InputError if it cannot sense the traffic.
     """
     rate_hz = study.record.tv_rate_hz
     traffic = WatchedTraffic(scenario.name, seed, scenario.sites, rate_hz, study.report, recording, study.motion)
+    if sensor == DEFAULT and study.sensing.scene is not None:
+        sensor = SCENE
     return watch(sensor, traffic, settings or SensorSettings(sensing=study.sensing))

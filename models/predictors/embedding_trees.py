@@ -1,4 +1,4 @@
-"""Boosted trees on what ASI-BIP makes of a window, beside the statistics that the plain trees see.
+"""Boosted trees on what ASI-BIP makes of a window, beside what the plain trees see.
 
 The network is trained first, and alone; the trees then learn from its features and from the statistics of the same
 training windows. The network has seen those windows, so that its features look better there than on others: the trees
@@ -14,14 +14,20 @@ import numpy as np
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.data.statistics import N_STATISTICS, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.predictors.asi_bip import AsiBipPredictor, AsiBipSettings
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape, Workload
-from isac_cosim.models.predictors.trees import TREES_FILE, TreesPredictor, TreesSettings, fit_trees, tree_logits
-from isac_cosim.models.trees.stored_trees import read_trees, write_trees
+from isac_cosim.models.predictors.trees import (
+    TREES_FILE,
+    TreesPredictor,
+    TreesSettings,
+    fit_trees,
+    read_trees_beside,
+    tree_features,
+    tree_logits,
+)
+from isac_cosim.models.trees.stored_trees import write_trees
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
@@ -31,19 +37,21 @@ class EmbeddingTreesPredictor(Predictor):
     """ASI-BIP and trees, each with the settings of its own section; the features are those that the trees see."""
 
     display_name = "trees on ASI-BIP's embedding"
-    summary = "gradient-boosted trees on ASI-BIP's features and the statistics of the window"
+    summary = "gradient-boosted trees on ASI-BIP's features, the statistics of the window and recent motion"
 
-    def __init__(self, network: AsiBipPredictor, trees: HistGradientBoostingClassifier) -> None:
+    def __init__(self, network: AsiBipPredictor, trees: HistGradientBoostingClassifier, tv_rate_hz: float) -> None:
         self.network = network
         self.trees = trees
+        self.tv_rate_hz = tv_rate_hz
         self.fit_summary = network.fit_summary
 
     @classmethod
     def fit(cls, task: FitTask, feedback: Feedback) -> Self:
         network, settings = AsiBipPredictor.fit(task, feedback), task.settings.of(TreesSettings)
         ends, label = task.training_ends(settings.ends_per_record)
-        features = np.concatenate([embedded(network, windows) for windows in task.batches(ends)])
-        return cls(network, fit_trees(features, label, settings, task.settings.seed))
+        rate_hz = task.shape.tv_rate_hz
+        features = np.concatenate([embedded(network, windows, rate_hz) for windows in task.batches(ends)])
+        return cls(network, fit_trees(features, label, settings, task.settings.seed), rate_hz)
 
     def save(self, folder: Path) -> None:
         write_trees(folder / TREES_FILE, self.trees)
@@ -52,11 +60,11 @@ class EmbeddingTreesPredictor(Predictor):
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
         network = AsiBipPredictor.load(folder, settings, shape)
-        width = settings.of(AsiBipSettings).width + N_STATISTICS
-        return cls(network, read_trees(folder / TREES_FILE, width, KNOWN))
+        trees = read_trees_beside(folder / TREES_FILE, settings.of(AsiBipSettings).width)
+        return cls(network, trees, shape.tv_rate_hz)
 
     def __call__(self, windows: Windows) -> Outputs:
-        features = embedded(self.network, windows)
+        features = embedded(self.network, windows, self.tv_rate_hz, self.trees.n_features_in_)
         return Outputs(tree_logits(self.trees, features), features.astype(np.float64))
 
     @classmethod
@@ -64,6 +72,15 @@ class EmbeddingTreesPredictor(Predictor):
         return AsiBipPredictor.cost_s(workload, settings) + TreesPredictor.cost_s(workload, settings)
 
 
-def embedded(network: AsiBipPredictor, windows: Windows) -> Float32Array:
-    """Return the network's features of windows, then their statistics, (n, width + 120)."""
-    return np.concatenate([network(windows).features.astype(np.float32), statistics(windows)], axis=1)
+def embedded(network: AsiBipPredictor, windows: Windows, tv_rate_hz: float, width: int | None = None) -> Float32Array:
+    """Return the network's features of windows, then `tree_features`, (n, width).
+
+    width: number of all features that the trees take; by default, that of this version.
+    """
+    of_network = network(windows).features.astype(np.float32)
+    of_window = (
+        tree_features(windows, tv_rate_hz)
+        if width is None
+        else tree_features(windows, tv_rate_hz, width - of_network.shape[1])
+    )
+    return np.concatenate([of_network, of_window], axis=1)

@@ -56,10 +56,13 @@ def write_trees(path: Path, trees: HistGradientBoostingClassifier) -> None:
     replace_file(path, lambda partial: partial.write_bytes(content))
 
 
-def read_trees(path: Path, n_features: int | None, classes: Sequence[int]) -> HistGradientBoostingClassifier:
+def read_trees(
+    path: Path, n_features: int | Sequence[int] | None, classes: Sequence[int]
+) -> HistGradientBoostingClassifier:
     """Read what `write_trees` wrote.
 
-    n_features: that the trees have to take; None for any number. classes: the numbers of which theirs are some.
+    n_features: that the trees have to take, one number or several to choose from; None for any. classes: the numbers of
+    which theirs are some.
     Raises one of READ_ERRORS, which names the tree, if the file holds anything else, or trees that do not end or look
     at what is not there: scikit-learn's compiled loops do not check.
     """
@@ -77,7 +80,7 @@ def read_trees(path: Path, n_features: int | None, classes: Sequence[int]) -> Hi
         raise ValueError(f"{path.name}: {reason_of(error)}") from None
     if not isinstance(trees, HistGradientBoostingClassifier):
         raise ValueError(f"{path.name}: holds no trees")
-    for fault in _faults(trees, n_features, classes):
+    for fault in _faults(trees, [n_features] if isinstance(n_features, int) else n_features, classes):
         raise ValueError(f"{path.name}: {fault}")
     return trees
 
@@ -93,7 +96,9 @@ def _types_in(node: Any) -> Iterator[str]:
         yield from _types_in(item)
 
 
-def _faults(trees: HistGradientBoostingClassifier, n_features: int | None, classes: Sequence[int]) -> Iterator[str]:
+def _faults(
+    trees: HistGradientBoostingClassifier, widths: Sequence[int] | None, classes: Sequence[int]
+) -> Iterator[str]:
     """Yield what is wrong with trees, so far as their answers depend on it."""
     state = vars(trees)
     if _hides_a_part(trees):
@@ -106,8 +111,9 @@ def _faults(trees: HistGradientBoostingClassifier, n_features: int | None, class
     if (np.diff(known.astype(np.int64)) <= 0).any() or not set(known.tolist()) <= set(classes):
         yield f"classes_: are {known.tolist()}, not some of {[int(known) for known in classes]} in order"
     width = state.get("n_features_in_")
-    if type(width) is not int or width < 1 or n_features not in (None, width):
-        yield f"n_features_in_: is {width!r}, not {n_features or 'a positive whole number'}"
+    if type(width) is not int or width < 1 or (widths is not None and width not in widths):
+        wanted = "a positive whole number" if widths is None else " or ".join(map(str, widths))
+        yield f"n_features_in_: is {width!r}, not {wanted}"
         return
     each = 1 if len(known) == 2 else len(known)
     if type(state.get("n_trees_per_iteration_")) is not int or state["n_trees_per_iteration_"] != each:

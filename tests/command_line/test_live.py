@@ -57,7 +57,8 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.mark.usefixtures("scripted")
 def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "live"
-    words = ["evaluate", str(run.path), "--traffic", "road", "--seeds", "1001:1002", "-o", str(out), "--json"]
+    seeds = ["--seeds", "1001:1002", "--development", "2001:2004"]
+    words = ["evaluate", str(run.path), "--traffic", "road", *seeds, "-o", str(out), "--json"]
     assert cosim.main(words) == 0
     captured = capfd.readouterr()
     result = json.loads(captured.out.splitlines()[-1])
@@ -67,6 +68,45 @@ def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: 
     assert "rule of the road" in captured.err
     names = {path.name for path in out.iterdir()}
     assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png", "index.html"} <= names
+
+
+@pytest.mark.usefixtures("scripted")
+def test_stress_adds_the_stimulated_world_on_the_same_seeds(
+    run: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "live"
+    seeds = ["--seeds", "1001:1001", "--development", "2001:2001"]
+    words = ["evaluate", str(run.path), "--traffic", "road", *seeds, "-o", str(out), "--json"]
+    assert cosim.main(words) == 0
+    assert "stress" not in json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert cosim.main([*words, "--stress"]) == 0
+    captured = capfd.readouterr()
+    result = json.loads(captured.out.splitlines()[-1])
+    assert "twice the cost" in captured.err
+    assert result["stress"]["vehicle_hours"] > 0
+    stored = json.loads((out / "metrics.json").read_text())
+    assert stored["stress"] == result["stress"]
+    stressed = json.loads((out / "stress" / "metrics.json").read_text())
+    assert stressed["made_by"]["seeds"] == stored["made_by"]["seeds"]
+    worlds = [content["made_by"]["study"]["dataset"]["maneuvers"] for content in (stored, stressed)]
+    assert worlds[0] != worlds[1]
+
+
+def test_the_traffic_is_natural_unless_the_loop_is_closed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet: list[bool] = []
+
+    def stop(loaded: Run, study: LiveStudy, *rest: object, **named: object) -> None:
+        quiet.append(study.dataset.maneuvers.quiet)
+        raise InputError("stop")
+
+    monkeypatch.setattr(evaluation, "evaluate_traffic", stop)
+    monkeypatch.setattr(closed_loop_evaluation, "evaluate_advisories", stop)
+    for arguments in ({}, {"natural": True}, {"advisories": True}, {"advisories": True, "natural": True}):
+        with pytest.raises(InputError, match="stop"):
+            live.evaluate_and_show(run.path, "motorway", LiveArguments(**arguments), None, (), Console())
+    assert quiet == [True, True, False, True]
+    with pytest.raises(InputError, match="leave out --stress"):
+        source_of(None, "motorway", LiveArguments(advisories=True, stress=True))
 
 
 def test_ranges_are_checked_before_anything_runs(run: Run, tmp_path: Path) -> None:
@@ -142,7 +182,7 @@ def test_the_closed_loop_of_the_command_is_that_of_the_arguments(run: Run, monke
     assert study.dataset.maneuvers.quiet
     assert settings.conditioning == "causal"
     assert study.live.choice.false_alarms_per_vehicle_hour == 9.0
-    assert out == run.path / "traffic-motorway-natural"
+    assert out == run.path / "traffic-motorway-advisories-natural"
 
 
 def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:

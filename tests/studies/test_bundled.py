@@ -14,7 +14,7 @@ from isac_cosim.models.data.windows import Records, split
 from isac_cosim.studies.study import read_study
 
 
-@pytest.mark.parametrize(("name", "least"), [("quick", 8), ("full", 20)])
+@pytest.mark.parametrize(("name", "least"), [("quick", 8), ("full", 20), ("scene", 7)])
 def test_a_bundled_study_is_tested_on_enough_seeds(name: str, least: int) -> None:
     study = read_study(Path(str(importlib.resources.files("isac_cosim.studies") / f"{name}.toml")))
     # Without a number of samples to reach, every seed is generated.

@@ -74,6 +74,17 @@ def test_blockage_is_not_sensed_anew() -> None:
         checked(Study, content, "test")
 
 
+def test_a_scene_is_one_way_of_sensing() -> None:
+    """It has the link budget whatever the SNR of the sites, so a sweep over that has it once."""
+    study = study_of(scenarios=["x"], snr=["0:10", "link"], sensors=["isac", "scene"], models=["trees"])
+    ways = [WayOfSensing("isac", "0:10"), WayOfSensing("isac", "link"), WayOfSensing("scene")]
+    assert [cell.sensing for cell in study.cells] == ways
+    with pytest.raises(InputError, match="snr applies to the sites only"):
+        study_of(snr=["link"], sensors=["scene"])
+    with pytest.raises(InputError, match=r"dataset\.sensing\.scene.* add \"scene\" to sweep\.sensors"):
+        checked(Study, {"dataset": {"sensing": {"scene": {}}}, "sweep": {"models": ["trees"]}}, "test")
+
+
 def test_the_cost_of_a_sweep_grows_with_its_axes() -> None:
     one = estimate_study(study_of(scenarios=["motorway"], models=["asi-bip"]))
     assert (one.cells, one.trainings, one.datasets, one.sensed_anew) == (2, 2, 1, 0)

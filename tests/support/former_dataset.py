@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 
 from isac_cosim.labeling.dataset.dataset import INDEX_FILE, META_FILE, read_meta
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, states_of
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, TRACK
+from isac_cosim.labeling.dataset.state_columns import states_of
 
 
 def without_index(folder: Path) -> dict[str, Any]:
@@ -30,15 +31,17 @@ def without_index(folder: Path) -> dict[str, Any]:
 
 
 def as_schema(path: Path, version: int) -> None:
-    """Rewrite a shard of the present schema as a former one stored it: positions in the scenario's plane."""
+    """Rewrite a shard of the present schema as a former one stored it: before 4, positions in the scenario's plane."""
     table = pq.read_table(path)
     points = table["x0"].to_numpy(), table["y0"].to_numpy()
-    for name in set(ARRAYS) & set(table.column_names):
+    for name in set(ARRAYS) & set(table.column_names) if version < 4 else ():
         place, field = table.schema.get_field_index(name), table.schema.field(name)
         flat = pa.array(in_plane(states_of(table[name]), *points).astype(np.float32).ravel())
         rows = pa.FixedSizeListArray.from_arrays(flat, type=field.type.value_type)
         table = table.set_column(place, field, pa.FixedSizeListArray.from_arrays(rows, type=field.type))
-    lacking = ["x0", "y0", "tv_departed"]
+    lacking = [*TRACK]
+    if version < 4:
+        lacking += ["x0", "y0", "tv_departed"]
     if version < 3:
         lacking += ["cause", "cause_ttc_s", "tv_run_in", *PASSING]
         origins = ["stimulated" if name == "commanded" else "natural" for name in table["origin"].to_pylist()]

@@ -6,10 +6,10 @@ import numpy as np
 
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms, Levels
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, EpisodeFacts, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.events import GROUPS, LiveEvent
 
 SETTINGS = ScoringSettings()
 COUNT = 600

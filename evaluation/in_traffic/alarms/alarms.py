@@ -2,16 +2,19 @@
 
 An answer gives each intention a level: the higher, the more it speaks for that intention. The k-th highest of the last
 n levels is the confirmed level; levels from before a pause do not count. An alarm is raised when the confirmed level
-rises to the intention's threshold, unless the vehicle had an alarm of that intention too soon before.
+rises to the intention's threshold, unless the vehicle had an alarm of that intention too soon before. A level that
+stays above the threshold can rise anew: it falls from a peak, and rises from the lowest point after it, each time by as
+much as the settings say.
 
-What those words mean is stated once, in `is_pause`, `confirm` and `is_too_soon`. A whole episode is done at once here;
-`evaluation.in_traffic.alarms.stream` applies the same rule answer by answer, and is the reference in the tests.
+What those words mean is stated once, in `is_pause`, `confirm`, `is_too_soon` and `Swing`. A whole episode is done at
+once here; `evaluation.in_traffic.alarms.stream` applies the same rule answer by answer, and is the reference in the
+tests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -41,6 +44,35 @@ def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray:
     return np.asarray(np.asarray(gap_s) < refractory_s - 1e-9)
 
 
+@dataclass
+class Swing:
+    """Follows how levels fall and rise, from one prediction to the next; it begins anew at a pause.
+
+    rise: by how much a level has to fall from its peak, and to rise after that. peak, trough: the highest level since
+    the last rise, and the lowest after a fall from it, (...). fallen: whether the level has fallen since, (...).
+    """
+
+    rise: float
+    peak: Float32Array
+    trough: Float32Array
+    fallen: BoolArray
+
+    @classmethod
+    def at(cls, level: Float32Array, rise: float) -> Swing:
+        """Begin with a level, (...)."""
+        return cls(rise, level.copy(), level.copy(), np.zeros(level.shape, dtype=bool))
+
+    def step(self, level: Float32Array) -> Float32Array:
+        """Take the next level; return the trough from which it has just risen anew, NEVER where it has not, (...)."""
+        risen = self.fallen & (level >= self.trough + np.float32(self.rise))
+        rose_from = np.where(risen, self.trough, np.float32(NEVER))
+        self.peak = np.where(risen, level, np.maximum(self.peak, level))
+        falls = ~self.fallen & (level <= self.peak - np.float32(self.rise))
+        self.trough = np.where(self.fallen, np.minimum(self.trough, level), level)
+        self.fallen = (self.fallen & ~risen) | falls
+        return rose_from
+
+
 @dataclass(frozen=True)
 class Levels:
     """The levels of the n predictions of one episode, vehicle by vehicle, in order of time.
@@ -53,11 +85,35 @@ class Levels:
     vehicle: IntArray
     time_s: Array
     begins: BoolArray
+    _rose_from: dict[float, Float32Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def of(cls, episode: LiveEpisode, level: Float32Array) -> Levels:
         """Return the levels (n, 6) of an episode's predictions."""
         return cls(level, episode.vehicle, episode.time_s, pauses(episode))
+
+    def rose_from(self, rise: float) -> Float32Array:
+        """Return the trough from which each level has just risen anew, NEVER where it has not, (n, 6).
+
+        rise: as in `Swing`. Runs between pauses are followed side by side.
+        """
+        if rise not in self._rose_from:
+            self._rose_from[rise] = self._followed(rise)
+        return self._rose_from[rise]
+
+    def _followed(self, rise: float) -> Float32Array:
+        rose_from = np.full(self.level.shape, NEVER, np.float32)
+        starts = np.flatnonzero(self.begins)
+        lengths = np.diff(starts, append=len(self.level))
+        order = np.argsort(-lengths, kind="stable")
+        starts, lengths = starts[order], lengths[order]
+        swing = Swing.at(self.level[starts], rise)
+        for step in range(1, int(lengths[0]) if len(lengths) else 0):
+            going = int(np.searchsorted(-lengths, -step, side="left"))
+            rows = starts[:going] + step
+            swing = Swing(rise, swing.peak[:going], swing.trough[:going], swing.fallen[:going])
+            rose_from[rows] = swing.step(self.level[rows])
+        return rose_from
 
 
 @dataclass(frozen=True)
@@ -113,14 +169,17 @@ def confirmed(levels: Levels, k: int, n: int) -> Levels:
     return Levels(confirm(recent, k), levels.vehicle, levels.time_s, levels.begins)
 
 
-def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Alarms:
+def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise: float | None = None) -> Alarms:
     """Return the alarms that confirmed levels raise.
 
-    thresholds: of each intention, (6,), or a single one for all. refractory_s: see `AlarmSettings`.
+    thresholds: of each intention, (6,), or a single one for all. refractory_s, rise: see `AlarmSettings`.
     """
     on = levels.level >= thresholds
     rising = on.copy()
     rising[1:] &= ~on[:-1] | levels.begins[1:, None]
+    if rise is not None:
+        # The level has stayed on since its trough, if that is on.
+        rising |= levels.rose_from(rise) >= thresholds
     intentions, rows = np.divmod(np.flatnonzero(rising.T), max(1, len(rising)))
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
@@ -135,7 +194,7 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float) -> Al
 
 def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
     """Return the alarms that levels raise with some settings. levels: by the settings' method, not confirmed yet."""
-    return raised(confirmed(levels, settings.k, settings.n), settings.thresholds, settings.refractory_s)
+    return raised(confirmed(levels, settings.k, settings.n), settings.thresholds, settings.refractory_s, settings.rise)
 
 
 def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:

@@ -22,10 +22,10 @@ from isac_cosim.base.files import remove_partial
 from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
 from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
-from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.streams.events import LiveEvent
 from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 

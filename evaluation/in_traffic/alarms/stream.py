@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
-from isac_cosim.evaluation.in_traffic.alarms.alarms import confirm, is_pause, is_too_soon, reject_levels
+from isac_cosim.evaluation.in_traffic.alarms.alarms import Swing, confirm, is_pause, is_too_soon, reject_levels
 from isac_cosim.evaluation.in_traffic.alarms.background import Background
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
@@ -40,13 +40,15 @@ def levelling(settings: AlarmSettings, background: Background | None) -> Levelli
 class _History:
     """The latest levels of a vehicle, and when the last came, s.
 
-    on: whether each intention reaches its threshold. last_s: when it had its last alarm, s.
+    on: whether each intention reaches its threshold. last_s: when it had its last alarm, s. swing: how its confirmed
+    levels fall and rise; None before the first one, and where no new rise raises an alarm.
     """
 
     recent: deque[Float32Array]
     time_s: float = -np.inf
     on: BoolArray = field(default_factory=lambda: np.zeros(len(KNOWN), dtype=bool))
     last_s: Array = field(default_factory=lambda: np.full(len(KNOWN), -np.inf))
+    swing: Swing | None = None
 
 
 @dataclass
@@ -72,11 +74,18 @@ class AlarmStream:
         elif is_pause(time_s - history.time_s, self.decision_s):
             history.recent.clear()
             history.on = np.zeros_like(history.on)
+            history.swing = None
         history.recent.append(level)
         history.time_s = time_s
-        on = confirm(np.stack(history.recent), settings.k) >= settings.thresholds
+        confirmed = confirm(np.stack(history.recent), settings.k)
+        on = confirmed >= settings.thresholds
+        rising = on & ~history.on
+        if history.swing is not None:
+            rising |= history.swing.step(confirmed) >= settings.thresholds
+        elif settings.rise is not None:
+            history.swing = Swing.at(confirmed, settings.rise)
         since_s = time_s - history.last_s
-        alarms = on & ~history.on & ~is_too_soon(since_s, settings.refractory_s)
+        alarms = rising & ~is_too_soon(since_s, settings.refractory_s)
         history.last_s[alarms] = time_s
         history.on = on
         return np.flatnonzero(alarms).tolist()

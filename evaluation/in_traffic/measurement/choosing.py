@@ -71,7 +71,9 @@ class Combination:
     ) -> Combination:
         """Try thresholds on the development seeds. levels: confirmed, one for each episode."""
         common = candidate_thresholds(levels, choice.thresholds)
-        shared = ThresholdSweep.of(truths, levels, np.tile(common[:, None], len(KNOWN)), choice.refractory_s)
+        shared = ThresholdSweep.of(
+            truths, levels, np.tile(common[:, None], len(KNOWN)), template.refractory_s, template.rise
+        )
         events = sum((np.bincount(truth.table.intention, minlength=len(KNOWN)) for truth in truths), _no_events())
         groups = groups_of(events, choice.least_events)
         candidates = [candidate_thresholds(levels, choice.thresholds, group) for group in groups]
@@ -79,7 +81,8 @@ class Combination:
         table = np.full((max(map(len, candidates)), len(KNOWN)), np.inf)
         for group, values in zip(groups, candidates, strict=True):
             table[: len(values), list(group)] = values[:, None]
-        counts = ThresholdSweep.of(truths, levels, table, choice.refractory_s).by_intention.sum(axis=1).astype(np.int64)
+        sweep = ThresholdSweep.of(truths, levels, table, template.refractory_s, template.rise)
+        counts = sweep.by_intention.sum(axis=1).astype(np.int64)
         hours = float(sum(truth.episode.vehicle_hours for truth in truths))
         parts = [
             counts[: len(values), list(group)].sum(axis=1) for group, values in zip(groups, candidates, strict=True)
@@ -155,7 +158,7 @@ def background_options(
     levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor, kept)
     if levels is None:
         return Options(())
-    template = AlarmSettings(method="background", threshold=0.0)
+    template = AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise)
     return Options(tuple(_combinations(truths, levels, template, settings.choice)))
 
 
@@ -165,9 +168,7 @@ def _combinations(
     """Return a combination for each confirmation. levels: not confirmed, one for each episode."""
     combinations = []
     for k, n in choice.confirmations:
-        of_episodes = [
-            confirmed(Levels.of(truth.episode, level), k, n) for truth, level in zip(truths, levels, strict=True)
-        ]
+        of_episodes = [confirmed(truth.levels(level), k, n) for truth, level in zip(truths, levels, strict=True)]
         settings = template.model_copy(update={"k": k, "n": n, "refractory_s": choice.refractory_s})
         combinations.append(Combination.of(truths, of_episodes, settings, choice))
     return combinations

@@ -37,7 +37,16 @@ from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
 from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
-from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, FILES, RULE, RUN, SPEED_FILE, TRUTH, file_name
+from isac_cosim.evaluation.in_traffic.streams.store import (
+    EPISODES,
+    FILES,
+    RULE,
+    RUN,
+    SPEED_FILE,
+    TRUTH,
+    file_name,
+    predicted_hours,
+)
 from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
@@ -56,13 +65,18 @@ STUDY_FILE = "study.json"
 SCORED_AFTERWARDS: dict[str, Any] = {
     "dataset": {"seeds", "selection", "world"},
     "development": True,
+    "development_h": True,
     "live": {"choice", "background", "scoring"},
 }
 """The settings that episodes do not depend on: if they change, an evaluation continues in the same folder."""
 PROBES = 64
 """Number of windows that test whether a predictor looks at the UV."""
-SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2004)
+SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2100)
 """The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
+DEVELOPMENT_H = 30.0
+"""Vehicle-hours on which alarms are chosen by default: as many of the default seeds are run."""
+FIRST_DEVELOPMENT = 4
+"""Development seeds that are run to see how many it takes; if they hold no prediction, they stay the only ones."""
 
 
 class BegunEvaluation(Settings):
@@ -93,8 +107,9 @@ def study_of(
     Traffic, labels, pairs and reports are those of the dataset, or the defaults if its study is not known or its
     motion had another source. Sensing uses the link budget, at the rates of the run; predictions and delays wait for
     whole samples of these.
-    seeds, development: first and last seed. duration_s: of an episode, s. natural: if true, drivers are left alone: no
-    causes, commands or disturbances. source: name of the motion source.
+    seeds, development: first and last seed; by default, alarms are chosen on DEVELOPMENT_H vehicle-hours. duration_s:
+    of an episode, s. natural: if true, drivers are left alone: no causes, commands or disturbances. source: name of the
+    motion source.
     Raises InputError if an argument is wrong, or the dataset's study cannot be read.
     """
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
@@ -125,6 +140,7 @@ def study_of(
     whole = {
         "dataset": content,
         "development": SeedRange(first=chosen_on[0], last=chosen_on[1]).model_dump(),
+        "development_h": DEVELOPMENT_H if development is None else None,
         "live": live.model_copy(update={"streams": streams}).model_dump(),
     }
     return checked(LiveStudy, whole, "arguments")
@@ -186,7 +202,7 @@ def evaluate_traffic(
         for line in withheld(scenario.name, scenario):
             feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
-        _run_episodes(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
+        study = _run_episodes(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
         evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
         evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
@@ -209,6 +225,11 @@ def warnings(result: TrafficResult) -> list[str]:
         lines.append(
             "warning: no alarm could be chosen, because no vehicle was predicted on the development seeds; give more "
             "of them, or longer ones (--development, --duration)"
+        )
+    elif result.alarms_keep_to_rate and (result.development_hours or 0.0) < DEVELOPMENT_H - 0.05:
+        lines.append(
+            f"warning: the alarms were chosen on {result.development_hours:.1f} vehicle-hours; on less than "
+            f"{DEVELOPMENT_H:g}, how many false alarms they raise is left to chance: give more --development seeds"
         )
     elif not result.alarms_keep_to_rate:
         rate = result.made_by.study.live.choice.false_alarms_per_vehicle_hour
@@ -297,16 +318,38 @@ def _begin(out: Path, begun: BegunEvaluation) -> None:
 
 def _run_episodes(
     task: EpisodeTask, scenario: str, study: LiveStudy, out: Path, engine: Engine, feedback: Feedback
+) -> LiveStudy:
+    """Run the episodes that a study needs; return it with the development seeds that it needed.
+
+    These are the shortest run of seeds that holds the vehicle-hours, whatever the order in which episodes finish.
+    """
+    if study.development_h is None:
+        _run_missing(task, scenario, study.seeds, out, engine, feedback)
+        return study
+    wanted_h, seeds = study.development_h, list(study.development)
+    count = min(FIRST_DEVELOPMENT, len(seeds))
+    while True:
+        _run_missing(task, scenario, [*seeds[:count], *study.dataset.seeds], out, engine, feedback)
+        hours = np.cumsum([predicted_hours(task.folder / file_name(scenario, seed)) for seed in seeds[:count]])
+        if hours[-1] >= wanted_h or count == len(seeds) or not hours[-1]:
+            break
+        count = min(count + int(np.ceil((wanted_h / hours[-1] - 1) * count)), len(seeds))
+    last = seeds[min(int(np.searchsorted(hours, wanted_h)), count - 1)]
+    return study.model_copy(update={"development": SeedRange(first=seeds[0], last=last)})
+
+
+def _run_missing(
+    task: EpisodeTask, scenario: str, seeds: Sequence[int], out: Path, engine: Engine, feedback: Feedback
 ) -> None:
-    """Run the episodes that have no file yet, and write down their processor times."""
+    """Run the episodes of seeds that have no file yet, and write down their processor times."""
 
     def finished(seed: int) -> bool:
         kinds = (False, True) if task.predictors.alone is not None else (False,)
         facts = [FILES.read_facts(task.folder / file_name(scenario, seed, alone)) for alone in kinds]
         return all(fact is not None and fact.fingerprint == task.fingerprint for fact in facts)
 
-    episodes = Episodes(study.seeds, finished, "watching traffic", "episodes", lambda seed: f"seed {seed}")
-    begun = any(finished(seed) for seed in study.seeds)
+    episodes = Episodes(seeds, finished, "watching traffic", "episodes", lambda seed: f"seed {seed}")
+    begun = any(finished(seed) for seed in seeds)
     spent = read_speed(out) if begun else {}
 
     def keep(seed: int, result: ProcessorTime) -> None:

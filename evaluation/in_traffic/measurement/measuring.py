@@ -18,8 +18,8 @@ from isac_cosim.evaluation.in_traffic.scores import scoring
 from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
 from isac_cosim.evaluation.in_traffic.scores.results import AlarmResult, EventScores, FrozenPoint
 from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome, Truth
-from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveSettings, Method, Sharing
-from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
+from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveSettings, Method, ScoringSettings, Sharing
+from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode, without_near_misses
 from isac_cosim.labeling.intentions import KNOWN
 
 
@@ -54,7 +54,7 @@ class AnswerLevels:
         """Return the levels of each episode for alarms of some settings, not confirmed."""
         key = (settings.method, settings.least_probability)
         if key not in self._levels:
-            self._levels[key] = [Levels.of(truth.episode, self._level(truth, settings)) for truth in self.truths]
+            self._levels[key] = [truth.levels(self._level(truth, settings)) for truth in self.truths]
         return self._levels[key]
 
     def alarms(self, settings: AlarmSettings) -> list[Alarms]:
@@ -72,7 +72,7 @@ class AnswerLevels:
         if thresholds is None:
             shared = candidate_thresholds(steady, live.choice.thresholds)
             thresholds = np.tile(shared[:, None], len(KNOWN))
-        return ThresholdSweep.of(self.truths, steady, thresholds, settings.refractory_s)
+        return ThresholdSweep.of(self.truths, steady, thresholds, settings.refractory_s, settings.rise)
 
     def duty_cycle(self, settings: AlarmSettings) -> float | None:
         """Return the share of predictions at which some intention reaches its threshold; None without any."""
@@ -224,6 +224,7 @@ def result_of(truths: Sequence[Truth], raised: Sequence[Alarms], live: LiveSetti
         recall_by_time_to_commit=scoring.by_time_to_commit(outcomes),
         false_alarms_per_100_km=100 * scores.over_all.false_alarms / km if km else None,
         false_alarms_near=dict(sorted(near.items())),
+        near_miss_alarms=sum(len(outcome.near_intention) for outcome in outcomes),
         duty_cycle=None,
     )
 
@@ -240,6 +241,8 @@ def _macro_recall(scores: Sequence[EventScores]) -> float | None:
     return float(np.mean(recalls)) if recalls else None
 
 
-def truths_of(episodes: Sequence[LiveEpisode], before_onset_s: float) -> list[Truth]:
-    """Return the truth of each episode."""
-    return [Truth.of(episode, before_onset_s) for episode in episodes]
+def truths_of(episodes: Sequence[LiveEpisode], settings: ScoringSettings) -> list[Truth]:
+    """Return the truth of each episode; where near misses are not neutral, without them."""
+    if settings.near_misses == "false":
+        episodes = [without_near_misses(episode) for episode in episodes]
+    return [Truth.of(episode, settings.before_onset_s) for episode in episodes]

@@ -16,7 +16,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
-from isac_cosim.evaluation.in_traffic.measurement import measuring
+from isac_cosim.evaluation.in_traffic.measurement import headline, measuring
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.scores.curves import recall_lost
 from isac_cosim.evaluation.in_traffic.scores.five_classes import as_five
@@ -24,6 +24,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     AloneResult,
     Coverage,
     FiveClassResult,
+    HeadlineResult,
     Latency,
     LiveMadeBy,
     TrafficResult,
@@ -98,7 +99,7 @@ class Evaluated:
         """Read the episodes of some seeds, ready for scoring. alone: whether to read those of driving without a UV."""
         paths = [self.out / EPISODES / file_name(self.scenario, seed, alone) for seed in seeds]
         episodes = [read_episode(path, features=True) for path in paths]
-        return measuring.truths_of(episodes, self.study.live.scoring.before_onset_s)
+        return measuring.truths_of(episodes, self.study.live.scoring)
 
 
 @limited()
@@ -118,7 +119,13 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         baselines = {RANDOM: measuring.measure_random(measured, first, live)}
         baselines |= _compared(development, measured, evaluated)
         move(2, total, "overtakes as lane changes")
-        five_classes = _five_classes(development, measured, evaluated, next(iter(methods), None))
+        method = next(iter(methods), None)
+        chosen_on, asked_of = (
+            [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
+            for truths in (development, measured)
+        )
+        five_classes = _five_classes(chosen_on, asked_of, evaluated, method)
+        asked = {} if method is None else _headlines(chosen_on, asked_of, evaluated, method)
         if live.streams.truth:
             move(3, total, "true motion")
             name = f"{run.name} on true motion"
@@ -134,6 +141,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         model=run.card.settings.model,
         scenario=evaluated.scenario,
         vehicle_hours=sum(episode.vehicle_hours for episode in episodes),
+        development_hours=sum(truth.episode.vehicle_hours for truth in development),
         coverage=_coverage(episodes),
         latency=_latency(study),
         events_left_out=_left_out(episodes),
@@ -142,6 +150,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         truth=_truth(true_motion, methods, live) if live.streams.truth else None,
         alone=alone,
         five_classes=five_classes,
+        **asked,
         made_by=LiveMadeBy(
             study=study,
             scenario=described,
@@ -180,14 +189,10 @@ def _compared(
 def _five_classes(
     development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method | None
 ) -> FiveClassResult | None:
-    """Return the result with overtakes as lane changes; None without a kind of alarm."""
+    """Return the result with overtakes as lane changes; None without a kind of alarm. Truths: with five intentions."""
     if method is None:
         return None
     run, live = evaluated.run, evaluated.study.live
-    development, measured = (
-        [as_five(truth, evaluated.lefthand, live.scoring.before_onset_s) for truth in truths]
-        for truths in (development, measured)
-    )
     of_run = measuring.measure_methods(development, measured, RUN, live, run.name, [method], evaluated.kept)
     if method not in of_run:
         return None
@@ -196,6 +201,15 @@ def _five_classes(
         **dict(of_run[method].result),
         baselines={name: baseline.result for name, baseline in baselines.items()},
     )
+
+
+def _headlines(
+    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method
+) -> dict[str, HeadlineResult | None]:
+    """Return what an operator asks, by its key in the result. Truths: with five intentions."""
+    live, kept = evaluated.study.live, evaluated.kept
+    questions = {"prediction": headline.prediction, "recognition": headline.recognition}
+    return {key: question(development, measured, live, method, kept) for key, question in questions.items()}
 
 
 def _truth(

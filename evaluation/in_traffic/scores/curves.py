@@ -41,14 +41,22 @@ class ThresholdSweep:
 
     @classmethod
     def of(
-        cls, truths: Sequence[Truth], levels: Sequence[Levels], thresholds: Array, refractory_s: float
+        cls,
+        truths: Sequence[Truth],
+        levels: Sequence[Levels],
+        thresholds: Array,
+        refractory_s: float,
+        rise: float | None = None,
     ) -> ThresholdSweep:
         """Try thresholds on episodes.
 
-        levels: confirmed, one for each episode. thresholds: (t, 6). refractory_s: see `AlarmSettings`.
+        levels: confirmed, one for each episode. thresholds: (t, 6). refractory_s, rise: see `AlarmSettings`.
         """
         outcomes = tuple(
-            tuple(truth.outcome(raised(level, row, refractory_s)) for truth, level in zip(truths, levels, strict=True))
+            tuple(
+                truth.outcome(raised(level, row, refractory_s, rise))
+                for truth, level in zip(truths, levels, strict=True)
+            )
             for row in thresholds
         )
         return cls(thresholds, outcomes)

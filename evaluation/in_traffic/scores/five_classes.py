@@ -1,7 +1,8 @@
 """Overtakes and the lane changes that they begin with as one intention, in running traffic.
 
 Whether a vehicle that pulls out overtakes is often decided after its alarm is due. With six intentions, an alarm for a
-lane change is false if the vehicle turns out to overtake; with five it is right.
+lane change is false if the vehicle turns out to overtake, and pulling-outs with an open outcome are neutral; with five,
+all of them are lane changes, to score alarms and to train on.
 """
 
 from __future__ import annotations
@@ -12,8 +13,11 @@ from dataclasses import replace
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN, Intention, outward
+from isac_cosim.labeling.samples.pull_outs import DROPPED
+from isac_cosim.labeling.streams.events import LiveEvent
 
 OVERTAKE = KNOWN.index(Intention.OVERTAKE)
+OVERTAKE_TEXT = Intention.OVERTAKE.text
 
 
 def as_five(truth: Truth, lefthand: bool, before_onset_s: float) -> Truth:
@@ -22,12 +26,16 @@ def as_five(truth: Truth, lefthand: bool, before_onset_s: float) -> Truth:
     lefthand: whether traffic keeps left. before_onset_s: how early before onset an alarm may come, s.
     """
     episode, change = truth.episode, outward(lefthand)
-    events = tuple(
-        event.model_copy(update={"intention": change.text}) if event.intention == Intention.OVERTAKE.text else event
-        for event in episode.facts.events
-    )
+    events = tuple(_as_change(event, change) for event in episode.facts.events)
     facts = episode.facts.model_copy(update={"events": events})
     return Truth.of(replace(episode, facts=facts, answers=_merged(episode.answers, change)), before_onset_s)
+
+
+def _as_change(event: LiveEvent, change: Intention) -> LiveEvent:
+    """Return an event as a lane change where it is an overtake, or a pulling-out with an open outcome."""
+    if event.left_out in DROPPED:
+        return event.model_copy(update={"intention": change.text, "left_out": None})
+    return event.model_copy(update={"intention": change.text}) if event.intention == OVERTAKE_TEXT else event
 
 
 def _merged(answers: Mapping[str, Answers], change: Intention) -> dict[str, Answers]:

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
-from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.streams.events import NEAR_MISS, LiveEvent
 
 ALSO = {
     Intention.OVERTAKE: (Intention.LEFT_LANE_CHANGE, Intention.RIGHT_LANE_CHANGE),
@@ -26,11 +26,13 @@ class Matching:
     """The matched events and alarms of one episode.
 
     event_alarm: number of the alarm that belongs to each event that counts, -1 for a missed event, (e,). false: numbers
-    of the alarms that belong to no event, neither to one that counts nor to a neutral one.
+    of the alarms that belong to no event, neither to one that counts nor to a neutral one. near_misses: numbers of the
+    alarms that would be false if near misses were not neutral.
     """
 
     event_alarm: IntArray
     false: IntArray
+    near_misses: IntArray
 
 
 def match(times: Array, earliest: Array, latest: Array, commit: Array) -> IntArray:
@@ -65,7 +67,8 @@ class EventTable:
     """The events of one episode as arrays: those that count, in the order given, and the neutral ones.
 
     vehicle, intention: numbers, (e,). earliest, latest: when an alarm may come, s, (e,). commit: s, (e,). neutral_*:
-    the same of neutral events, with a row for each intention that an alarm for the event may name.
+    the same of neutral events, with a row for each intention that an alarm for the event may name. near_miss: which
+    neutral events are near misses.
     """
 
     vehicle: IntArray
@@ -77,6 +80,7 @@ class EventTable:
     neutral_intention: IntArray
     neutral_earliest: Array
     neutral_latest: Array
+    near_miss: BoolArray
 
     @classmethod
     def of(cls, events: tuple[LiveEvent, ...], names: tuple[str, ...], before_onset_s: float) -> EventTable:
@@ -88,6 +92,7 @@ class EventTable:
         number = {name: k for k, name in enumerate(names)}
         counted: list[tuple[float, ...]] = []
         neutral: list[tuple[float, ...]] = []
+        near_miss: list[bool] = []
         for event in events:
             intention = Intention[event.intention.upper()]
             times = (event.onset - before_onset_s, event.end, event.commit)
@@ -97,9 +102,23 @@ class EventTable:
             else:
                 may_be = (intention, *ALSO.get(intention, ()))
                 neutral += [(vehicle, KNOWN.index(other), *times) for other in may_be]
+                near_miss += [event.left_out == NEAR_MISS] * len(may_be)
         columns = [np.array(rows, np.float64).reshape(-1, 5) for rows in (counted, neutral)]
-        arrays = [(*table[:, :2].astype(np.int64).T, *table[:, 2:].T) for table in columns]
-        return cls(*arrays[0], *arrays[1][:-1])
+        who, who_neutral = (table[:, 0].astype(np.int64) for table in columns)
+        what, what_neutral = (table[:, 1].astype(np.int64) for table in columns)
+        (earliest, latest, commit), (earliest_neutral, latest_neutral, _) = (table[:, 2:].T for table in columns)
+        return cls(
+            vehicle=who,
+            intention=what,
+            earliest=earliest,
+            latest=latest,
+            commit=commit,
+            neutral_vehicle=who_neutral,
+            neutral_intention=what_neutral,
+            neutral_earliest=earliest_neutral,
+            neutral_latest=latest_neutral,
+            near_miss=np.array(near_miss, bool),
+        )
 
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""
@@ -113,13 +132,15 @@ class EventTable:
             hit = matched >= 0
             event_alarm[events[hit]] = candidates[matched[hit]]
             used[candidates[matched[hit]]] = True
+        nearly = np.zeros(len(alarms), dtype=bool)
         order, slices = _by_key(alarms, self._neutral_keys)
         for key, (begin, end) in slices.items():
             events, candidates = self._neutral_events[key], order[begin:end]
             time_s = alarms.time_s[candidates][:, None]
             within = (time_s >= self.neutral_earliest[events] - 1e-9) & (time_s <= self.neutral_latest[events] + 1e-9)
-            used[candidates[within.any(axis=1)]] = True
-        return Matching(event_alarm, np.flatnonzero(~used))
+            used[candidates[(within & ~self.near_miss[events]).any(axis=1)]] = True
+            nearly[candidates[within.any(axis=1)]] = True
+        return Matching(event_alarm, np.flatnonzero(~used & ~nearly), np.flatnonzero(~used & nearly))
 
     @cached_property
     def _events(self) -> dict[int, IntArray]:

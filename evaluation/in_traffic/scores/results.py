@@ -130,7 +130,8 @@ class AlarmResult(Settings):
     frozen_at: alarms chosen on the development seeds for each of these rates, with a threshold that all intentions
     share, and with one for each. false_alarms_near: number of false alarms by what else happens to the vehicle:
     `event`: from 2 s before the onset of an event to its end, if the alarm is for another intention or not the first;
-    `past_event`: up to 3 s after an event; `nothing`; empty in results of earlier versions. duty_cycle: share of the
+    `past_event`: up to 3 s after an event; `nothing`; empty in results of earlier versions. near_miss_alarms: number of
+    alarms that are neutral because of a near miss; None in results of earlier versions. duty_cycle: share of the
     time in which a vehicle's answers reach a threshold.
     """
 
@@ -148,6 +149,7 @@ class AlarmResult(Settings):
     recall_by_time_to_commit: list[TimeToCommit]
     false_alarms_per_100_km: float | None
     false_alarms_near: dict[str, int] = Field(default_factory=dict)
+    near_miss_alarms: int | None = None
     duty_cycle: float | None
 
 
@@ -242,21 +244,87 @@ class FiveClassResult(AlarmResult):
     baselines: dict[str, AlarmResult]
 
 
+class HeadlineScores(Settings):
+    """The scores of one intention: events, the share that was named in time, and the median time from alarm to commit
+    of these, s, negative after the commit."""
+
+    events: int
+    recall: float | None
+    lead_s: float | None
+    false_alarms_per_vehicle_hour: float | None
+
+
+class RateScores(Settings):
+    """The scores of alarms that were chosen for a rate of false alarms; keeps_to_rate: as in `HeadlineResult`."""
+
+    chosen_for: float
+    recall: float | None
+    false_alarms_per_vehicle_hour: float | None
+    keeps_to_rate: bool | None
+
+
+class NearMisses(Settings):
+    """Number of motions just under a threshold, and of the alarms that are neutral because of them."""
+
+    events: int
+    alarms: int
+
+
+class HeadlineResult(Settings):
+    """What an operator asks of some intentions: which share is named in time, at how many false alarms.
+
+    Overtakes and pull-outs with an open outcome are the lane changes that they begin with. Alarms are for these
+    intentions alone, chosen on the development seeds, and frozen.
+    by_commit_plus_s: how long after its commit an event is still named in time, s. chosen_for: false alarms per
+    vehicle-hour that the alarms were chosen for. false_alarms_per_vehicle_hour: what they raise on the measured seeds.
+    keeps_to_rate: whether that is within a factor of 1.5 of the former; None without any hour. lead_s, by_intention: as
+    in `HeadlineScores`. recall_at_lead: share of events whose alarm came at least so many seconds before the commit.
+    near_misses: of these intentions. at: alarms chosen for each rate.
+    """
+
+    by_commit_plus_s: float
+    chosen_for: float
+    alarms: AlarmSettings
+    events: int
+    recall: float | None
+    recall_interval: Interval | None
+    false_alarms_per_vehicle_hour: float | None
+    keeps_to_rate: bool | None
+    lead_s: float | None
+    by_intention: dict[str, HeadlineScores]
+    recall_at_lead: dict[str, float | None]
+    near_misses: NearMisses
+    at: list[RateScores]
+
+
+class StressResult(Settings):
+    """The same questions in the stimulated world, on the same seeds: a stress test. vehicle_hours: with predictions."""
+
+    vehicle_hours: float
+    prediction: HeadlineResult | None
+    recognition: HeadlineResult | None
+
+
 class TrafficResult(AlarmResult, ResultWithOptionalParts):
     """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
-    model: of the run. scenario: its name. vehicle_hours: with predictions. events_left_out: number of neutral events,
-    by reason. methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
+    model: of the run. scenario: its name. vehicle_hours: with predictions. development_hours: of the seeds on which
+    alarms were chosen; None in results of earlier versions. events_left_out: number of neutral events, by reason.
+    methods: both kinds of alarm. baselines: other predictors on the same streams, and random alarms. truth:
     the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given. five_classes:
     the same with five intentions; None in results of earlier versions, or if no vehicle was predicted.
+    prediction: changes of lane and swerves by their commit. recognition: hard brakes and accelerations by half a second
+    after it. Both are None in results of earlier versions, or if no alarm can be chosen. stress: both in the stimulated
+    world; absent where that was not asked for.
     answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     """
 
-    optional_parts: ClassVar[frozenset[str]] = frozenset({"answers"})
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"answers", "stress"})
 
     model: str
     scenario: str
     vehicle_hours: float
+    development_hours: float | None = None
     coverage: Coverage
     latency: Latency
     events_left_out: dict[str, int]
@@ -265,5 +333,8 @@ class TrafficResult(AlarmResult, ResultWithOptionalParts):
     truth: TruthResult | None = None
     alone: AloneResult | None = None
     five_classes: FiveClassResult | None = None
+    prediction: HeadlineResult | None = None
+    recognition: HeadlineResult | None = None
+    stress: StressResult | None = None
     answers: dict[str, JsonValue] | None = None
     made_by: LiveMadeBy

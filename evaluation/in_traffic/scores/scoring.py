@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from isac_cosim.base.arrays import Array, BoolArray, IntArray
-from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER, Alarms, Levels
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
 from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 from isac_cosim.evaluation.statistics import Interval, jackknife_half_width
 from isac_cosim.labeling.detectors.events import Origin
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.events import GROUPS, NEAR_MISS
 
 BOUND = 0.95
 """Confidence of the upper bound of a rate of false alarms."""
@@ -34,7 +34,8 @@ class AlarmOutcome:
 
     intention, group: of each event that counts, as numbers in KNOWN and GROUPS, (e,). to_commit, to_onset: time from
     its alarm to its commit and to its onset, s, NaN if it has no alarm, (e,). false_intention, false_group: of each
-    false alarm, (f,). hours: vehicle-hours with predictions, by group, (3,).
+    false alarm, (f,). near_intention: of each alarm that would be false if near misses were not neutral, (m,). hours:
+    vehicle-hours with predictions, by group, (3,).
     """
 
     intention: IntArray
@@ -43,6 +44,7 @@ class AlarmOutcome:
     to_onset: Array
     false_intention: IntArray
     false_group: IntArray
+    near_intention: IntArray
     hours: Array
 
     @property
@@ -59,8 +61,9 @@ class AlarmOutcome:
         """Return the part of an intention, of a group, or of an intention in a group."""
         events = np.ones(len(self.intention), dtype=bool)
         false = np.ones(len(self.false_intention), dtype=bool)
-        hours = self.hours
+        near, hours = self.near_intention, self.hours
         if intention is not None:
+            near = near[near == intention]
             events &= self.intention == intention
             false &= self.false_intention == intention
         if group is not None:
@@ -70,19 +73,24 @@ class AlarmOutcome:
             hours = np.where(np.arange(len(GROUPS)) == number, hours, 0.0)
         return AlarmOutcome(
             self.intention[events], self.group[events], self.to_commit[events], self.to_onset[events],
-            self.false_intention[false], self.false_group[false], hours,
+            self.false_intention[false], self.false_group[false], near, hours,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Truth:
-    """An episode with its events, to score alarms against. onset, commit, group: of the events that count, (e,)."""
+    """An episode with its events, to score alarms against.
+
+    onset, commit, group: of the events that count, (e,). asked: numbers of the intentions that alarms are raised for;
+    None for all.
+    """
 
     episode: LiveEpisode
     table: EventTable
     onset: Array
     commit: Array
     group: IntArray
+    asked: tuple[int, ...] | None = None
 
     @classmethod
     def of(cls, episode: LiveEpisode, before_onset_s: float) -> Truth:
@@ -95,6 +103,31 @@ class Truth:
             np.array([event.commit for event in counted]),
             np.array([GROUPS.index(event.group) for event in counted], dtype=np.int64),
         )
+
+    def asking(self, intentions: Sequence[int], after_commit_s: float = 0.0) -> Truth:
+        """Return the truth for alarms of some intentions alone. The episode, on which trees are trained, stays whole.
+
+        after_commit_s: how long after the commit an alarm still comes in time, s.
+        """
+        kept = np.isin(self.table.intention, intentions)
+        commit = self.commit[kept] + after_commit_s
+        table = replace(
+            self.table,
+            vehicle=self.table.vehicle[kept],
+            intention=self.table.intention[kept],
+            earliest=self.table.earliest[kept],
+            latest=np.maximum(self.table.latest[kept], commit),
+            commit=commit,
+        )
+        return Truth(self.episode, table, self.onset[kept], commit, self.group[kept], tuple(intentions))
+
+    def levels(self, level: Float32Array) -> Levels:
+        """Return the levels (n, 6) of the episode's predictions, NEVER for intentions that are not asked for."""
+        if self.asked is not None:
+            others = [k for k in range(len(KNOWN)) if k not in self.asked]
+            level = level.copy()
+            level[:, others] = NEVER
+        return Levels.of(self.episode, level)
 
     def outcome(self, alarms: Alarms) -> AlarmOutcome:
         """Return the outcome of alarms in the episode."""
@@ -111,6 +144,7 @@ class Truth:
             to_onset=self.onset - at,
             false_intention=alarms.intention[matching.false],
             false_group=group[alarms.row[matching.false]],
+            near_intention=alarms.intention[matching.near_misses],
             hours=shares,
         )
 
@@ -118,11 +152,14 @@ class Truth:
 def false_alarms_near(truth: Truth, alarms: Alarms, before_onset_s: float) -> Counter[str]:
     """Return the number of false alarms by what else happens to the vehicle, as `AlarmResult.false_alarms_near`.
 
-    Neutral events count like the others. before_onset_s: how early before onset an alarm may come, s.
+    Neutral events count like the others, near misses do not. before_onset_s: how early before onset an alarm may come,
+    s.
     """
     names = truth.episode.names
     times: dict[str, list[tuple[float, float]]] = {}
     for event in truth.episode.facts.events:
+        if event.left_out == NEAR_MISS:
+            continue
         times.setdefault(event.vehicle, []).append((event.onset, event.end))
     near: Counter[str] = Counter()
     for row in truth.table.match(alarms).false.tolist():
@@ -197,6 +234,11 @@ def lead_times(values: Array) -> LeadTimes:
     kept = values[np.isfinite(values)]
     low, middle, high = np.quantile(kept, [0.25, 0.5, 0.75]).tolist() if len(kept) else (None, None, None)
     return LeadTimes(n=len(kept), lower_quartile=low, median=middle, upper_quartile=high)
+
+
+def median_lead(parts: Sequence[Array]) -> float | None:
+    """Return the median of lead times, s, in several parts; None without any."""
+    return lead_times(np.concatenate([np.empty(0), *parts])).median
 
 
 def by_time_to_commit(outcomes: Sequence[AlarmOutcome]) -> list[TimeToCommit]:

@@ -15,19 +15,15 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.events import events_of, groups_at
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     Answering,
     Answers,
     LiveWindows,
-    NoReports,
-    Reports,
     WindowCutter,
     lanes_of,
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.store import (
     RULE,
     RUN,
@@ -38,7 +34,6 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
     no_answers,
     write_episode,
 )
-from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -47,6 +42,10 @@ from isac_cosim.labeling.detectors.events import Labels, label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.events import events_of, groups_at
+from isac_cosim.labeling.streams.reports import NoReports, Reports
+from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
+from isac_cosim.labeling.streams.stretches import Stretch, Timing, WatchedStretches, watched
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
@@ -232,7 +231,7 @@ def predicted(
     infer, answering = predictors.answering(study.live.streams.truth)
     began = time.process_time()
     timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
-    labels = label(recording, study.dataset.labels, surroundings)
+    labels = label(recording, study.dataset.labels, surroundings, study.live.near_misses)
     driving = watched(recording, surroundings, study.dataset.pairs, timing)
     labelled = time.process_time()
     name, settings = study.live.streams.sensor, study.sensor_settings

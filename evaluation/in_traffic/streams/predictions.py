@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.situation import situation
-from isac_cosim.isacsim.sensing.reports import report
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.streams.reports import ReportWindows
+from isac_cosim.labeling.streams.sensed import SensedStretch
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.lane_motion import LaneMotion
 from isac_cosim.models.data.windows import OnMap
@@ -25,8 +24,6 @@ from isac_cosim.models.predictors.rule import Drive, RuleSettings, drive_on, in_
 
 BATCH = 128
 """Windows in one batch."""
-REPORTS_KEPT = 128
-"""Vehicles whose reports stay in memory: a vehicle is often the UV of several TVs in turn."""
 
 
 @dataclass(frozen=True)
@@ -111,52 +108,6 @@ def rule_answer(windows: LiveWindows) -> Answers:
     strength = logits(windows.drive, RuleSettings())
     parts = (softmax(strength, axis=1), strength.max(axis=1), windows.situation)
     return Answers(*(np.asarray(part, np.float32) for part in parts))
-
-
-class Reports:
-    """The reports of the vehicles of a recording, at the rate and with the noise of the study.
-
-    A vehicle has a single stream of reports, whichever TV it is the UV of.
-    """
-
-    def __init__(self, sensing: StretchSensing) -> None:
-        self._sensing = sensing
-        self._of = lru_cache(maxsize=REPORTS_KEPT)(self._stream)
-
-    def window(self, vehicle: str, end_s: float, length: int) -> Array:
-        """Return the last `length` reports of a vehicle up to a time (s), (6, length).
-
-        Raises ValueError if the vehicle has not reported throughout.
-        """
-        first, states = self._of(vehicle)
-        last = round(end_s * self._sensing.study.record.uv_rate_hz) - first
-        if last + 1 < length or last >= states.shape[1]:
-            raise ValueError(f"vehicle {vehicle} has not reported throughout the window that ends at {end_s:.3f} s")
-        return states[:, last + 1 - length : last + 1]
-
-    def _stream(self, vehicle: str) -> tuple[int, Array]:
-        """Return the number of a vehicle's first report, in intervals since time 0, and all its reports, (6, n)."""
-        recording, study = self._sensing.recording, self._sensing.study
-        track, rate_hz = recording.tracks[vehicle], study.record.uv_rate_hz
-        first_s, last_s = track.first_step * recording.step_s, (track.first_step + len(track) - 1) * recording.step_s
-        first, last = int(np.ceil(first_s * rate_hz - 1e-6)), int(np.floor(last_s * rate_hz + 1e-6))
-        states = self._sensing.motion_of(vehicle, first / rate_hz, last - first + 1, rate_hz)
-        key = ("live", recording.scenario, recording.seed, vehicle)
-        return first, report(states, study.report, key)
-
-
-class ReportWindows(Protocol):
-    """A source of the UV's part of a window."""
-
-    def window(self, vehicle: str, end_s: float, length: int) -> Array:
-        """Return the last `length` reports of a vehicle up to a time (s), (6, length)."""
-
-
-class NoReports:
-    """Stands for a missing UV: it rests at the origin, so that the axes of a window follow the TV's travel."""
-
-    def window(self, vehicle: str, end_s: float, length: int) -> Array:
-        return np.zeros((6, length))
 
 
 @dataclass(frozen=True)

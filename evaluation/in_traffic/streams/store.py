@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.parquet as pq
 from pydantic import Field
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.settings import Settings
+from isac_cosim.base.stored.episode_files import EpisodeFiles, named_column, names_and_numbers
 from isac_cosim.base.stored.tables import check_types
-from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, LiveEvent
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.streams.events import GROUPS, NEAR_MISS, LiveEvent
 
 EPISODES, SPEED_FILE = "episodes", "speed.json"
 """In the folder of an evaluation: the folder of the episodes, and the file with the processor time of each."""
@@ -79,6 +80,12 @@ class LiveEpisode:
         return len(self.time_s) * self.facts.decision_s / 3600
 
 
+def without_near_misses(episode: LiveEpisode) -> LiveEpisode:
+    """Return an episode whose events are those of the labels alone."""
+    events = tuple(event for event in episode.facts.events if event.left_out != NEAR_MISS)
+    return replace(episode, facts=episode.facts.model_copy(update={"events": events}))
+
+
 def file_name(scenario: str, seed: int, alone: bool = False) -> str:
     """Return the name of an episode's file. alone: the file of driving without a UV."""
     return f"{scenario}-{seed}{'-alone' if alone else ''}.parquet"
@@ -97,6 +104,12 @@ def write_episode(path: Path, episode: LiveEpisode) -> None:
         if name in WITH_FEATURES:
             columns[f"{name}.features"] = _rows(answers.features)
     FILES.write(path, episode.facts, columns, row_group_size=ROW_GROUP)
+
+
+def predicted_hours(path: Path) -> float:
+    """Return for how many vehicle-hours an episode's file holds predictions, without reading them."""
+    facts = FILES.read_facts(path)
+    return 0.0 if facts is None else pq.read_metadata(path).num_rows * facts.decision_s / 3600
 
 
 def read_episode(path: Path, features: bool = False) -> LiveEpisode:

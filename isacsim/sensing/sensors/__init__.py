@@ -15,19 +15,24 @@ import numpy as np
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import Registry
+from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.sensing.passages import Passage, Piece, SensedPiece, SensedRecord, WatchedTraffic
 from isac_cosim.isacsim.sensing.sensors.by_record import StoredPicture, StoredSensor
 from isac_cosim.isacsim.sensing.sensors.isac import IsacSensor
 from isac_cosim.isacsim.sensing.sensors.protocol import Picture, Sensor, SensorSettings
 from isac_cosim.isacsim.sensing.sensors.radar import RadarSensor
+from isac_cosim.isacsim.sensing.sensors.scene import ScenePicture, SceneSensor
 from isac_cosim.isacsim.sensing.sensors.truth import TruthSensor
 
 GROUP = "isac_cosim.sensors"
+SCENE = "scene"
+"""The sensor of studies whose sites sense all vehicles at once."""
 SENSORS: Registry[Sensor | StoredSensor] = Registry(
     "sensor",
     {
         "isac": IsacSensor(),
         "radar": RadarSensor(),
+        SCENE: SceneSensor(),
         "truth": TruthSensor(),
     },
     GROUP,
@@ -46,6 +51,11 @@ class Watch:
     name: str
     unusable: str
     picture: Picture
+
+    @property
+    def scene_scores(self) -> SceneScores | None:
+        """How well the network knows who is where; None of sensors that watch single vehicles."""
+        return self.picture.scores if isinstance(self.picture, ScenePicture) else None
 
     def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
         """Return what is known of each passage, in order. Raises InputError where the answers do not fit."""

@@ -20,8 +20,6 @@ from isac_cosim.evaluation.closed_loop.evaluation import evaluate_advisories
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop
 from isac_cosim.evaluation.closed_loop.settings import AdvisorySettings, ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy, StreamSettings
-from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing
-from isac_cosim.evaluation.in_traffic.streams.stretches import Timing, watched
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.sensors import SENSORS
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
@@ -31,6 +29,8 @@ from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import resense
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.sensed import StretchSensing
+from isac_cosim.labeling.streams.stretches import Timing, watched
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run
 from isac_cosim.studies.sweep_axes import SweepAxes, sensings

@@ -125,6 +125,7 @@ def test_columns_are_those_of_the_contract(dataset: Dataset) -> None:
         "t_onset": "double", "t_commit": "double", "t_end": "double", "pull_out": "string", "t_pass": "double",
         "t_pair_end": "double", "sensor": "string", "snr_db": "float",
         "n_sites": "int8", "x0": "double", "y0": "double", "tv_departed": "double",
+        "track_id": "string", "right_share": "float", "breaks": "int16", "position_sd_m": "float",
         "tv": states.format(200), "tv_truth": states.format(200), "uv": states.format(50),
         "tv_run_in": states.format(20),
     }  # fmt: skip
@@ -140,6 +141,7 @@ def test_every_column_is_documented() -> None:
     columns = schema(2000, 500, 200)
     assert list(documented) == columns.names
     units = {"t_": "s", "tv_departed": "s", "cause_ttc_s": "s", "snr_db": "dB", "x0": "m", "y0": "m"}
+    units |= {"right_share": "", "position_sd_m": "m"}
     units |= dict.fromkeys(("tv", "uv"), "m, m/s, m/s²")
     for field in columns:
         kind, unit, meaning = documented[field.name]
@@ -159,7 +161,17 @@ def test_encodings_are_those_of_the_contract(dataset: Dataset) -> None:
     assert {column.compression for column in columns} == {"ZSTD"}
     split = {column.path_in_schema.split(".")[0] for column in columns if "BYTE_STREAM_SPLIT" in column.encodings}
     times = {"t_start", "t_onset", "t_commit", "t_end", "t_pass", "t_pair_end"}
-    assert split == {"cause_ttc_s", *times, "snr_db", "x0", "y0", "tv_departed", *ARRAYS}
+    assert split == {
+        "cause_ttc_s",
+        *times,
+        "snr_db",
+        "x0",
+        "y0",
+        "tv_departed",
+        "right_share",
+        "position_sd_m",
+        *ARRAYS,
+    }
 
 
 def test_pandas_alone_reads_a_shard(dataset: Dataset) -> None:
@@ -276,7 +288,7 @@ def test_another_version_and_a_damaged_meta_are_refused(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (1,))
     path = dataset.path / "dataset.json"
     content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "schema_version": 5}))
+    path.write_text(json.dumps({**content, "schema_version": 6}))
     with pytest.raises(InputError, match="schema_version"):
         Dataset.open(dataset.path)
     path.write_text("{")
@@ -377,3 +389,19 @@ def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
     write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([changed])}))
     with pytest.raises(InputError, match="reactions are not the samples with a cause"):
         Dataset.open(dataset.path).verify()
+
+
+def test_datasets_of_schema_4_open_and_have_no_tracks(tmp_path: Path) -> None:
+    dataset = make(tmp_path / "data", (6, 3))
+    paths = [dataset.shard_path(shard) for shard in dataset.meta.shards]
+    for path in paths:
+        as_schema(path, 4)
+    shards = ShardIndex.of(map(read_shard, paths))
+    write_meta(dataset.path, dataset.meta.model_copy(update={"schema_version": 4, "shards": shards}))
+    former = Dataset.open(dataset.path)
+    former.verify()
+    frame = former.frame()
+    assert ((frame["track_id"] == "") & (frame["breaks"] == 0)).all()
+    assert frame[["right_share", "position_sd_m"]].isna().all(axis=None)
+    assert frame["x0"].tolist() == [100.0 * k for count in (6, 3) for k in range(count)]
+    assert len(read_samples(paths[0])) == 6

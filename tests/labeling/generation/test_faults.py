@@ -121,9 +121,9 @@ def test_a_truncated_shard_is_reported_by_every_reader(dataset: Dataset, capfd: 
 def test_a_shard_of_another_version_is_refused(dataset: Dataset, tmp_path: Path) -> None:
     path = dataset.shard_path(dataset.meta.shards[0])
     table = pq.read_table(path)
-    episode = {**json.loads(table.schema.metadata[b"cosim.episode"]), "schema_version": 5, "new": 1}
+    episode = {**json.loads(table.schema.metadata[b"cosim.episode"]), "schema_version": 6, "new": 1}
     pq.write_table(table.replace_schema_metadata({b"cosim.episode": json.dumps(episode)}), path)
-    with pytest.raises(InputError, match=r"road-1\.parquet: a shard of schema version 5, not 4"):
+    with pytest.raises(InputError, match=r"road-1\.parquet: a shard of schema version 6, not 5"):
         read_shard(path)
     before = dataset.digest
     assert generate(STUDY, dataset.path, INLINE, source=ScriptedSource(tmp_path)).digest == before

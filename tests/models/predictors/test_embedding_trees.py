@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.models.data.statistics import statistics
 from isac_cosim.models.data.windows import Records, cut, draw_ends
+from isac_cosim.models.predictors.trees import tree_features
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN
@@ -22,7 +22,7 @@ def test_the_trees_see_the_network_s_features_and_the_statistics(
     outputs, network = run.predictor(windows), network_run.predictor(windows)
     width = network.features.shape[1]
     np.testing.assert_allclose(outputs.features[:, :width], network.features, atol=1e-6)
-    np.testing.assert_array_equal(outputs.features[:, width:], statistics(windows))
+    np.testing.assert_array_equal(outputs.features[:, width:], tree_features(windows, known.tv_rate_hz))
     assert (run.path / "weights.pt").read_bytes() == (network_run.path / "weights.pt").read_bytes()
     assert run.card.best_epoch == network_run.card.best_epoch
     probabilities = run.predictor.trees.predict_proba(outputs.features.astype(np.float32))

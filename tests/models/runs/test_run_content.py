@@ -18,7 +18,6 @@ from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records, cut, draw_ends
-from isac_cosim.models.predictors.trees import N_STATISTICS
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 from tests.support.forged import as_former_run, forge_run, reseal
@@ -202,7 +201,7 @@ NODES: dict[str, tuple[Callable[[Any], None], str]] = {
 @pytest.mark.parametrize("change", NODES)
 def test_trees_that_do_not_end_or_look_outside_are_refused(trees: Path, change: str) -> None:
     """scikit-learn's compiled loops would run for ever, or read memory that is not theirs."""
-    forest = read_trees(trees / "trees.skops", N_STATISTICS, KNOWN)
+    forest = read_trees(trees / "trees.skops", None, KNOWN)
     NODES[change][0](forest._predictors[0][0].nodes)
     write_trees(trees / "trees.skops", forest)
     forge_run(trees)
@@ -225,7 +224,7 @@ ATTRIBUTES: dict[str, tuple[str, Any, str]] = {
 @pytest.mark.parametrize("change", ATTRIBUTES)
 def test_trees_of_another_kind_are_refused(trees: Path, change: str) -> None:
     name, value, fault = ATTRIBUTES[change]
-    forest = read_trees(trees / "trees.skops", N_STATISTICS, KNOWN)
+    forest = read_trees(trees / "trees.skops", None, KNOWN)
     setattr(forest, name, value)
     write_trees(trees / "trees.skops", forest)
     forge_run(trees)
@@ -254,7 +253,7 @@ def test_another_runs_files_are_refused(trees: Path, network: Path) -> None:
     as_former_run(trees)
     run = load_run(trees)
     windows = cut(*few_windows())
-    with pytest.raises(InputError, match="features are of 120 numbers a window, not 16; its files belong to different"):
+    with pytest.raises(InputError, match="features are of 140 numbers a window, not 16; its files belong to different"):
         run.answer(windows)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.alarms.alarms import (
+    NEVER,
     Levels,
     alarms,
     confirmed,
@@ -86,3 +87,31 @@ def test_a_peak_is_the_highest_level_between_two_pauses() -> None:
     of = levels(0.1, 0.7, 0.3, 0.2, 0.9, begins=(0, 3))
     of.level[:, 1:] = -np.inf
     assert sorted(peaks(of).tolist()) == pytest.approx([0.7, 0.9])
+
+
+@pytest.mark.parametrize(
+    ("rise", "times"), [(None, [0.1]), (2.0, [0.1, 0.7]), (4.0, [0.1])], ids=["never", "by 2", "by too much"]
+)
+def test_a_level_that_stays_on_raises_another_alarm_on_a_new_rise(rise: float | None, times: list[float]) -> None:
+    """From 1.0 at 0.1 s up to 5 and down to 2.5, all above the threshold of 1; the new rise reaches 4.5 at 0.7 s."""
+    level = np.array([0.0, 1.0, 4.0, 5.0, 3.5, 2.5, 3.0, 4.5, 4.6, 4.4, 4.5, 0.0], np.float32)
+    assert raised_at(level, threshold=1.0, rise=rise) == times
+
+
+def test_a_rise_that_begins_below_the_threshold_is_one_alarm() -> None:
+    level = np.array([0.0, 5.0, 0.5, 1.5, 2.6, 5.0, 5.0], np.float32)
+    assert raised_at(level, threshold=1.0, rise=2.0) == [0.1, 0.3]
+
+
+def test_a_slow_rise_to_a_peak_is_one_alarm() -> None:
+    level = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 7.9, 8.0, 9.0], np.float32)
+    assert raised_at(level, threshold=1.0, rise=2.0) == [0.0]
+
+
+def raised_at(level: np.ndarray, threshold: float, rise: float | None) -> list[float]:
+    """Return when the first intention of one vehicle raises alarms, s, at ten predictions a second."""
+    levels = np.full((len(level), len(KNOWN)), NEVER, np.float32)
+    levels[:, 0] = level
+    time_s = np.round(np.arange(len(level)) * 0.1, 9)
+    begins = time_s == 0.0
+    return raised(Levels(levels, np.zeros(len(level), np.int64), time_s, begins), threshold, 0.0, rise).time_s.tolist()

@@ -57,10 +57,13 @@ def test_one_answer_at_a_time_raises_the_alarms_of_the_episode(
     n=st.integers(1, 5),
     more=st.integers(0, 4),
     refractory_s=st.sampled_from([0.0, 0.1, 0.3, 0.5, 2.0]),
+    rise=st.sampled_from([None, 1.0, 2.0]),
     missing=st.floats(0.0, 0.6),
     seed=st.integers(0, 2**16),
 )
-def test_whatever_comes_both_agree(n: int, more: int, refractory_s: float, missing: float, seed: int) -> None:
+def test_whatever_comes_both_agree(
+    n: int, more: int, refractory_s: float, rise: float | None, missing: float, seed: int
+) -> None:
     """Levels that jump between a few values, NEVER among them, at thresholds that they meet exactly."""
     rng = np.random.default_rng(seed)
     chosen = AlarmSettings(
@@ -69,6 +72,7 @@ def test_whatever_comes_both_agree(n: int, more: int, refractory_s: float, missi
         k=max(1, n - more),
         n=n,
         refractory_s=refractory_s,
+        rise=rise,
     )
     level = rng.choice([NEVER, -1.0, 0.0, 1.0, 2.0], (2, 60, len(KNOWN))).astype(np.float32)
     expected, raised = both(chosen, level, rng.random((2, 60)) >= missing)

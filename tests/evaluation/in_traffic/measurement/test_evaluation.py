@@ -21,6 +21,7 @@ from isac_cosim.evaluation.in_traffic.streams.episode import Predictors, predict
 from isac_cosim.evaluation.in_traffic.streams.store import read_episode
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.generation.settings import SeedRange
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
@@ -54,6 +55,20 @@ def test_five_intentions_are_measured_with_the_better_kind_of_alarm(evaluation: 
     assert (five.alarms.method, set(five.baselines)) == (result.alarms.method, {"rule", "situation"})
     assert five.over_all.events == result.over_all.events
     assert five.by_intention["overtake"].events == 0
+
+
+def test_what_takes_time_is_predicted_and_what_is_sudden_is_recognised(evaluation: TrafficEvaluation) -> None:
+    """Each measured seed has a lane change and a hard brake; neither is in the other's question."""
+    prediction, recognition = evaluation.result.prediction, evaluation.result.recognition
+    assert prediction is not None
+    assert recognition is not None
+    assert set(prediction.by_intention) == {"left_lane_change", "right_lane_change", "evasive_swerve"}
+    assert set(recognition.by_intention) == {"hard_brake", "hard_accel"}
+    assert (prediction.events, recognition.events) == (2, 2)
+    assert (prediction.by_commit_plus_s, recognition.by_commit_plus_s) == (0.0, 0.5)
+    assert set(prediction.recall_at_lead) == {"0.5", "1"}
+    assert [point.chosen_for for point in prediction.at] == [0.1, 0.3, 1.0, 3.0, 10.0]
+    assert evaluation.result.stress is None
 
 
 def test_both_events_of_each_seed_count(evaluation: TrafficEvaluation) -> None:
@@ -196,12 +211,31 @@ def test_vehicles_that_fewer_than_two_sites_see_are_counted_and_not_predicted(
 
 
 def test_a_reader_is_warned_where_scores_say_little(evaluation: TrafficEvaluation) -> None:
-    result = evaluation.result.model_copy(update={"alarms_keep_to_rate": True})
+    result = evaluation.result.model_copy(update={"alarms_keep_to_rate": True, "development_hours": 31.0})
     assert warnings(result) == []
+    (line,) = warnings(result.model_copy(update={"development_hours": 9.0}))
+    assert "chosen on 9.0 vehicle-hours" in line
     (line,) = warnings(result.model_copy(update={"alarms_keep_to_rate": False}))
     assert "no threshold keeps to 1 false alarms per vehicle-hour" in line
     (line,) = warnings(result.model_copy(update={"over_all": result.over_all.model_copy(update={"events": 0})}))
     assert "no event counts" in line
+
+
+def test_without_development_seeds_as_many_are_run_as_it_takes(
+    evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
+) -> None:
+    """Each seed holds as much driving: with hours for four and a half seeds, the fifth is the last, for any engine."""
+    asked = study_of(trees_run.card, "road")
+    assert (asked.development_h, asked.development.first) == (30.0, 2001)
+    assert study_of(trees_run.card, "road", development=(11, 12)).development_h is None
+    assert evaluation.result.development_hours is not None
+    one_h = evaluation.result.development_hours / 2
+    few = study.model_copy(update={"development": SeedRange(first=2001, last=2100), "development_h": 4.5 * one_h})
+    result = evaluate_traffic(trees_run, few, tmp_path, InlineEngine(), source=source).result
+    assert (result.made_by.study.development.first, result.made_by.study.development.last) == (2001, 2005)
+    assert result.development_hours == pytest.approx(5 * one_h, rel=0.05)
+    again = evaluate_traffic(trees_run, few, tmp_path, InlineEngine(), source=source).result
+    assert again == result
 
 
 def test_the_scenario_may_be_one_that_the_run_was_not_trained_on(evaluation: TrafficEvaluation) -> None:

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.alarms.alarms import reject_levels
+from isac_cosim.evaluation.in_traffic.alarms.background import window_labels
 from isac_cosim.evaluation.in_traffic.scores.five_classes import as_five
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
+from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.in_traffic.streams.store import RUN
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from tests.support.minute_of_traffic import COUNT, alarms, episode, event
@@ -40,15 +42,29 @@ def test_an_alarm_for_the_lane_change_that_an_overtake_begins_with_is_right(
     assert (SIX.outcome(alarm).predicted.sum(), len(SIX.outcome(alarm).false_intention)) == (0, 1)
     assert (five.outcome(alarm).predicted.sum(), len(five.outcome(alarm).false_intention)) == (1, 0)
     assert len(five.outcome(wrong_side).false_intention) == 1
-    assert sorted(five.table.intention) == sorted([change, LEFT, RIGHT])
+    assert sorted(five.table.intention) == sorted([change, LEFT, RIGHT, change])
 
 
 def test_other_events_and_neutral_ones_stay_as_they_are() -> None:
     five = as_five(SIX, False, BEFORE_ONSET_S)
-    for alarm in (alarms((0, LEFT, 30.5)), alarms((1, RIGHT, 20.5)), alarms((1, LEFT, 50.5)), alarms((1, BRAKE, 5.0))):
+    for alarm in (alarms((0, LEFT, 30.5)), alarms((1, RIGHT, 20.5)), alarms((1, RIGHT, 5.5)), alarms((1, BRAKE, 5.0))):
         before, after = SIX.outcome(alarm), five.outcome(alarm)
-        assert before.predicted.tolist() == after.predicted.tolist()
+        assert before.predicted.sum() == after.predicted.sum()
         assert len(before.false_intention) == len(after.false_intention)
+
+
+@pytest.mark.parametrize(("lefthand", "change"), [(False, LEFT), (True, RIGHT)])
+@pytest.mark.parametrize("outcome", ["unresolved", "passed_did_not_return"])
+def test_a_pull_out_with_an_open_outcome_is_a_lane_change(outcome: str, lefthand: bool, change: int) -> None:
+    of_change = KNOWN[change].text
+    open_ended = Truth.of(episode(3, event("b", of_change, 50, left_out=outcome)), BEFORE_ONSET_S)
+    assert not len(open_ended.table.intention)
+    five = as_five(open_ended, lefthand, BEFORE_ONSET_S)
+    assert five.outcome(alarms((1, change, 50.5))).predicted.tolist() == [True]
+    labelled = window_labels(five.episode, BackgroundSettings(), BEFORE_ONSET_S).reshape(2, COUNT)[1]
+    assert labelled[505] == change
+    unwatched = Truth.of(episode(3, event("b", of_change, 50, left_out="not_watched")), BEFORE_ONSET_S)
+    assert not len(as_five(unwatched, lefthand, BEFORE_ONSET_S).table.intention)
 
 
 def test_the_probabilities_of_both_add_up_and_the_overtake_is_never_the_likeliest() -> None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable, match
-from isac_cosim.evaluation.in_traffic.streams.events import LiveEvent
 from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.streams.events import LiveEvent
 
 times = st.lists(st.integers(0, 40).map(lambda k: k / 4), max_size=6).map(lambda values: np.array(sorted(values)))
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import t as student_t
 
 from isac_cosim.evaluation.in_traffic.alarms.background import IGNORED, NONE, Background, training_rows, window_labels
-from isac_cosim.evaluation.in_traffic.measurement.measuring import measure_random, no_alarms
+from isac_cosim.evaluation.in_traffic.measurement.measuring import measure_random, no_alarms, truths_of
 from isac_cosim.evaluation.in_traffic.scores import scoring
 from isac_cosim.evaluation.in_traffic.scores.scoring import (
     Truth,
@@ -46,6 +46,25 @@ def test_the_numbers_are_those_counted_by_hand(outcomes: list[scoring.AlarmOutco
         {"n": 3, "lower_quartile": -0.25, "median": 0.5, "upper_quartile": 1.25}
     )
     assert scores.lead_to_onset_s.median == pytest.approx(-0.5)
+
+
+def test_an_alarm_for_a_near_miss_is_neither_right_nor_false_and_is_counted_apart() -> None:
+    """A near miss of a hard brake at 30 s; the alarm for a swerve at that time stays false."""
+    minute = episode(1, event("a", "hard_brake", 10), event("a", "hard_brake", 30, left_out="near_miss"))
+    (neutral,) = truths_of([minute], SETTINGS)
+    (counted,) = truths_of([minute], SETTINGS.model_copy(update={"near_misses": "false"}))
+    raised = alarms((0, 0, 10.5), (0, 0, 30.5), (0, 5, 30.5))
+    assert [outcome.near_intention.tolist() for outcome in (neutral.outcome(raised), counted.outcome(raised))] == [
+        [0], []
+    ]  # fmt: skip
+    assert neutral.outcome(raised).false_intention.tolist() == [5]
+    assert sorted(counted.outcome(raised).false_intention.tolist()) == [0, 5]
+    assert neutral.outcome(raised).of(intention=5).near_intention.tolist() == []
+    labels = (
+        window_labels(neutral.episode, BackgroundSettings(), 2.0),
+        window_labels(counted.episode, BackgroundSettings(), 2.0),
+    )
+    assert [label[305] for label in labels] == [IGNORED, NONE]
 
 
 def test_the_interval_of_a_recall_is_that_of_the_jackknife_over_seeds() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import Settings
-from isac_cosim.evaluation.in_traffic.streams.episode_files import EpisodeFiles, named_column, names_and_numbers
+from isac_cosim.base.stored.episode_files import EpisodeFiles, named_column, names_and_numbers
 
 
 class Facts(Settings):

@@ -8,11 +8,20 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.events import GROUPS, HAS_UV, NOT_WATCHED, LiveEvent, events_of, groups_at
 from isac_cosim.isacsim.traffic.recordings.recording import Command, Recording
 from isac_cosim.labeling.detectors.events import label
+from isac_cosim.labeling.detectors.near_misses import NearMissSettings
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.events import (
+    GROUPS,
+    HAS_UV,
+    NEAR_MISS,
+    NOT_WATCHED,
+    LiveEvent,
+    events_of,
+    groups_at,
+)
 
 ALWAYS = np.round(np.arange(0, 500) * 0.1, 9)
 
@@ -51,6 +60,31 @@ def test_an_event_counts_if_its_vehicle_was_predicted_from_onset_to_commit(
     assert (change_then.left_out is None) == counts
     if not counts:
         assert change_then.left_out == NOT_WATCHED
+
+
+def test_a_near_miss_is_neutral_and_comes_in_order_of_onset(recording: Recording, study: LiveStudy) -> None:
+    """A hard brake that the labels ask too much of is a near miss, and no event."""
+    labels = study.dataset.labels.model_copy(
+        update={"hard_brake": study.dataset.labels.hard_brake.model_copy(update={"hold_s": 9.0})}
+    )
+    surroundings = Surroundings(recording)
+    found = label(recording, labels, surroundings, NearMissSettings())
+    live = events_of(surroundings, found, study.dataset, dict.fromkeys(recording.tracks, ALWAYS), 0.1)
+    assert {event.intention: event.left_out for event in live} == {"hard_brake": NEAR_MISS, "left_lane_change": None}
+    assert [event.onset for event in live] == sorted(event.onset for event in live)
+
+
+@pytest.mark.parametrize("watched", [True, False])
+def test_the_open_outcome_of_a_pull_out_is_named_last(recording: Recording, study: LiveStudy, watched: bool) -> None:
+    """With five intentions a pulling-out with an open outcome counts, but not where nobody watched."""
+    surroundings = Surroundings(recording)
+    labels = study.dataset.labels
+    overtake = labels.overtake.model_copy(update={"horizon_s": 300.0})
+    found = label(recording, labels.model_copy(update={"overtake": overtake}), surroundings)
+    decisions = dict.fromkeys(recording.tracks, ALWAYS if watched else ALWAYS[:1])
+    live = events_of(surroundings, found, study.dataset, decisions, 0.1)
+    (change,) = [event for event in live if event.intention == "left_lane_change"]
+    assert change.left_out == ("unresolved" if watched else NOT_WATCHED)
 
 
 def test_without_a_connected_vehicle_ahead_an_event_is_neutral(recording: Recording, study: LiveStudy) -> None:

@@ -15,15 +15,12 @@ from isac_cosim.evaluation.in_traffic.streams.episode import timing_of
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     Answers,
     LiveWindows,
-    Reports,
     WindowCutter,
     lanes_of,
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
-from isac_cosim.evaluation.in_traffic.streams.stretches import watched
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.chain import fix
@@ -33,6 +30,9 @@ from isac_cosim.isacsim.tracking.streaming import StreamingFilter
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.reports import Reports
+from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
+from isac_cosim.labeling.streams.stretches import watched
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.rule import RulePredictor, RuleSettings

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.in_traffic.streams.predictions import Reports, WindowCutter
-from isac_cosim.evaluation.in_traffic.streams.sensed import StretchSensing, spans
-from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch, Timing, watched
+from isac_cosim.evaluation.in_traffic.streams.predictions import WindowCutter
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.streams.reports import Reports
+from isac_cosim.labeling.streams.sensed import StretchSensing, spans
+from isac_cosim.labeling.streams.stretches import Stretch, Timing, watched
 from isac_cosim.models.data.windows import WindowSettings, in_frame
 from isac_cosim.models.predictors.protocol import WindowShape
 

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isac_cosim.evaluation.in_traffic.streams.stretches import (
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
+from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.uv_choice import PairSettings
+from isac_cosim.labeling.streams.stretches import (
     NO_UV,
     TRACK_ENDS,
     UV_ENDS,
@@ -13,10 +17,6 @@ from isac_cosim.evaluation.in_traffic.streams.stretches import (
     WatchedStretches,
     watched,
 )
-from isac_cosim.isacsim.traffic.recordings.recording import Recording
-from isac_cosim.labeling.road.straight_road import ScriptedVehicle, straight_road
-from isac_cosim.labeling.road.surroundings import Surroundings
-from isac_cosim.labeling.samples.uv_choice import PairSettings
 
 TIMING = Timing(
     decision_s=0.1, window_s=2.2, report_delay_s=0.0, run_in_s=0.5, margin_s=0.8, outcome_s=0.0, longest_stretch_s=120.0

@@ -25,6 +25,8 @@ NOT_WATCHED = "not_watched"
 """Reason to leave an event out: its vehicle was not predicted throughout, from onset to commit."""
 HAS_UV = "has_uv"
 """Reason to leave an event out, where only vehicles without a UV are predicted: its vehicle has one."""
+NEAR_MISS = "near_miss"
+"""Reason to leave an event out: it is none, but nearly one."""
 
 
 class LiveEvent(Settings):
@@ -80,24 +82,28 @@ def events_of(
                 beyond[event.vehicle] = excess(recording, track, study.motion).beyond_car
             inside = (beyond[event.vehicle] >= event.onset) & (beyond[event.vehicle] <= event.commit)
             reason = "beyond_car" if inside.any() else None
-        live_events.append(
-            LiveEvent(
-                vehicle=event.vehicle,
-                intention=judged.intention.text,
-                onset=event.onset,
-                commit=event.commit,
-                end=judged.busy_until,
-                group=provenance(recording, event).origin,
-                left_out=reason,
-            )
-        )
-    return live_events
+        # A mark comes last: with five intentions, a pulling-out with an open outcome counts.
+        live_events.append(_live(recording, judged, judged.mark if reason is None else reason))
+    live_events += [_live(recording, event, NEAR_MISS) for event in labels.near_misses]
+    return sorted(live_events, key=lambda event: event.onset)
+
+
+def _live(recording: Recording, event: Event, left_out: str | None) -> LiveEvent:
+    return LiveEvent(
+        vehicle=event.vehicle,
+        intention=event.intention.text,
+        onset=event.onset,
+        commit=event.commit,
+        end=event.busy_until,
+        group=provenance(recording, event).origin,
+        left_out=left_out,
+    )
 
 
 def _judged(
     surroundings: Surroundings, labels: Labels, event: Event, study: DatasetStudy, alone: bool
 ) -> tuple[str | None, Event]:
-    """Return why an event is neutral, or None, and the event as it is labelled for its UV in a dataset.
+    """Return why an event is neutral whatever it is, or None, and the event as it is labelled for its UV in a dataset.
 
     Whether a pulling-out is an overtake depends on the UV. Without a UV, an overtake of any vehicle is one.
     """
@@ -108,8 +114,7 @@ def _judged(
         return HAS_UV if alone else "no_uv", event
     if any(event.onset <= time <= event.commit for time in labels.jumps.get(event.vehicle, ())):
         return "jump", event
-    judged = event if pair is None else for_pair(surroundings, labels, event, pair.uv)
-    return judged.mark, judged
+    return None, event if pair is None else for_pair(surroundings, labels, event, pair.uv)
 
 
 def _watched(event: Event, decisions: Array, decision_s: float) -> bool:

@@ -11,13 +11,13 @@ from itertools import groupby
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray
-from isac_cosim.evaluation.in_traffic.streams.stretches import Stretch
 from isac_cosim.isacsim.sensing.following import MOST_SNAPSHOTS
 from isac_cosim.isacsim.sensing.passages import Carrier, Passage
 from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.motion import even_states, states
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.streams.stretches import Stretch
 
 NOT_DETECTED = "not_detected"
 """Why the prediction is missing where the sensor should see the TV, and does not find it."""

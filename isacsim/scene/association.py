@@ -1,0 +1,105 @@
+"""Which detection is of which track: global nearest neighbour, panel by panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.isacsim.scene.detection import Detections
+
+GATE = 20.0
+"""Largest normalised squared distance of a detection from the track that it may be of: 99.98 % of chi-square with
+three degrees of freedom."""
+TRUE_GATE_CELLS = 1.5
+"""Where vehicles' true motion associates, a detection is of one at most so far away along each axis, cells."""
+_REFUSED = 1e9
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Detections with their tracks, n of them, and the detections without one.
+
+    track, panel, detection: numbers of each pair, (n,). free: panel and number of each detection without a track.
+    """
+
+    track: IntArray
+    panel: IntArray
+    detection: IntArray
+    free: list[tuple[int, int]]
+
+
+def associate(
+    detections: Sequence[Detections],
+    predicted: Array,
+    variance: Array,
+    view: BoolArray,
+    ambiguity_mps: float,
+) -> Pairs:
+    """Assign the detections of all panels to tracks, at most one of each panel to each track.
+
+    predicted: sine, range (m), radial velocity (m/s) of T tracks at I panels, (T, I, 3). variance: of a detection about
+    them, (T, I, 3). view: which tracks are looked for where, (T, I). ambiguity_mps: radial velocities that differ by
+    whole multiples of it look the same.
+    """
+    cost = [
+        np.where(view[:, panel], _distance(of.measured, predicted[:, panel], variance[:, panel], ambiguity_mps), np.inf)
+        for panel, of in enumerate(detections)
+    ]
+    return _assigned([np.where(part < GATE, part, _REFUSED) for part in cost])
+
+
+def associate_truly(
+    detections: Sequence[Detections], true: Array, view: BoolArray, per_unit: Array, ambiguity_mps: float
+) -> Pairs:
+    """Assign the detections of all panels to the vehicles where they truly are; `track` is the vehicle's number.
+
+    true: sine, range (m), radial velocity (m/s) of V vehicles at I panels, (V, I, 3). view: who is seen where, (V, I).
+    per_unit: cells per unit of the three, (3,).
+    """
+    parts = []
+    for panel, of in enumerate(detections):
+        apart = wrapped(of.measured[:, None] - true[:, panel], ambiguity_mps) * per_unit
+        near = view[:, panel] & (np.abs(apart) < TRUE_GATE_CELLS).all(axis=-1)
+        parts.append(np.where(near, (apart**2).sum(axis=-1), _REFUSED))
+    return _assigned(parts)
+
+
+def wrapped(difference: Array, ambiguity_mps: float) -> Array:
+    """Return differences of sine, range and radial velocity, (..., 3), with the velocity's ambiguity resolved."""
+    result = difference.copy()
+    result[..., 2] -= ambiguity_mps * np.rint(result[..., 2] / ambiguity_mps)
+    return result
+
+
+def _distance(measured: Array, predicted: Array, variance: Array, ambiguity_mps: float) -> Array:
+    """Return normalised squared distances of D detections from T tracks, (D, T)."""
+    apart = wrapped(measured[:, None] - predicted, ambiguity_mps)
+    return np.asarray((apart**2 / variance).sum(axis=-1))
+
+
+def _assigned(costs: Sequence[Array]) -> Pairs:
+    """Assign the rows of each panel's costs, (D, T), to the columns where the cost is not refused."""
+    track, panels, detection, free = [], [], [], []
+    for panel, cost in enumerate(costs):
+        count = len(cost)
+        if not count:
+            continue
+        possible = (cost < _REFUSED).any(axis=0)
+        columns = np.flatnonzero(possible)
+        rows, chosen = linear_sum_assignment(cost[:, columns])
+        good = cost[rows, columns[chosen]] < _REFUSED
+        rows, chosen = rows[good], columns[chosen[good]]
+        track.append(chosen)
+        panels.append(np.full(len(rows), panel))
+        detection.append(rows)
+        left = np.ones(count, dtype=bool)
+        left[rows] = False
+        free += [(panel, k) for k in np.flatnonzero(left).tolist()]
+    if not track:
+        none = np.empty(0, np.int64)
+        return Pairs(none, none, none, free)
+    return Pairs(np.concatenate(track), np.concatenate(panels), np.concatenate(detection), free)

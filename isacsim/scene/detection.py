@@ -1,0 +1,180 @@
+"""Detections of one panel in one snapshot: the peaks that stand above the noise and above other peaks' sidelobes.
+
+A peak is a cell that is stronger than its 26 neighbours. Its place between cells follows along each axis from the ratio
+of its two neighbours' magnitudes, which is known for a lone point. Two points in one cell are one detection, which lies
+between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.isacsim.radio.waveform import Waveform
+from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Tapers, kernel
+
+MARGIN_DB = 10.0
+"""A peak counts if it stands so far above the sum of the stronger peaks' sidelobes, dB."""
+SIDELOBE_FLOOR_DB = -75.0
+"""Lowest level that sidelobes are taken for, dB below their peak."""
+REACH = 0.6
+"""Farthest place of a peak from its cell's middle, cells."""
+_NEIGHBOURS = sorted((step for step in product((-1, 0, 1), repeat=3) if any(step)), key=lambda step: np.abs(step).sum())
+"""Steps to the cells around a cell, the nearest first, which rule out most."""
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a panel found in one snapshot.
+
+    measured: sine, slant range (m), radial velocity (m/s), (D, 3); the velocity is known up to whole ambiguities.
+    deviation: standard deviation of each by the noise alone, (D, 3). power: over the noise after processing, linear,
+    (D,).
+    """
+
+    measured: Array
+    deviation: Array
+    power: Array
+
+    def __len__(self) -> int:
+        return len(self.power)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """One axis of a lone point's peak. count: cells.
+
+    log_ratio: of the upper to the lower neighbour's magnitude, against `place`, cells. slope: cells per unit of it.
+    correlation: of the two neighbours' noise. sidelobe_db: highest level so many cells off the peak, (count,).
+    """
+
+    count: int
+    place: Array
+    log_ratio: Array
+    slope: Array
+    correlation: float
+    sidelobe_db: Array
+
+
+def threshold(grid: CellGrid, false_alarm: float) -> float:
+    """Return the power over the noise above which a peak counts, so that noise alone has one with that probability."""
+    return float(np.log(grid.size / false_alarm))
+
+
+def detect(drawn: DrawnCells, grid: CellGrid, false_alarm: float, rng: np.random.Generator) -> Detections:
+    """Find the peaks in the cells that were drawn, and draw those of noise alone in the others."""
+    level = threshold(grid, false_alarm)
+    place, power = _peaks(drawn, grid, level)
+    order = np.argsort(-power, kind="stable")
+    place, power = place[order], power[order]
+    kept = _above_sidelobes(place, power, grid)
+    place, power = place[kept], power[kept]
+    cells, deviation = _between_cells(drawn, place, grid)
+    elsewhere = 1.0 - len(drawn.doppler) / (grid.shape[0] * grid.shape[1])
+    stray = int(rng.poisson(false_alarm * elsewhere))
+    if stray:
+        at = rng.random((stray, 3)) * np.array(grid.shape)
+        cells = np.concatenate([cells, at[:, ::-1]])
+        power = np.concatenate([power, level + rng.standard_exponential(stray)])
+        deviation = np.concatenate([deviation, np.full((stray, 3), 0.3)])
+    count, _, antennas = grid.shape
+    measured = (cells - np.array([antennas // 2, 0, count // 2])) / grid.per_unit
+    visible = np.abs(measured[:, 0]) < 1.0
+    return Detections(measured[visible], (deviation / grid.per_unit)[visible], power[visible])
+
+
+def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, Array]:
+    """Return the peaks above a level: Doppler, range and angle cell, (K, 3), and power over the noise, (K,)."""
+    count, ranges, antennas = grid.shape
+    power = _power(drawn.values) / grid.tapers.noise
+    row, angle = np.nonzero(power > level)
+    here = power[row, angle]
+    # Most cells are weaker than one of their neighbours along the angle, which are at hand.
+    highest = (here >= power[row, (angle + 1) % antennas]) & (here >= power[row, angle - 1])
+    row, angle, here = row[highest], angle[highest], here[highest]
+    place = np.stack([drawn.doppler[row], drawn.range[row], angle], axis=1)
+    highest = (place[:, 1] > 0) & (place[:, 1] < ranges - 1)
+    for shift, reach, turn in _NEIGHBOURS:
+        place, here = place[highest], here[highest]
+        other = drawn.place[(place[:, 0] + shift) % count, place[:, 1] + reach]
+        highest = (other < 0) | (here >= power[other, (place[:, 2] + turn) % antennas])
+    return place[highest], here[highest].astype(np.float64)
+
+
+def _above_sidelobes(place: IntArray, power: Array, grid: CellGrid) -> BoolArray:
+    """Return which peaks, strongest first, stand above the sidelobes of the stronger ones that do, (K,)."""
+    kept = np.zeros(len(place), dtype=bool)
+    if not len(place):
+        return kept
+    level_db = np.zeros((len(place), len(place)))
+    for axis, of in enumerate(_axes(grid)):
+        apart = np.abs(place[:, None, axis] - place[:, axis])
+        if axis != 1:
+            apart = np.minimum(apart, of.count - apart)
+        level_db += of.sidelobe_db[apart]
+    reached = power * 10 ** (np.maximum(level_db, SIDELOBE_FLOOR_DB) / 10)
+    margin = 10 ** (MARGIN_DB / 10)
+    covered = np.zeros(len(place))
+    for number in range(len(place)):
+        if power[number] >= margin * covered[number]:
+            kept[number] = True
+            covered += reached[:, number]
+    return kept
+
+
+def _between_cells(drawn: DrawnCells, place: IntArray, grid: CellGrid) -> tuple[Array, Array]:
+    """Return where peaks are, in cells of angle, range and Doppler, and the deviation by noise, cells, both (K, 3)."""
+    cells, deviation = np.empty((len(place), 3)), np.empty((len(place), 3))
+    sizes = grid.shape
+    for axis, of in enumerate(_axes(grid)):
+        beside = []
+        for step in (-1, 1):
+            doppler, at_range, angle = (place[:, k] + (step if k == axis else 0) for k in range(3))
+            row = drawn.place[doppler % sizes[0], at_range]
+            value = np.where(row >= 0, _power(drawn.values[row, angle % sizes[2]]), 0.0)
+            beside.append(np.maximum(value.astype(np.float64) / grid.tapers.noise, 1e-3))
+        low, high = beside
+        log_ratio = np.log(high / low) / 2
+        offset = np.interp(log_ratio, of.log_ratio, of.place)
+        spread = (1 / low + 1 / high - 2 * of.correlation / np.sqrt(low * high)) / 2
+        column = 2 - axis
+        cells[:, column] = place[:, axis] + np.clip(offset, -REACH, REACH)
+        deviation[:, column] = np.minimum(np.interp(log_ratio, of.log_ratio, of.slope) * np.sqrt(spread), 1.0)
+    return cells, deviation
+
+
+def _power(values: npt.NDArray[np.complex64]) -> npt.NDArray[np.float32]:
+    return np.asarray(values.real**2 + values.imag**2)
+
+
+def _axes(grid: CellGrid) -> tuple[_Axis, _Axis, _Axis]:
+    """Return the axes of a grid in the order of its arrays: Doppler, range, angle."""
+    return _known_axes(grid.waveform, grid.tapers)
+
+
+@lru_cache(maxsize=8)
+def _known_axes(waveform: Waveform, tapers: Tapers) -> tuple[_Axis, _Axis, _Axis]:
+    return (
+        _axis(waveform.symbols, tapers.doppler),
+        _axis(waveform.subcarriers, tapers.range),
+        _axis(waveform.antennas, tapers.angle),
+    )
+
+
+def _axis(count: int, taper: tuple[float, float]) -> _Axis:
+    place = np.linspace(-0.75, 0.75, 301)
+    upper, lower = (np.abs(kernel(step - place, count, taper)) for step in (1.0, -1.0))
+    log_ratio = np.log(upper / lower)
+    t0, t1 = taper
+    apart = np.arange(count)[:, None] + np.linspace(-0.5, 0.5, 21)
+    level = np.abs(kernel(apart, count, taper)).max(axis=1)
+    # Sidelobes between cells count as well, and none is taken for lower than one farther out.
+    highest = np.maximum.accumulate(level[: count // 2 + 1][::-1])[::-1]
+    sidelobe_db = 20 * np.log10(np.maximum(highest / highest[0], 1e-9))
+    padded = np.concatenate([sidelobe_db, np.full(count - len(sidelobe_db), sidelobe_db[-1])])
+    return _Axis(count, place, log_ratio, np.gradient(place, log_ratio), t1**2 / (t0**2 + 2 * t1**2), padded)

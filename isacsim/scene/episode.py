@@ -1,0 +1,116 @@
+"""An episode sensed as a scene, from all vehicles' motion to the network's tracks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.seeding import stream
+from isac_cosim.isacsim.panels import Panels
+from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
+from isac_cosim.isacsim.scene.detection import Detections, detect
+from isac_cosim.isacsim.scene.scores import Scoring
+from isac_cosim.isacsim.scene.settings import SceneSetup
+from isac_cosim.isacsim.scene.tracker import SceneTracker, Tracks
+from isac_cosim.isacsim.scene.tracks import SceneTracks, TrackedInstant
+from isac_cosim.isacsim.scene.vehicles import EchoSource, Present, instants, mast_of, seen
+from isac_cosim.isacsim.traffic.recordings.recording import Recording
+
+LEAST_MASTS = 2
+"""Vehicles are scored where at least so many masts see them."""
+
+
+def follow(recording: Recording, sites: Sequence[Site], setup: SceneSetup) -> SceneTracks:
+    """Sense all vehicles of a recording together, once, and follow them.
+
+    Every panel's draws are seeded by the scenario, the seed, the panel and the number of the instant.
+    """
+    followed = SceneSensing(setup, sites, recording.lanes, recording.scenario, recording.seed)
+    for fix, present in instants(recording, setup.scene.fixes_hz, setup.motion):
+        followed.step(fix, present)
+    return followed.tracks
+
+
+class SceneSensing:
+    """Senses a scene instant by instant. tracks: everything that came of it so far."""
+
+    def __init__(
+        self, setup: SceneSetup, sites: Sequence[Site], lanes: Sequence[Lane], scenario: str, seed: int
+    ) -> None:
+        if not sites:
+            raise InputError("no sites to sense with: add POIs of type isac_site to the scenario")
+        self._setup, self._key = setup, (scenario, seed)
+        self._panels = Panels.of(sites, setup.target_height_m)
+        self._mast = mast_of(self._panels)
+        self._grid = CellGrid.of(setup.numerology.waveform, setup.range_m)
+        self._source = EchoSource(setup, self._panels, scenario, seed)
+        self._tracker = SceneTracker(setup, self._panels, lanes)
+        self._scoring = Scoring(1 / setup.scene.fixes_hz)
+        self._tracks = SceneTracks(setup.scene.fixes_hz)
+
+    @property
+    def tracks(self) -> SceneTracks:
+        """What is known so far, with its scores."""
+        self._tracks.scores = self._scoring.scores()
+        return self._tracks
+
+    def step(self, fix: int, present: Present) -> TrackedInstant:
+        """Sense the vehicles that are there at an instant, and return the tracks that count. Instants come in order."""
+        detections, measured, view = self.sensed(fix, present)
+        true = (present.names, measured, view) if self._setup.scene.association == "truth" else None
+        tracks = self._tracker.step(detections, true)
+        counted = tracks.take(tracks.confirmed)
+        vehicle = self._scored(present, counted, view)
+        instant = TrackedInstant(
+            counted.number,
+            counted.state,
+            np.sqrt(counted.covariance[:, 0, 0] + counted.covariance[:, 1, 1]),
+            counted.looked,
+            counted.found,
+            10 * np.log10(counted.level / self._setup.numerology.waveform.size),
+            vehicle,
+        )
+        self._tracks.instants[fix] = instant
+        return instant
+
+    def sensed(self, fix: int, present: Present) -> tuple[list[Detections], Array, BoolArray]:
+        """Return what each panel finds at an instant, what it should measure of the vehicles, and whom it sees.
+
+        The last two are (V, I, 3), as `Panels.measured` returns it, and (V, I).
+        """
+        echoes, measured, view = self._source.echoes(present)
+        return [self._detected(fix, panel, of) for panel, of in enumerate(echoes)], measured, view
+
+    def _detected(self, fix: int, panel: int, echoes: Echoes) -> Detections:
+        rng = stream("scene", *self._key, panel, fix)
+        return detect(draw(echoes, self._grid, rng), self._grid, self._setup.false_alarm, rng)
+
+    def _scored(self, present: Present, counted: Tracks, view: BoolArray) -> tuple[str | None, ...]:
+        """Add the instant to the scores, and return the vehicle of each track."""
+        setup = self._setup
+        tracked = seen(counted.state[:, :2], self._panels, setup.range_m, setup.half_width_deg)
+        vehicle, track = self._scoring.add(
+            present.names,
+            present.state[:, :4],
+            self._covered(view),
+            counted.number,
+            counted.state[:, :2],
+            counted.covariance[:, :2, :2],
+            self._covered(tracked),
+        )
+        owner: list[str | None] = [None] * len(counted)
+        for of_vehicle, of_track in zip(vehicle.tolist(), track.tolist(), strict=True):
+            owner[of_track] = present.names[of_vehicle]
+        return tuple(owner)
+
+    def _covered(self, view: BoolArray) -> BoolArray:
+        """Return who is seen from enough masts, (N,). view: by panel, (N, I)."""
+        by_mast: Array = np.zeros((len(view), int(self._mast.max()) + 1))
+        for panel, mast in enumerate(self._mast.tolist()):
+            by_mast[:, mast] += view[:, panel]
+        return np.asarray((by_mast > 0).sum(axis=1) >= LEAST_MASTS)

@@ -1,0 +1,50 @@
+"""The road as the network knows it: where lanes are and which way they lead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.isacsim.scenarios.lane import Lane
+
+SPACING_M = 2.0
+"""Distance between the points that stand for a lane, m."""
+NEAR_M = 5.0
+"""A vehicle is at most this far from the middle of a lane that it drives on, m."""
+MOST_LANES = 12
+"""Points near a place that are considered."""
+
+
+class RoadMap:
+    """Points along all lanes with their directions."""
+
+    def __init__(self, lanes: Sequence[Lane]) -> None:
+        places, directions = [], []
+        for lane in lanes:
+            steps = np.diff(lane.shape, axis=0)
+            for begin, step in zip(lane.shape[:-1], steps, strict=True):
+                length = float(np.hypot(*step))
+                if length == 0.0:
+                    continue
+                along = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SPACING_M)) + 1))
+                places.append(begin + along[:, None] * step)
+                directions.append(np.broadcast_to(step / length, (len(along), 2)))
+        self._direction = np.concatenate(directions) if directions else np.empty((0, 2))
+        self._tree = cKDTree(np.concatenate(places)) if places else None
+
+    def directions(self, position: Array) -> Array:
+        """Return the directions of lanes near a place, m, (2,), the nearest first, unit vectors, (n, 2)."""
+        if self._tree is None:
+            return np.empty((0, 2))
+        distance, number = self._tree.query(position, k=MOST_LANES)
+        near = np.atleast_1d(number)[np.atleast_1d(distance) <= NEAR_M]
+        return np.asarray(self._direction[near])
+
+    def distance_m(self, position: Array) -> Array:
+        """Return how far places are from the nearest lane's middle, m, (N, 2) -> (N,)."""
+        if self._tree is None:
+            return np.full(len(position), np.inf)
+        return np.asarray(self._tree.query(position)[0])
