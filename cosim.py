@@ -107,7 +107,7 @@ def generate(
     seeds: Annotated[
         str | None,
         typer.Option(
-            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:10."
+            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:14."
         ),
     ] = None,
     snr: opt.Snr = None,

@@ -19,8 +19,8 @@ from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 WHERE = "arguments"
-STREAM_SEEDS = "1:10"
-"""The seeds of streams where no --seeds are given: some 40 vehicle-hours of the bundled motorway."""
+STREAM_SEEDS = "1:14"
+"""The seeds of streams where no --seeds are given: some 43 vehicle-hours of the bundled motorway."""
 LINK = "link"
 """The channel of a scene."""
 SEEDS_WITH_WINDOWS = (1, 1000)
