@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 def _print_version(asked: bool) -> None:
+    from isac_cosim.isacsim.traffic.sources.sumo_library import load_libsumo
+
     if asked:
+        load_libsumo()  # refuses another SUMO than the installed one, which would answer in its place
         print(f"isac-cosim {version('isac-cosim')}, SUMO {version('libsumo')}, torch {version('torch')}")
         raise typer.Exit
 
@@ -42,6 +45,12 @@ Snr = Annotated[
     typer.Option(
         metavar="LO:HI|VALUE|link",
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
+    ),
+]
+Network = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SCENARIO", help="With --source fcd: the scenario or network that the vehicles were simulated on."
     ),
 ]
 Scene = Annotated[

@@ -27,7 +27,7 @@ TINY = """
 [dataset]
 scenarios = ["motorway"]
 seeds = { first = 1, last = 3 }
-traffic = { run_in_s = 30.0, duration_s = 75.0 }
+traffic = { run_in_s = 60.0, duration_s = 75.0 }
 record = { tv_rate_hz = 40.0, uv_rate_hz = 20.0 }
 selection = { per_class = 4, following = 2 }
 

@@ -32,16 +32,19 @@ class MeasuredRun:
 
 
 def same_but_for_seed(first: Run, second: Run) -> bool:
-    """Return whether two runs are the same predictor, trained on the same dataset with any two seeds."""
-    cards = [run.card.settings.model_copy(update={"seed": 0}) for run in (first, second)]
-    return cards[0] == cards[1] and first.card.dataset.get("digest") == second.card.dataset.get("digest")
+    """Return whether two runs are the same predictor, trained on the same dataset with two seeds."""
+    settings = [run.card.settings for run in (first, second)]
+    cards = [of_run.model_copy(update={"seed": 0}) for of_run in settings]
+    differ = settings[0].seed != settings[1].seed
+    return differ and cards[0] == cards[1] and first.card.dataset.get("digest") == second.card.dataset.get("digest")
 
 
 def grouped(measured: Sequence[MeasuredRun]) -> list[list[MeasuredRun]]:
     """Group runs that differ in the training seed alone; groups are in the order of their first run."""
     groups: list[list[MeasuredRun]] = []
     for candidate in measured:
-        group = next((group for group in groups if same_but_for_seed(group[0].run, candidate.run)), None)
+        repeats = (group for group in groups if all(same_but_for_seed(one.run, candidate.run) for one in group))
+        group = next(repeats, None)
         if group is None:
             groups.append([candidate])
         else:

@@ -29,7 +29,7 @@ DEFAULT_TYPE = "DEFAULT_VEHTYPE"
 """The type of a vehicle that names none."""
 SUBLANE_MODELS = ("SL2015", "default")
 """The lane-change models that SUMO's sublane simulation takes."""
-NEVER = float("-inf")
+NEVER, NONE_S = float("-inf"), float("inf")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class DemandFile:
 
     departures: number of elements that depart. late: ids of those that SUMO leaves out, because they depart before one
     above them. sortable: whether every element stands for itself, so that only their order would change. first_s: when
-    the first vehicle or flow of vehicles departs, s. models: lane-change model of each type that names one. used: types
+    the first vehicle or flow of vehicles departs after the simulation has begun, s. earliest_s: when the first of all
+    does, s; both None if none does at a known time. models: lane-change model of each type that names one. used: types
     that vehicles and flows name. members: types in each distribution.
     """
 
@@ -46,6 +47,7 @@ class DemandFile:
     late: tuple[str, ...]
     sortable: bool
     first_s: float | None
+    earliest_s: float | None
     models: Mapping[str, str]
     used: Collection[str]
     members: Mapping[str, Collection[str]]
@@ -78,10 +80,11 @@ def in_order(file: Path, handed: Path, folder: Path, begin_s: float) -> Path:
 def first_departure_s(files: Iterable[Path], begin_s: float) -> float | None:
     """Return when the first vehicle, or flow of vehicles, departs, s; None if none does at a known time.
 
-    begin_s: of the simulation; what departs before it never drives.
+    begin_s: of the simulation. What departs before it counts only where nothing departs later.
     """
     contents = [read_demand(path, begin_s) for file in files for path in with_includes(file)]
-    return min((content.first_s for content in contents if content.first_s is not None), default=None)
+    after = [content.first_s for content in contents if content.first_s is not None]
+    return min(after or (content.earliest_s for content in contents if content.earliest_s is not None), default=None)
 
 
 def refused_types(files: Iterable[Path]) -> list[tuple[Path, str, str]]:
@@ -109,7 +112,8 @@ def read_demand(file: Path, begin_s: float = 0.0) -> DemandFile:
 
 @lru_cache(maxsize=64)
 def _read(file: Path, begin_s: float, *_: int) -> DemandFile:
-    late, first_s, latest, departures, sortable = list[str](), float("inf"), NEVER, 0, True
+    late, latest, departures, sortable = list[str](), NEVER, 0, True
+    first_s = earliest_s = NONE_S
     types = _Types()
     for element in elements(file):
         types.note(element)
@@ -124,10 +128,20 @@ def _read(file: Path, begin_s: float, *_: int) -> DemandFile:
             late.append(element.attributes.get("id", ""))
         else:
             latest = depart_s
-        if begin_s <= depart_s < first_s and element.name in VEHICLES:
-            first_s = depart_s
-    known_s = first_s if first_s < float("inf") else None
-    return DemandFile(departures, tuple(late), sortable, known_s, types.models, frozenset(types.used), types.members)
+        if element.name in VEHICLES:
+            earliest_s = min(earliest_s, depart_s)
+            if depart_s >= begin_s:
+                first_s = min(first_s, depart_s)
+    return DemandFile(
+        departures=departures,
+        late=tuple(late),
+        sortable=sortable,
+        first_s=first_s if first_s < NONE_S else None,
+        earliest_s=earliest_s if earliest_s < NONE_S else None,
+        models=types.models,
+        used=frozenset(types.used),
+        members=types.members,
+    )
 
 
 def departure_s(name: str, attributes: Mapping[str, str], begin_s: float) -> float | None:

@@ -47,16 +47,19 @@ BATCH = 64
 """Windows that a predictor answers at a time."""
 
 
-def train(dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT) -> Run:
+def train(
+    dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT, warns: bool = True
+) -> Run:
     """Train a predictor on the known intentions of a dataset, or resume the same training where it stopped.
 
-    out: a new or empty folder, or one of the same training. feedback: where progress is reported.
+    out: a new or empty folder, or one of the same training. feedback: where progress is reported. warns: whether test
+    samples that depend on those trained on are told; to measure them, the whole dataset is read.
     Raises InputError if the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
     records = Records.of(dataset)
     sides = split(records, settings.split)
-    line = warning(dependence_of_test(dataset, records, sides, settings.split))
+    line = warning(dependence_of_test(dataset, records, sides, settings.split)) if warns else None
     foreword = Foreword(feedback, [line] if line else [])
     run = train_records(records, made_of, out, settings, foreword, sides)
     foreword.say()

@@ -115,3 +115,10 @@ def test_figures_show_one_run_of_every_predictor(
     monkeypatch.setattr(figures, "lead_time", lambda rows, _: drawn.append(list(rows)))
     draw_figures(evaluation, tmp_path)
     assert drawn == [["boosted trees, seed 0", "ASI-BIP"]]
+
+
+def test_a_run_beside_itself_is_no_repetition(records: Records, trees_run: Run, tmp_path: Path) -> None:
+    """As in a study of the floor: a standard deviation of 0 over two training seeds would be none."""
+    assert not repeats.same_but_for_seed(trees_run, trees_run)
+    evaluate_records(trees_run, records, MADE_OF, tmp_path / "out", ONCE, [trees_run])
+    assert "over_training_seeds" not in json.loads((tmp_path / "out" / "metrics.json").read_text())

@@ -102,13 +102,19 @@ def test_the_late_ones_are_those_that_sumo_leaves_out(tmp_path: Path) -> None:
     assert "SUMO would leave out 3 of its 7 vehicles and flows, the first 'v1'" in remark
 
 
-def test_the_first_departure_is_that_of_a_vehicle_that_can_drive(tmp_path: Path) -> None:
+def test_the_first_departure_is_that_of_a_vehicle_that_can_drive_if_there_is_one(tmp_path: Path) -> None:
     person = '<person id="p" depart="10"><walk edges="e0"/></person>'
     file = write(
         tmp_path, '<vehicle id="a" depart="3"/>', person, '<flow id="f" begin="40"/>', '<trip id="b" depart="30"/>'
     )
     assert first_departure_s([file], 5.0) == 30.0
-    assert first_departure_s([file], 41.0) is None
+    assert first_departure_s([file], 41.0) == 3.0
+    other = tmp_path / "other.rou.xml"
+    other.write_text('<routes><vehicle id="c" depart="50"/></routes>')
+    assert first_departure_s([file, other], 41.0) == 50.0
+    waiting = tmp_path / "waiting.rou.xml"
+    waiting.write_text('<routes><vehicle id="d" depart="triggered"/></routes>')
+    assert first_departure_s([waiting], 41.0) is None
 
 
 LC = '<vType id="sharp" laneChangeModel="LC2013"/>'

@@ -21,6 +21,8 @@ from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Recording
 from isac_cosim.isacsim.traffic.recordings.state_log import EveryStepLog
 from isac_cosim.isacsim.traffic.recordings.sumo_messages import SumoWarning
 from isac_cosim.isacsim.traffic.sources.sumo import LOG_FILE, TrafficSettings, record, session
+from isac_cosim.labeling.dataset.shard import Episode
+from isac_cosim.labeling.dataset.traffic_summary import traffic_faults, traffic_summary
 from tests.support.roads import straight_road, vehicle
 
 NONE = ManeuverSettings(**{name: 0.0 for name in ManeuverSettings.model_fields if name.endswith("_hour")})
@@ -201,6 +203,20 @@ def test_an_empty_span_names_the_first_departure(tmp_path: Path) -> None:
     facts = record(scenario, 1, TrafficSettings(run_in_s=1.0, duration_s=2.0), NONE).facts
     assert facts is not None
     assert (facts.from_s, facts.to_s, facts.recorded, facts.first_departure_s) == (1.0, 3.0, 0, 25_205.0)
+
+
+def test_a_begin_after_all_of_the_demand_names_its_first_departure(tmp_path: Path) -> None:
+    """A configuration that counts in Unix time, and a demand that does not."""
+    flow = '<flow id="f" type="car" route="all" begin="1000003" end="9999999" period="2"/>'
+    scenario = load(straight_road(tmp_path / "road", flow))
+    facts = record(
+        replace(scenario, begin_s=1_732_518_000.0), 1, TrafficSettings(run_in_s=1.0, duration_s=2.0), NONE
+    ).facts
+    assert facts is not None
+    assert facts.recorded == 0
+    (line,) = traffic_faults(traffic_summary([Episode(scenario="road", seed=1, traffic=facts)]))
+    span = "no vehicle between 1,732,518,001 and 1,732,518,003 s in 1 of 1 episodes"
+    assert line.startswith(f"road: {span}; the first departs at 1,000,003 s: set `begin`")
 
 
 def test_vehicles_that_sumo_discards_are_counted(tmp_path: Path) -> None:

@@ -35,14 +35,26 @@ def test_another_release_is_refused_with_its_place(tmp_path: Path) -> None:
 
 def test_a_library_on_the_python_path_ends_the_command(tmp_path: Path) -> None:
     """Before a simulation starts: the dataset has no shard."""
-    (tmp_path / "path/libsumo").mkdir(parents=True)
-    (tmp_path / "path/libsumo/__init__.py").write_text('getVersion = lambda: (21, "SUMO 1.27.1")\n')
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path / 'path'}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "cosim.py", "generate", "straight_road", "-o", str(tmp_path / "data"), "--seeds", "1:1"]
-    done = subprocess.run(
-        [*command, "--jobs", "1", "--quiet"], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    done = with_another_library(
+        tmp_path, "generate", "straight_road", "-o", str(tmp_path / "data"), "--seeds", "1:1", "--jobs", "1", "--quiet"
     )
     assert done.returncode == 2
     assert done.stderr.startswith(f"cosim: {tmp_path / 'path/libsumo'}: is libsumo 1.27.1, but SUMO {NEEDED} is needed")
     assert done.stderr.count("\n") == 1
     assert not any((tmp_path / "data/shards").iterdir())
+
+
+def test_the_version_shown_is_not_that_of_a_library_that_would_not_answer(tmp_path: Path) -> None:
+    done = with_another_library(tmp_path, "--version")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"cosim: {tmp_path / 'path/libsumo'}: is libsumo 1.27.1, but SUMO {NEEDED} is needed")
+
+
+def with_another_library(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    """A finished command, with a libsumo of another release first on its path."""
+    (folder / "path/libsumo").mkdir(parents=True)
+    (folder / "path/libsumo/__init__.py").write_text('getVersion = lambda: (21, "SUMO 1.27.1")\n')
+    environment = {**os.environ, "PYTHONPATH": f"{folder / 'path'}{os.pathsep}{ROOT}"}
+    return subprocess.run(
+        [sys.executable, "cosim.py", *command], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
