@@ -269,9 +269,9 @@ def test_a_command_that_is_stopped_for_a_while_goes_on(
     folder: Path, undisturbed: Callable[[str], Undisturbed], name: str
 ) -> None:
     """The command and its workers, as by Ctrl-Z or a laptop's lid."""
-    out = folder / "out"
+    out, before = folder / "out", undisturbed(name)
     process = start(folder, COMMANDS[name].format(out=out))
-    time.sleep(0.5 * undisturbed(name).took_s)
+    time.sleep(0.5 * before.took_s)
     with contextlib.suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGSTOP)
     time.sleep(STOPPED_S)
@@ -279,5 +279,5 @@ def test_a_command_that_is_stopped_for_a_while_goes_on(
         os.killpg(process.pid, signal.SIGCONT)
     process.communicate()
     assert process.returncode == 0
-    assert content_of(out) == undisturbed(name).content
+    assert content_of(out) == before.content
     shutil.rmtree(out)
