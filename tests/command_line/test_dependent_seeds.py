@@ -80,7 +80,9 @@ def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     assert line.startswith("warning: ")
     metrics = json.loads(Path("seed/report/metrics.json").read_text())
     assert metrics["dependence"]["shared_tv"] > 0.2 * metrics["dependence"]["samples"]
-    shares = f"{metrics['dependence']['shared_tv']} of {metrics['dependence']['samples']} test samples have a TV that is"
+    shares = (
+        f"{metrics['dependence']['shared_tv']} of {metrics['dependence']['samples']} test samples have a TV that is"
+    )
     assert shares in line
     assert shares in Path("seed/report/index.html").read_text()
 

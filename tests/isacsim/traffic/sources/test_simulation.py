@@ -209,7 +209,9 @@ def test_a_begin_after_all_of_the_demand_names_its_first_departure(tmp_path: Pat
     """A configuration that counts in Unix time, and a demand that does not."""
     flow = '<flow id="f" type="car" route="all" begin="1000003" end="9999999" period="2"/>'
     scenario = load(straight_road(tmp_path / "road", flow))
-    facts = record(replace(scenario, begin_s=1_732_518_000.0), 1, TrafficSettings(run_in_s=1.0, duration_s=2.0), NONE).facts
+    facts = record(
+        replace(scenario, begin_s=1_732_518_000.0), 1, TrafficSettings(run_in_s=1.0, duration_s=2.0), NONE
+    ).facts
     assert facts is not None
     assert facts.recorded == 0
     (line,) = traffic_faults(traffic_summary([Episode(scenario="road", seed=1, traffic=facts)]))
