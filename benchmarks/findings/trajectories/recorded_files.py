@@ -1,6 +1,6 @@
 """What rate and noise of a file of trajectories cost the labels: events of a recording, and of its copies as FCD.
 
-    python -m isac_cosim.benchmarks.findings.recorded_files [SCENARIO] [--duration S]
+    python -m isac_cosim.benchmarks.findings.trajectories.recorded_files [SCENARIO] [--duration S]
 
 An event is found where the copy has one of the same vehicle and intention whose onset and commit are at most 0.5 s
 away. Prints a table in Markdown: events found by file and intention, and the median differences of onset and commit.
