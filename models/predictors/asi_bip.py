@@ -93,7 +93,7 @@ class AsiBip(WindowNetwork):
             if settings.statistics
             else None
         )
-        self.class_token = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
+        self.class_token = _learned(1, settings.width)
         self.encoder = ClassTokenEncoder(settings)
         self.norm = nn.LayerNorm(settings.width)
 
@@ -194,6 +194,13 @@ def first_of(layer: nn.TransformerEncoderLayer, tokens: Tensor) -> Tensor:
     return torch.as_tensor(first if layer.norm_first else layer.norm2(first))[:, 0]
 
 
+def _learned(steps: int, width: int) -> nn.Parameter:
+    """Return what is added to each window, (1, steps, width), drawn from a normal distribution of sd 0.02."""
+    values = torch.empty(1, steps, width)
+    # Drawing for a tensor without memory makes PyTorch load its compiler, which takes a second.
+    return nn.Parameter(values if values.is_meta else 0.02 * values.normal_())
+
+
 class Branch(nn.Module):
     """One stream: patches, bidirectional LSTM, pooling, projection, learned position and stream embedding.
 
@@ -206,8 +213,8 @@ class Branch(nn.Module):
         self.patch, self.pool = patch, pool
         self.coarse = settings.lstm_bfloat16
         self.project = nn.Linear(2 * settings.hidden, settings.width)
-        self.position = nn.Parameter(0.02 * torch.randn(1, -(-length // (patch * pool)), settings.width))
-        self.stream = nn.Parameter(0.02 * torch.randn(1, 1, settings.width))
+        self.position = _learned(-(-length // (patch * pool)), settings.width)
+        self.stream = _learned(1, settings.width)
         self.dropout = nn.Dropout(settings.dropout)
 
     def steps(self, x: Tensor) -> Tensor:
