@@ -57,7 +57,6 @@ from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
-from isac_cosim.models.runs.former_names import as_formerly
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
 
@@ -178,9 +177,9 @@ def evaluate_traffic(
     meta = describe(study.dataset, {where: scenario}, source)
     named = _named(against)
     cards = {
-        "run": as_formerly(run.card.model_dump(mode="json")),
-        "against": {name: as_formerly(compared.card.model_dump(mode="json")) for name, compared in named.items()},
-        "alone": None if alone is None else as_formerly(alone.card.model_dump(mode="json")),
+        "run": run.card.model_dump(mode="json"),
+        "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
+        "alone": None if alone is None else alone.card.model_dump(mode="json"),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
