@@ -6,6 +6,7 @@ import json
 import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -17,6 +18,8 @@ from isac_cosim.base.validation import first_fault
 
 MOST_BYTES = 100_000
 """Largest size of a study file."""
+FORGOTTEN = ("0.1.0",)
+"""Versions of the tool whose files are read no longer."""
 
 
 class Settings(BaseModel):
@@ -96,10 +99,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 def read_json(kind: type[Section], path: Path) -> Section | None:
     """Return the settings in a JSON file that the tool wrote, or None if there is no such file.
 
-    Raises InputError if the file cannot be read, is damaged, was changed or was written by another version.
+    Raises InputError if the file cannot be read, is damaged or was changed, or if its version is read no longer.
     """
     try:
         stored = path.read_bytes()
+        _check_version(stored, path)
         content = kind.model_validate_json(stored)
         if isinstance(content, Sealed):
             _check_seal(content, stored, path)
@@ -116,6 +120,16 @@ def read_json(kind: type[Section], path: Path) -> Section | None:
 def write_sealed(path: Path, content: Sealed) -> None:
     """Write settings with their digest, completely or not at all. Raises OutputError."""
     write_json(path, content.sealed())
+
+
+def _check_version(stored: bytes, path: Path) -> None:
+    """Raise InputError if a file says that it is of a version that is read no longer."""
+    version: Any = None
+    with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError):
+        content = json.loads(stored)
+        version = content.get("made_by", content)["versions"]["isac-cosim"]
+    if version in FORGOTTEN:
+        raise InputError(f"{path}: was written by version {version}, which is read no longer; make it anew")
 
 
 def _check_seal(content: Sealed, stored: bytes, path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -17,8 +15,6 @@ from isac_cosim.labeling.dataset.shard import CLASS_NAMES, SCHEMA_VERSION, SHARD
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, ShardIndex
 
 META_FILE = "dataset.json"
-FORGOTTEN = 1
-"""The schema version that is read no longer."""
 MOST_STATES = 1_000_000
 """Largest number of states of a vehicle in a record."""
 FASTEST_HZ = 100_000.0
@@ -175,11 +171,7 @@ def read_description(folder: Path) -> Meta | None:
     Version 0.2.0 had no index and listed the shards in `dataset.json`; those are returned. Raises InputError if the
     file is damaged, or was written by a version that is read no longer.
     """
-    path = folder / META_FILE
-    with suppress(KeyError, OSError, RecursionError, TypeError, ValueError):
-        if json.loads(path.read_bytes())["schema_version"] == FORGOTTEN:
-            raise InputError(f"{path}: was written by version 0.1.0, which is read no longer; generate it anew")
-    return read_json(Meta, path)
+    return read_json(Meta, folder / META_FILE)
 
 
 def read_meta(folder: Path) -> Meta | None:

@@ -44,7 +44,7 @@ STORED_CARD = """
 "toy-6"]}, "counts": {"hard_brake": 20, "left_lane_change": 20, "right_lane_change": 20, "overtake": 20,
 "hard_accel": 20, "evasive_swerve": 20}, "tv_length": 480, "uv_length": 120, "tv_rate_hz": 400.0,
 "uv_rate_hz": 100.0, "dataset": {"digest": "made up", "study": {"name": "made up"}},
-"versions": {"isac-cosim": "0.1.0", "lightning": "2.6.6", "numpy": "2.4.6", "scikit-learn": "1.9.1",
+"versions": {"isac-cosim": "0.2.0", "lightning": "2.6.6", "numpy": "2.4.6", "scikit-learn": "1.9.1",
 "torch": "2.13.0+cpu"}, "best_epoch": 1, "parameters": 10038, "validation_macro_f1": 0.6648372411727905,
 "unknown_score": "entropy", "unknown_threshold": -1.6658776874061754, "temperature": 0.25961018023580446,
 "validation_auroc": {"msp": 0.9583333333333334, "max_logit": 0.9583333333333334, "energy": 0.5221354166666667,
