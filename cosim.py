@@ -107,7 +107,7 @@ def generate(
     seeds: Annotated[
         str | None,
         typer.Option(
-            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:10."
+            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:14."
         ),
     ] = None,
     snr: opt.Snr = None,
@@ -124,6 +124,7 @@ def generate(
             metavar="as-given|drawn", help="Departures: as the demand says, or up to 60 s later, drawn for each seed."
         ),
     ] = "as-given",
+    network: opt.Network = None,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -145,7 +146,7 @@ def generate(
     if streams and scene:
         raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
-    study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene)
+    study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene, network)
     feedback = output.feedback_of(console, verbose)
     if streams:
         engine = opt.engine_of(jobs, cluster, out)

@@ -12,7 +12,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.registry import Registry
 from isac_cosim.benchmarks.ratios import as_json, machine, rows
 
-NAMES = ("echo", "traffic", "generate", "train", "infer", "live")
+NAMES = ("echo", "traffic", "generate", "train", "infer", "scene", "live")
 BENCHES = Registry("bench", {name: f"isac_cosim.benchmarks.{name}" for name in NAMES})
 """Modules with a function `run` and the ratios that sum its result up, `RATIOS`, by the name `cosim bench` takes."""
 

@@ -9,6 +9,7 @@ from typing import Any
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.sensing.sensors import DEFAULT as SENSOR
 from isac_cosim.isacsim.sensing.sensors import SCENE, SENSORS
 from isac_cosim.isacsim.traffic.sources import DEFAULT
@@ -18,8 +19,8 @@ from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
 from isac_cosim.labeling.generation.settings import DatasetStudy
 
 WHERE = "arguments"
-STREAM_SEEDS = "1:10"
-"""The seeds of streams where no --seeds are given: some 40 vehicle-hours of the bundled motorway."""
+STREAM_SEEDS = "1:14"
+"""The seeds of streams where no --seeds are given: some 43 vehicle-hours of the bundled motorway."""
 LINK = "link"
 """The channel of a scene."""
 SEEDS_WITH_WINDOWS = (1, 1000)
@@ -54,12 +55,14 @@ def dataset_study(
     drivers: str = "theirs",
     demand: str = "as_given",
     scene: bool = False,
+    network: str | None = None,
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
     scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
     leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section. scene: the
-    sites sense all vehicles at once.
+    sites sense all vehicles at once. network: the scenario or network that a file of trajectories was driven on, of
+    sources that have such a setting.
     """
     kind = source_class(source)
     if not scenarios and not kind.own_scenarios:
@@ -83,7 +86,17 @@ def dataset_study(
         content["traffic"] = traffic
     elif traffic != {"drivers": "theirs", "demand": "as_given"}:
         raise InputError(f"--drivers, --demand: source {source} has no demand to drive; leave them out")
+    if network is not None:
+        content |= {of_network(source): {"network": resolved(network)}}
     return checked(DatasetStudy, content, WHERE)
+
+
+def of_network(source: str) -> str:
+    """Return the section of a source's settings that names a road network. Raises InputError where it has none."""
+    for name, section in source_class(source).sections.items():
+        if "network" in section.model_fields:
+            return name
+    raise InputError(f"--network: source {source} reads no road network beside its scenario; leave it out")
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,12 @@ Snr = Annotated[
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
 ]
+Network = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SCENARIO", help="With --source fcd: the scenario or network that the vehicles were simulated on."
+    ),
+]
 Scene = Annotated[
     bool,
     typer.Option("--scene", help="The sites sense all vehicles at once, and have to find out who is who."),

@@ -99,9 +99,11 @@ def estimate(statistic: Statistic, *conditions: Trainings) -> Estimate:
     test seeds alone.
     """
     trainings = min(len(condition) for condition in conditions)
+    if not trainings:
+        return Estimate(value=None)
     shared = set.intersection(*(set(counts) for condition in conditions for counts in condition[:trainings]))
     groups = sorted(shared)
-    if not groups or not trainings:
+    if not groups:
         return Estimate(value=None)
     stacks = [
         np.array([[counts[group] for group in groups] for counts in condition[:trainings]], dtype=np.float64)

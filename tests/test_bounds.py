@@ -67,6 +67,7 @@ def test_every_number_has_a_lowest_and_a_highest_value(settings: type[BaseModel]
         ("[training.split]\nseed = -3", "training.split.seed: must be at least 0"),
         (f"[evaluation]\nseed = {2**40}", "evaluation.seed: must be at most 4294967295"),
         ("[dataset.traffic]\nrun_in_s = 1e300", "traffic.run_in_s: must be at most 1000000"),
+        ("[dataset.traffic]\nstep_s = 1e-300", "traffic.step_s: must be at least 0.001"),
         ("[dataset.traffic]\nduration_s = 1e300", "traffic.duration_s: must be at most 1000000"),
         ("[dataset.selection]\nwindows = 100000000000000000000", "selection.windows: must be at most 1000000000"),
         ("[evaluation.window_end_curve]\nfirst_s = -1e12", "window_end_curve.first_s: must be at least -1000"),

@@ -67,6 +67,13 @@ def test_a_map_becomes_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert result["made_demand"] is True
     assert len(load(tmp_path / "road").sites) == result["sites"] > 4
     assert "demand was made" in printed.err
+    # A second command, later: the same bytes, whatever the time.
+    (tmp_path / "again").mkdir()
+    assert cosim.main([*command, "-o", str(tmp_path / "again" / "road"), "--box", "9.9,51.9,10.1,52.1"]) == 0
+    capfd.readouterr()
+    assert {path.name: path.read_bytes() for path in (tmp_path / "road").iterdir()} == {
+        path.name: path.read_bytes() for path in (tmp_path / "again" / "road").iterdir()
+    }
     assert cosim.main([*command, "-o", str(tmp_path / "sea"), "--box", "3,54,4,55"]) == 2
     assert capfd.readouterr().err.startswith(f"cosim: netconvert cannot make a network of {tmp_path / 'map.osm'}")
     assert not (tmp_path / "sea").exists()

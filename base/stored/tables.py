@@ -9,6 +9,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isac_cosim.base.stored.pages import check_pages
+
 MOST_RATIO = 1000
 """Largest ratio of what a file claims to hold to its own size."""
 HARMLESS_BYTES = 64 * 2**20
@@ -32,6 +34,7 @@ def open_parquet(path: Path, **options: Any) -> pq.ParquetFile:
     decoded = file.metadata.num_rows * sum(least_bytes(field.type) for field in file.schema_arrow)
     if max(claimed, decoded) > most:
         raise ValueError(f"claims to hold {max(claimed, decoded)} bytes in {path.stat().st_size}")
+    check_pages(path, file.metadata)
     names = file.schema_arrow.names
     if len(set(names)) < len(names):
         raise ValueError("two of its columns have the same name")

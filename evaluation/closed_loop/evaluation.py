@@ -17,6 +17,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.episodes import Episodes, begin_episodes, run_episodes
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.closed_loop.episode import Alarming, ArmTask
 from isac_cosim.evaluation.closed_loop.loop import kernel_of
@@ -31,7 +32,6 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluati
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams import store as open_loop
-from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES
 from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource

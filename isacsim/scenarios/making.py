@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -27,6 +28,8 @@ from isac_cosim.isacsim.scenarios.sumo_files import has_demand, is_lefthand, opt
 from isac_cosim.isacsim.scenarios.sumo_schemas import in_full
 from isac_cosim.isacsim.scenarios.xml_files import elements, one_line, read_through, write_lines
 
+GENERATED = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
+"""What netconvert says of itself in a network: the time, and names of temporary files."""
 MAP_ENDINGS = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 NETCONVERT_OPTIONS = (
     "--geometry.remove",  # nodes that only bend a road become part of its shape
@@ -205,7 +208,7 @@ def _netconvert(source: Path, network: Path, box: tuple[float, float, float, flo
     if made is None:
         reason = one_line(" ".join(line for line in errors.splitlines() if line.startswith("Error")) or errors)
         raise InputError(f"netconvert cannot make a network of {source} ({reason}): fix the map or give another")
-    network.write_bytes(made)
+    network.write_bytes(GENERATED.sub(b"", made, count=1))
 
 
 def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:

@@ -146,7 +146,7 @@ def load_without_sites(where: str | Path) -> Scenario:
     inputs = Inputs(path, (), (), 0.0, {}, ()) if network_alone else read_config(path)
     removed = removed_from((inputs.network, *inputs.demand, *inputs.additional))
     roads = read_network(inputs.network)
-    sites = tuple(_read_sites(inputs.additional, roads.origin))
+    sites = tuple(read_sites(inputs.additional, roads.origin))
     _refuse_types((*inputs.demand, *inputs.additional))
     return Scenario(
         name, inputs.network, inputs.demand, inputs.additional, roads.origin, roads.lanes, sites,
@@ -277,8 +277,11 @@ def _config_in(folder: Path) -> Path:
     )
 
 
-def _read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
-    """The sites among the points of interest (POIs) of additional files."""
+def read_sites(additional: Iterable[Path], origin: tuple[float, float]) -> Iterable[Site]:
+    """Yield the sites among the points of interest (POIs) of additional files.
+
+    origin: of the scenario's plane in the files' coordinates, m. Raises InputError where a site lacks a number.
+    """
     for file in (path for named in additional for path in with_includes(named)):
         for poi, params in _pois(file):
             try:

@@ -137,7 +137,6 @@ class SceneTracker:
         view = seen(tracks.state[:, :2], self._panels, self._setup.range_m, self._setup.half_width_deg)
         if true is None:
             own = (rows @ tracks.covariance[:, None, :4, :4] * rows).sum(axis=-1)
-            # A vehicle at the edge of the view is looked for from a little beyond it.
             pairs = associate(detections, predicted, own + spread**2, view, self._ambiguity_mps)
             owners: list[str | None] = [None] * len(pairs.free)
         else:

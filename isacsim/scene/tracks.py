@@ -8,7 +8,6 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.isacsim.scene.scores import SceneScores
-from isac_cosim.isacsim.tracking.kalman import transition
 
 TAKEN_UP_M = 5.0
 """A lost track is taken up again by another one so near to where the vehicle should be, m."""
@@ -175,5 +174,11 @@ class Follower:
 
 def predicted(state: Array, after_s: Array) -> Array:
     """Return a state, (6,), at times after its own, s, (S,), with constant acceleration, (6, S)."""
-    moves = np.array([transition(float(step)) for step in after_s])
-    return np.asarray((moves @ state).T)
+    position, velocity, acceleration = (state[k : k + 2, None] for k in (0, 2, 4))
+    return np.concatenate(
+        [
+            position + velocity * after_s + acceleration * after_s**2 / 2,
+            velocity + acceleration * after_s,
+            np.broadcast_to(acceleration, (2, len(after_s))),
+        ]
+    )

@@ -201,8 +201,15 @@ class Dataset:
         return samples_of(self._table(shard))
 
     def episode(self, shard: Shard) -> Episode:
-        """Return what a shard stores about its episode."""
-        return read_episode(self.checked_path(shard))
+        """Return what a shard stores about its episode. Raises InputError if it is damaged or another one's."""
+        path = self.checked_path(shard)
+        episode = read_episode(path)
+        if (episode.scenario, episode.seed) != (shard.episode.scenario, shard.episode.seed):
+            raise InputError(
+                f"{path}: stores the episode {episode.scenario}, seed {episode.seed}, not that of its name; "
+                f"delete it and run the same `{self.meta.maker}` again"
+            )
+        return episode
 
     def roads(self, scenario: str) -> list[RoadLane]:
         """Return the lanes of a scenario's road network. The ids of lanes inside junctions begin with a colon.

@@ -363,6 +363,8 @@ def read_shard(path: Path) -> Shard:
                 "that wrote it, or delete it and generate again"
             )
         episode = Episode.model_validate(stored)
+        if path.name != shard_name(episode.scenario, episode.seed):
+            raise ValueError(f"stores the episode {episode.scenario}, seed {episode.seed}, not that of its name")
         return _describe(path, table, episode)
     except (AttributeError, KeyError, TypeError, OSError, ValueError) as error:
         raise InputError(

@@ -94,7 +94,8 @@ class Candidate:
 class Candidates:
     """The samples that a recording offers, by onset, and the number of events that were left out, by reason.
 
-    Reasons: `tv_kind`, `no_uv`, `ambiguous`, `commit_outside_record` (the record ends before the maneuver is decided),
+    Reasons: `tv_kind`, `in_another_block` (the vehicle is a bystander), `no_uv`, `ambiguous`,
+    `commit_outside_record` (the record ends before the maneuver is decided),
     `tv_outside_track`, `uv_outside_track`, `jump` (a lateral step within the record that is not motion of a vehicle),
     `beyond_car` (the TV or the UV accelerates in the plane as no car can), `beyond_driver` (one of them accelerates
     across its direction of travel by more than `RecordSettings.across_mps2` outside a swerve: the road is too sharp for
@@ -199,6 +200,8 @@ def _candidate(
 ) -> Candidate | str:
     """Return the sample of an event, which may be a dropped pull-out, or the reason why there is none."""
     recording = surroundings.recording
+    if recording.tracks[event.vehicle].bystander:
+        return "in_another_block"
     if not may_be_tv(recording.tracks[event.vehicle], pairs):
         return "tv_kind"
     if ambiguous(event, vehicle_events, record):

@@ -43,7 +43,7 @@ class Pair:
 
 def connected(recording: Recording, track: Track, settings: PairSettings) -> bool:
     """Return whether a vehicle is connected. One that is connected at some share is so at every larger share."""
-    if settings.uv_kinds is not None and track.kind not in settings.uv_kinds:
+    if track.bystander or (settings.uv_kinds is not None and track.kind not in settings.uv_kinds):
         return False
     return _connected_draw(recording.scenario, recording.seed, track.vehicle) < settings.connected_share
 
@@ -56,7 +56,7 @@ def _connected_draw(scenario: str, seed: int, vehicle: str) -> float:
 
 def may_be_tv(track: Track, settings: PairSettings) -> bool:
     """Return whether a vehicle may be a target."""
-    return settings.tv_kinds is None or track.kind in settings.tv_kinds
+    return not track.bystander and (settings.tv_kinds is None or track.kind in settings.tv_kinds)
 
 
 def around_tv(surroundings: Surroundings, tv: str, time: float, settings: PairSettings) -> list[Pair]:

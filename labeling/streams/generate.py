@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.base.errors import InputError, RunError
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, file_digest, remove_partial
 from isac_cosim.base.settings import read_json, write_sealed
-from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.base.workers.engine import Engine, LocalEngine
-from isac_cosim.base.workers.missing import Tally, run_missing
+from isac_cosim.base.workers.episodes import Episodes, run_episodes
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -105,24 +104,13 @@ def _run(task: _Task, jobs: Sequence[EpisodeJob], engine: Engine | None, feedbac
         facts = FILES.read_facts(task.folder / STRETCHES / file_name(job.scenario, job.seed))
         return facts is not None and facts.fingerprint == task.fingerprint
 
-    missing = [job for job in jobs if not finished(job)]
-    tally, lost = Tally(len(jobs), len(jobs) - len(missing)), list[str]()
+    advice = ", and other --seeds leave them out"
+    episodes = Episodes(jobs, finished, "watching traffic", "episodes", _name_of, advice)
+    run_episodes(task, episodes, engine or LocalEngine(1), feedback)
 
-    def keep(outcome: Outcome[EpisodeJob, None]) -> None:
-        tally.done += 1
-        if outcome.error is not None:
-            lost.append(f"{outcome.item.scenario}, seed {outcome.item.seed}: {outcome.error}")
 
-    if missing:
-        run_missing(
-            task, missing, engine or LocalEngine(1), feedback, title="watching traffic", unit="episodes", keep=keep,
-            progress=tally,
-        )  # fmt: skip
-    if lost:
-        raise RunError(
-            f"{len(lost)} of {len(jobs)} episodes failed, {lost[0]}; the same command tries them again, and other "
-            "--seeds leave them out"
-        )
+def _name_of(job: EpisodeJob) -> str:
+    return f"{job.scenario}, seed {job.seed}"
 
 
 @dataclass(frozen=True)

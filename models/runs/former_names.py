@@ -38,11 +38,3 @@ def present_file(folder: Path) -> Path:
     """Return the file of the reject option in a run's folder, which there may be none of."""
     former = folder / FORMER_FILE
     return former if former.is_file() and not (folder / FILE).is_file() else folder / FILE
-
-
-def as_formerly(card: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the content of a run's card under former names, which the marks of begun evaluations rest on."""
-    settings = {FORMER_SECTION if key == SECTION else key: value for key, value in card["settings"].items()}
-    areas = {FORMER_SCORE if key == SCORE else key: value for key, value in card["validation_auroc"].items()}
-    chosen = FORMER_SCORE if card["unknown_score"] == SCORE else card["unknown_score"]
-    return {**card, "settings": settings, "validation_auroc": areas, "unknown_score": chosen}

@@ -101,6 +101,8 @@ class RunCard(Sealed):
             raise ValueError(f"classes: are not {', '.join(known)}")
         if unknown := self.split.keys() - set(SIDES):
             raise ValueError(f"split: {min(unknown)} is not one of {', '.join(SIDES)}")
+        if missing := {*SIDES[:3]} - self.split.keys():
+            raise ValueError(f"split: {min(missing)} is missing")
         if not isinstance(self.dataset.get("digest"), str) or not isinstance(self.dataset.get("study", {}), dict):
             raise ValueError("dataset: has no digest, or a study that is none")
         if unknown := self.validation_auroc.keys() - set(get_args(UnknownScore)):

@@ -15,7 +15,6 @@ from isac_cosim.base.settings import Settings, merged
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.models.training.progress import spoken_time
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
 from isac_cosim.studies.reproduction.castformer import stages as castformer
@@ -123,20 +122,6 @@ def best_workers(wanted: Request, cores: int) -> int:
     return fastest(chosen_stages(stages, wanted.stages), cores).workers
 
 
-def cost_in_words(cost: Cost) -> str:
-    """Return the cost of a reproduction in one sentence."""
-    if not cost.stages:
-        return "every stage is finished; only the page is written"
-    longest = max(cost.stages, key=lambda name: cost.stages[name])
-    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers"
-    cores = "1 core" if cost.cores == 1 else f"{cost.cores} cores"
-    return (
-        f"{len(cost.stages)} stages to run: about {spoken_time(cost.cpu_s)} of processor time, "
-        f"{spoken_time(cost.seconds)} with {workers} on {cores}; "
-        f"the longest, {longest}, {spoken_time(cost.stages[longest])}"
-    )
-
-
 def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> ReproductionResult:
     """Run the stages of a paper that are not finished, and write the page of all that are.
 
@@ -151,8 +136,7 @@ def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> R
         stages = wanted.reproduction(workers, feedback).stages()
         chosen = chosen_stages(stages, wanted.stages)
         capacity = _capacity(engine)
-        feedback.message(cost_in_words(cost_of(chosen, wanted.out, capacity)))
-        run_stages(identity, chosen, wanted.out, capacity, feedback)
+        run_stages(identity, chosen, wanted.out, capacity, feedback, stages)
     missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, capacity).stages]
     parts, claims = _parts(wanted)
     write_json(wanted.out / f"{CLAIMS}.json", [claim.model_dump(mode="json") for claim in claims])

@@ -9,6 +9,7 @@ import pytest
 
 import cosim
 import isac_cosim.benchmarks.generate
+import isac_cosim.benchmarks.scene
 import isac_cosim.benchmarks.traffic
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -58,3 +59,13 @@ def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pyt
     assert result["scaling"] == {"spread": 0.1}
     assert result["record_s"] == {"alone": 0.5, "of_32": 0.0156}
     assert result["samples"] > 0  # type: ignore[operator]
+
+
+def test_a_scene_is_compared_with_its_oracle(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(isac_cosim.benchmarks.scene, "ROUNDS", 1)
+    result = reported("scene", capfd)
+    panel_ms: dict[str, float] = result["panel_ms"]  # type: ignore[assignment]
+    assert result["ratio"] == pytest.approx(panel_ms["oracle"] / (panel_ms["draw"] + panel_ms["detect"]), rel=0.01)
+    assert result["settings"] == {"points": 60, "cells": 40 * 232 * 16, "rounds": 1}

@@ -54,6 +54,6 @@ def test_the_machine_is_named() -> None:
 def test_one_benchmark_or_all_of_them(words: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert cosim.main(words.split()) == 2
     assert (
-        "either the name of a benchmark (echo, traffic, generate, train, infer, live) or --all"
+        "either the name of a benchmark (echo, traffic, generate, train, infer, scene, live) or --all"
         in capfd.readouterr().err
     )

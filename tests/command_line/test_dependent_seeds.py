@@ -12,7 +12,7 @@ import cosim
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.dependence import Driven
-from isac_cosim.studies.single import run_study
+from isac_cosim.studies.single import claim_study, run_study
 from isac_cosim.studies.study import read_study
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine
@@ -64,19 +64,25 @@ class Listening(Feedback):
         self.said.append(line)
 
 
-def run(folder: Path, by: str, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Run the study with a split into the folder `by`; what it said of vehicles on two sides."""
-    monkeypatch.chdir(folder)
-    (folder / f"{by}.toml").write_text(STUDY.format(by=by))
-    listening = Listening()
-    run_study(read_study(Path(f"{by}.toml")), Path(by), InlineEngine(), listening)
+def run(by: str, dataset: str | None = None) -> list[str]:
+    """Run the study with a split into the folder `by`; what it said of vehicles on two sides.
+
+    dataset: one that the same settings have made, to save the time.
+    """
+    Path(f"{by}.toml").write_text(STUDY.format(by=by))
+    study, listening = read_study(Path(f"{by}.toml")), Listening()
+    with claim_study(Path(by), study):
+        if dataset is not None:
+            shutil.copytree(dataset, Path(by, "dataset"))
+    run_study(study, Path(by), InlineEngine(), listening)
     return [line for line in listening.said if "also trained on" in line]
 
 
 def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (line,) = run(folder, "seed", monkeypatch)
+    monkeypatch.chdir(folder)
+    (line,) = run("seed")
     assert line.startswith("warning: ")
     metrics = json.loads(Path("seed/report/metrics.json").read_text())
     assert metrics["dependence"]["shared_tv"] > 0.2 * metrics["dependence"]["samples"]
@@ -87,8 +93,7 @@ def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     assert shares in Path("seed/report/index.html").read_text()
 
     # The same dataset, with each vehicle on one side.
-    shutil.copytree("seed/dataset", "vehicle/dataset")
-    assert run(folder, "vehicle", monkeypatch) == []
+    assert run("vehicle", dataset="seed/dataset") == []
     parted = json.loads(Path("vehicle/report/metrics.json").read_text())
     assert parted["dependence"]["samples"] == metrics["dependence"]["samples"]
     assert parted["dependence"]["shared_tv"] == 0

@@ -24,6 +24,7 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import Settings, checked, merged, read_json
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.episodes import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.measurement.summary import (
     RANDOM,
     SITUATION,
@@ -35,7 +36,6 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
-from isac_cosim.evaluation.in_traffic.streams.running import Episodes, begin_episodes, run_episodes
 from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import (
     EPISODES,
@@ -57,7 +57,6 @@ from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
 from isac_cosim.models.inference import Infer
-from isac_cosim.models.runs.former_names import as_formerly
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
 
@@ -178,9 +177,9 @@ def evaluate_traffic(
     meta = describe(study.dataset, {where: scenario}, source)
     named = _named(against)
     cards = {
-        "run": as_formerly(run.card.model_dump(mode="json")),
-        "against": {name: as_formerly(compared.card.model_dump(mode="json")) for name, compared in named.items()},
-        "alone": None if alone is None else as_formerly(alone.card.model_dump(mode="json")),
+        "run": run.card.model_dump(mode="json"),
+        "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
+        "alone": None if alone is None else alone.card.model_dump(mode="json"),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
     with_lanes = study.live.background.lanes
@@ -324,12 +323,12 @@ def _run_episodes(
     These are the shortest run of seeds that holds the vehicle-hours, whatever the order in which episodes finish.
     """
     if study.development_h is None:
-        _run_missing(task, scenario, study.seeds, out, engine, feedback)
+        _run_seeds(task, scenario, study.seeds, out, engine, feedback)
         return study
     wanted_h, seeds = study.development_h, list(study.development)
     count = min(FIRST_DEVELOPMENT, len(seeds))
     while True:
-        _run_missing(task, scenario, [*seeds[:count], *study.dataset.seeds], out, engine, feedback)
+        _run_seeds(task, scenario, [*seeds[:count], *study.dataset.seeds], out, engine, feedback)
         hours = np.cumsum([predicted_hours(task.folder / file_name(scenario, seed)) for seed in seeds[:count]])
         if hours[-1] >= wanted_h or count == len(seeds) or not hours[-1]:
             break
@@ -338,7 +337,7 @@ def _run_episodes(
     return study.model_copy(update={"development": SeedRange(first=seeds[0], last=last)})
 
 
-def _run_missing(
+def _run_seeds(
     task: EpisodeTask, scenario: str, seeds: Sequence[int], out: Path, engine: Engine, feedback: Feedback
 ) -> None:
     """Run the episodes of seeds that have no file yet, and write down their processor times."""

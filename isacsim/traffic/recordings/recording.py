@@ -29,6 +29,8 @@ class Track:
     onward: the edges outside of junctions that the vehicle had still to drive when the recording ended, in order, the
     latest one that it drove or earlier ones possibly among them; none for one that arrived before. None if not known.
     departed: when the demand lets the vehicle depart, s of simulation time; NaN if not known.
+    bystander: the vehicle is there for others, as their leader or in their way, but is neither target nor connected:
+    another recording has it, too.
     """
 
     vehicle: str
@@ -44,6 +46,7 @@ class Track:
     lane_lat: Array
     onward: tuple[str, ...] | None = None
     departed: float = nan
+    bystander: bool = False
 
     def __len__(self) -> int:
         return len(self.x)

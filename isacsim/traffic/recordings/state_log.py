@@ -153,6 +153,7 @@ class StateLog(ABC):
                     first_step=first_step,
                     onward=None,
                     departed=departed,
+                    bystander=False,
                     lane=np.asarray(block[-1].view(np.int64)),
                     **{column: np.asarray(values) for column, values in zip(COLUMNS, block[:-1], strict=True)},
                 )

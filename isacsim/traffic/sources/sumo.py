@@ -52,7 +52,7 @@ class TrafficSettings(Settings):
 
     step_s: float = Field(
         0.01,
-        gt=0.0,
+        ge=0.001,
         le=0.1,
         description="simulation step, and interval between recorded states, s; a whole number of milliseconds",
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,6 +26,7 @@ from isac_cosim.evaluation.statistics import (
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.scores import open_set
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
+from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
 from isac_cosim.studies.reproduction.experiments import drawings
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, TABLES, claims_part
@@ -63,31 +63,31 @@ def case_counts(out: Path, size: AsiBipSize) -> dict[str, Trainings]:
     """Return the confusion matrices of every way of sensing that was run, and of aligned fusion."""
     counts: dict[str, Trainings] = {}
     for name in [*(case.name for case in TRAINED), "aligned"]:
-        if scores := _scores(out, name):
-            counts[name] = of_measure(scores, "test")
+        counts[name] = of_measure(_scores(out, name), "test")
     for chain in size.weather_chains:
-        if scores := _scores(out, weather_stage(chain)):
-            for case in weather_cases(chain):
-                counts[case.name] = of_measure(scores, case.name)
-    return counts
+        scores = _scores(out, weather_stage(chain))
+        for case in weather_cases(chain):
+            counts[case.name] = of_measure(scores, case.name)
+    # In the worst weather the sites may lose every vehicle.
+    return {name: trainings for name, trainings in counts.items() if trainings and all(trainings)}
 
 
 def snr_counts(out: Path) -> dict[float, Trainings]:
     """Return the confusion matrices at each test SNR, dB, at which the sites followed any vehicle."""
-    result = result_of(out, "fig5")
+    result = result_of(out, "fig5", TrainingsResult)
     if result is None:
         return {}
-    scores = _scores(out, "fig5")
-    by_snr = {float(snr_db): of_measure(scores, f"{snr_db:g}") for snr_db in result["snr_db"]}
-    return {snr_db: counts for snr_db, counts in by_snr.items() if all(counts)}
+    by_snr = {snr_db: of_measure(result.trainings, f"{snr_db:g}") for snr_db in result.snr_db}
+    return {snr_db: counts for snr_db, counts in by_snr.items() if counts and all(counts)}
 
 
 def _data(out: Path) -> Part | None:
-    result = result_of(out, "data")
+    result = result_of(out, "data", DataResult)
     if result is None:
         return None
-    rows: list[Row] = [{"side": side, "scenario seeds": len(result["sides"][side]), **counts} for side, counts in
-                       result["samples"].items()]  # fmt: skip
+    rows: list[Row] = [
+        {"side": side, "scenario seeds": len(result.sides[side]), **counts} for side, counts in result.samples.items()
+    ]
     text = "The paper has 6,000 samples, 80 % of which train, and 1,200 to test. Ours are split by scenario seed."
     return Part("data", "Samples", text, rows)
 
@@ -137,10 +137,9 @@ def _table_1(out: Path, size: AsiBipSize, cases: dict[str, Trainings]) -> Part |
 
 def _position_error(out: Path, stage: str, case: str) -> float | None:
     """Return the median distance of a case's filtered positions from the true ones, m."""
-    result = result_of(out, stage) or {}
-    dataset = result["datasets"][case] if "datasets" in result else result.get("dataset", {})
-    error: float | None = dataset.get("median_position_error_m")
-    return error
+    result = result_of(out, stage, TrainingsResult)
+    dataset = None if result is None else result.datasets.get(case, result.dataset)
+    return None if dataset is None else dataset.median_position_error_m
 
 
 def _training(out: Path) -> Part | None:
@@ -261,8 +260,9 @@ def _literal(out: Path) -> Part | None:
         }
         for training in scores
     ]
-    epochs = (result_of(out, "literal") or {})["epochs"]
-    length = "1 epoch" if epochs == 1 else f"{epochs} epochs"
+    result = result_of(out, "literal", TrainingsResult)
+    assert result is not None
+    length = "1 epoch" if result.epochs == 1 else f"{result.epochs} epochs"
     text = (
         "Literal: every LSTM output is a token, 1,101 with the class token, as the paper's figure shows it. Pooled: 89 "
         f"tokens, as in all other tables. One training each, of {length}."
@@ -296,8 +296,8 @@ def _fast(out: Path, cases: dict[str, Trainings]) -> Part | None:
 
 def _scores(out: Path, stage: str) -> list[Scores]:
     """Return the scores of a stage, none where it was not run."""
-    result: dict[str, Any] = result_of(out, stage) or {}
-    return [Scores.model_validate(training) for training in result.get("trainings", [])]
+    result = result_of(out, stage, TrainingsResult)
+    return [] if result is None else result.trainings
 
 
 def _mean(values: Sequence[Sequence[float]]) -> Array:

@@ -22,6 +22,7 @@ from isac_cosim.models.predictors.protocol import Workload
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies.cost_estimate import INSTANTS
+from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
 from isac_cosim.studies.reproduction.experiments.sensing_cases import (
     GENERATED,
     TRAINED,
@@ -94,8 +95,9 @@ class AsiBipReproduction:
         """Return all stages, in order."""
         seeds, training_s = len(self.size.training_seeds), self._training_s("asi-bip")
         literal_s = (1 + LITERAL_FACTOR) * self.size.literal_epochs / self.study.training.optimiser.epochs * training_s
+        training_stage = partial(Stage, kind=TrainingsResult)
         table = [
-            Stage(
+            training_stage(
                 name=case.name,
                 group=TABLE_1,
                 question=f"Table I, {case.title}",
@@ -111,7 +113,7 @@ class AsiBipReproduction:
         pooled_s = seeds * self._training_s("aligned")
         fast_s = seeds * training_s * sum(factor for _, factor in FAST.values())
         weather = [
-            Stage(
+            training_stage(
                 name=weather_stage(chain),
                 group=TABLE_1,
                 question=f"Table I, {chain} in adverse weather",
@@ -122,18 +124,22 @@ class AsiBipReproduction:
             for chain in self.size.weather_chains
         ]
         return [
-            Stage("data", "data", "how many samples of each intention", self._generating_s(), 8, self._data),
+            Stage(
+                "data", "data", "how many samples of each intention", self._generating_s(), 8, self._data, DataResult
+            ),
             *table,
             *weather,
-            Stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
-            Stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
-            Stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
-            Stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
-            Stage("literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal),
-            Stage("fast", "fast", "what faster trainings cost", fast_s, seeds * len(FAST), self._fast),
+            training_stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
+            training_stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
+            training_stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
+            training_stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
+            training_stage(
+                "literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal
+            ),
+            training_stage("fast", "fast", "what faster trainings cost", fast_s, seeds * len(FAST), self._fast),
         ]
 
-    def _data(self) -> dict[str, Any]:
+    def _data(self) -> DataResult:
         generated, sides = self.generated(), self.sides
         table = generated.frame(("scenario", "seed", "intention"))
         group = table["scenario"].astype(str) + "-" + table["seed"].astype(str)
@@ -145,14 +151,14 @@ class AsiBipReproduction:
             }
             for side, names in sides.items()
         }
-        return {"datasets": {GENERATED: description(generated)}, "sides": sides, "samples": counts}
+        return DataResult(datasets={GENERATED: description(generated)}, sides=sides, samples=counts)
 
-    def _case(self, case: SensingCase) -> dict[str, Any]:
+    def _case(self, case: SensingCase) -> TrainingsResult:
         dataset = self.dataset(case)
         tasks = self._tasks(case.name, case, "asi-bip", self.size.training_seeds)
-        return {"dataset": description(dataset), **self._run(tasks, case.title)}
+        return TrainingsResult(trainings=self._run(tasks, case.title), dataset=description(dataset))
 
-    def _weather(self, chain: str) -> dict[str, Any]:
+    def _weather(self, chain: str) -> TrainingsResult:
         trained = next(case for case in TRAINED if case.name == chain)
         self.dataset(trained)
         datasets, measures = {}, []
@@ -162,22 +168,23 @@ class AsiBipReproduction:
             datasets[case.name] = description(dataset)
             measures.append(Measure(name=case.name, dataset=folder))
         tasks = self._tasks(weather_stage(chain), trained, "asi-bip", self.size.training_seeds, tuple(measures))
-        return {"datasets": datasets, **self._run(tasks, f"{trained.title}, in adverse weather")}
+        scores = self._run(tasks, f"{trained.title}, in adverse weather")
+        return TrainingsResult(trainings=scores, datasets=datasets)
 
-    def _fig3(self) -> dict[str, Any]:
+    def _fig3(self) -> TrainingsResult:
         case = self._isac()
         folder = self.dataset(case).path
         measures = (Measure(name="test", dataset=folder), Measure(name="validation", dataset=folder, side="validation"))
         tasks = self._tasks("fig3", case, "asi-bip", self.size.training_seeds, measures)
-        return self._run([replace(task, history=True) for task in tasks], "Fig. 3")
+        return TrainingsResult(trainings=self._run([replace(task, history=True) for task in tasks], "Fig. 3"))
 
-    def _fig4(self) -> dict[str, Any]:
+    def _fig4(self) -> TrainingsResult:
         case = self._isac()
         self.dataset(case)
         tasks = self._tasks("fig4", case, "asi-bip", self.size.training_seeds)
-        return self._run([replace(task, unknown=True) for task in tasks], "Fig. 4")
+        return TrainingsResult(trainings=self._run([replace(task, unknown=True) for task in tasks], "Fig. 4"))
 
-    def _fig5(self) -> dict[str, Any]:
+    def _fig5(self) -> TrainingsResult:
         case, measures, datasets = self._isac(), [], {}
         self.dataset(case)
         for snr_db in self.size.snr_db:
@@ -186,14 +193,15 @@ class AsiBipReproduction:
             datasets[f"{snr_db:g}"] = description(dataset)
             measures.append(Measure(name=f"{snr_db:g}", dataset=folder))
         tasks = self._tasks("fig5", case, "asi-bip", self.size.training_seeds, tuple(measures))
-        return {"snr_db": list(self.size.snr_db), "datasets": datasets, **self._run(tasks, "Fig. 5")}
+        return TrainingsResult(trainings=self._run(tasks, "Fig. 5"), datasets=datasets, snr_db=list(self.size.snr_db))
 
-    def _aligned(self) -> dict[str, Any]:
+    def _aligned(self) -> TrainingsResult:
         case = self._isac()
         self.dataset(case)
-        return self._run(self._tasks("aligned", case, "aligned", self.size.training_seeds), "aligned fusion")
+        tasks = self._tasks("aligned", case, "aligned", self.size.training_seeds)
+        return TrainingsResult(trainings=self._run(tasks, "aligned fusion"))
 
-    def _literal(self) -> dict[str, Any]:
+    def _literal(self) -> TrainingsResult:
         case = self._isac()
         self.dataset(case)
         seed, epochs = self.size.training_seeds[0], self.size.literal_epochs
@@ -211,9 +219,9 @@ class AsiBipReproduction:
                     run=self._run_folder(tokens, seed),
                 )
             )
-        return {"epochs": epochs, **self._run(tasks, "literal tokens")}
+        return TrainingsResult(trainings=self._run(tasks, "literal tokens"), epochs=epochs)
 
-    def _fast(self) -> dict[str, Any]:
+    def _fast(self) -> TrainingsResult:
         case = self._isac()
         self.dataset(case)
         tasks = []
@@ -222,7 +230,7 @@ class AsiBipReproduction:
                 content = merged(task.training.model_dump(), {"asi_bip": changes})
                 folder = self._run_folder(f"{case.name}-{name}", task.training.seed)
                 tasks.append(replace(task, training=TrainSettings.model_validate(content), run=folder))
-        return self._run(tasks, "faster trainings")
+        return TrainingsResult(trainings=self._run(tasks, "faster trainings"))
 
     def generated(self) -> Dataset:
         """Return the dataset that all cases are sensed from, generated unless it is there."""
@@ -275,11 +283,10 @@ class AsiBipReproduction:
             for seed in seeds
         ]
 
-    def _run(self, tasks: list[WindowTraining], title: str) -> dict[str, Any]:
-        """Run tasks; return their scores as plain values."""
+    def _run(self, tasks: list[WindowTraining], title: str) -> list[Scores]:
+        """Run tasks; return their scores."""
         work: Callable[[WindowTraining], Scores] = train_and_measure
-        scores = run_tasks(work, tasks, self.engine, self.feedback, title)
-        return {"trainings": [training.model_dump(mode="json") for training in scores]}
+        return run_tasks(work, tasks, self.engine, self.feedback, title)
 
     def _dataset_folder(self, name: str) -> Path:
         return self.out / "work" / "datasets" / name

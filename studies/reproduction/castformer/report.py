@@ -14,6 +14,7 @@ from isac_cosim.evaluation.report.parts import Part, Row
 from isac_cosim.evaluation.statistics import Trainings, class_mean, pooled
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
+from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantsResult
 from isac_cosim.studies.reproduction.experiments import drawings
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
@@ -53,16 +54,13 @@ class MeasuredVariant:
         The fold is the unit of the intervals: it has a training of its own, so they cover trainings, too.
         """
         folds = of_measure(self.scores, str(horizon_s))
-        return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds)}]
+        return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds) if fold}]
 
 
 def measured_of(out: Path, stage: str) -> list[MeasuredVariant]:
     """Return the networks that a stage measured, none where it was not run."""
-    result: dict[str, Any] = result_of(out, stage) or {}
-    return [
-        MeasuredVariant(row["name"], row["title"], [Scores.model_validate(fold) for fold in row["folds"]])
-        for row in result.get("variants", [])
-    ]
+    result = result_of(out, stage, VariantsResult)
+    return [] if result is None else [MeasuredVariant(row.name, row.title, row.folds) for row in result.variants]
 
 
 def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
@@ -98,16 +96,15 @@ def paper_rows(stage: str) -> Mapping[str, Sequence[float]]:
 
 
 def _data(out: Path) -> Part | None:
-    result = result_of(out, "data")
+    result = result_of(out, "data", DataResult)
     if result is None:
         return None
-    if result["source"] == "clips":
-        rows: list[Row] = [{"class": k, "clips": count} for k, count in enumerate(result["by_class"])]
-        return Part("data", "Clips", f"{result['clips']} feature files.", rows)
-    counts = result["dataset"]["by_intention"]
-    rows = [{"intention": name, "samples": count} for name, count in counts.items() if count]
+    if result.dataset is None:
+        rows: list[Row] = [{"class": k, "clips": count} for k, count in enumerate(result.by_class or [])]
+        return Part("data", "Clips", f"{result.clips} feature files.", rows)
+    rows = [{"intention": name, "samples": count} for name, count in result.dataset.by_intention.items() if count]
     text = (
-        f"Source: {result['source']}. The folds are of scenario seeds, so no traffic is on two sides. A window of "
+        f"Source: {result.source}. The folds are of scenario seeds, so no traffic is on two sides. A window of "
         "2.2 s ends 0 to 4 s before the commit; in training anywhere between. The kinematic UVs drive at 10 to 17 m/s, "
         "so that the sites see all of the long records."
     )

@@ -33,6 +33,7 @@ from isac_cosim.studies.cost_estimate import INSTANTS
 from isac_cosim.studies.reproduction.asi_bip.stages import PATCH_FACTOR, STUDY
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.clips import ClipTraining, clips_in, measure_clips
+from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantScores, VariantsResult
 from isac_cosim.studies.reproduction.castformer.variants import Variant
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
 from isac_cosim.studies.reproduction.experiments.sensing_cases import description
@@ -86,9 +87,9 @@ class CastformerReproduction:
             stages.append(self._stage(name, question, new, rows))
         if self.clips is None and self.size.motorway is not None:
             data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
-            rows = variants.compared(("trees",))
+            rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
             stages += [
-                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, self._motorway_data),
+                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, motorway, DataResult),
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
@@ -99,27 +100,24 @@ class CastformerReproduction:
         cost_s = self.size.folds * sum(self.training_s(row, source) for row in new)
         parallel = max(1, len(new) * self.size.folds)
         work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
-        return Stage(name, name, question, cost_s, parallel, work, check)
+        return Stage(name, name, question, cost_s, parallel, work, VariantsResult, check)
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
-            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data)
+            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, DataResult)
         cost_s = estimate(self.dataset_study(KINEMATIC)).cpu_s
-        return Stage("data", "data", "windows that reach 6 s before the commit", cost_s, 8, self._kinematic_data)
+        question = "windows that reach 6 s before the commit"
+        return Stage("data", "data", question, cost_s, 8, partial(self._windows_data, KINEMATIC), DataResult)
 
-    def _kinematic_data(self) -> dict[str, Any]:
-        return {"source": KINEMATIC, "dataset": description(self.dataset(KINEMATIC)), "folds": self.folds(KINEMATIC)}
+    def _windows_data(self, source: str) -> DataResult:
+        return DataResult(source=source, dataset=description(self.dataset(source)), folds=self.folds(source))
 
-    def _motorway_data(self) -> dict[str, Any]:
-        return {"source": MOTORWAY, "dataset": description(self.dataset(MOTORWAY)), "folds": self.folds(MOTORWAY)}
+    def _clips_data(self) -> DataResult:
+        labels = np.bincount([clip.label for clip in self._clips])
+        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist())
 
-    def _clips_data(self) -> dict[str, Any]:
-        clips = self._clips
-        labels = np.bincount([clip.label for clip in clips])
-        return {"source": "clips", "clips": len(clips), "by_class": [int(count) for count in labels]}
-
-    def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> dict[str, Any]:
-        """Train and measure networks; return their scores by name."""
+    def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> VariantsResult:
+        """Train and measure networks."""
         tasks: list[WindowTraining] | list[ClipTraining]
         if self.clips is not None:
             tasks = [self._clip_task(row, fold) for row in rows for fold in range(self.size.folds)]
@@ -129,15 +127,14 @@ class CastformerReproduction:
             sides = self.sides(source)
             tasks = [self._window_task(row, source, k, fold) for row in rows for k, fold in enumerate(sides)]
             scores = run_tasks(train_and_measure, tasks, self.engine, self.feedback, stage)
-        plain = [training.model_dump(mode="json") for training in scores]
         folds = self.size.folds
-        return {
-            "source": source if self.clips is None else "clips",
-            "variants": [
-                {"name": row.name, "title": row.title, "folds": plain[k * folds : (k + 1) * folds]}
+        return VariantsResult(
+            source=source if self.clips is None else "clips",
+            variants=[
+                VariantScores(name=row.name, title=row.title, folds=scores[k * folds : (k + 1) * folds])
                 for k, row in enumerate(rows)
             ],
-        }
+        )
 
     def _window_task(self, row: Variant, source: str, fold: int, sides: dict[str, list[str]]) -> WindowTraining:
         folder = self._dataset_folder(source)

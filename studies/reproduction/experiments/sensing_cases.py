@@ -18,6 +18,7 @@ from isac_cosim.base.settings import checked
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
+from isac_cosim.studies.reproduction.experiments.stage_results import DatasetFacts
 from isac_cosim.studies.sweep import finished
 
 RAIN_MM_PER_H = 150.0
@@ -118,20 +119,16 @@ def of_groups(dataset: Dataset, groups: list[str]) -> Dataset:
     return replace(dataset, meta=dataset.meta.model_copy(update={"shards": shards}))
 
 
-def description(dataset: Dataset) -> dict[str, Any]:
-    """Return what a stage's file says of a dataset.
-
-    Keys: `digest`, `samples`, `by_intention`, `left_out`, and `median_position_error_m`, the median over the records of
-    the median distance of a record's filtered positions from the true ones, m.
-    """
+def description(dataset: Dataset) -> DatasetFacts:
+    """Return what a stage's file says of a dataset."""
     errors: list[float] = []
     for states in dataset.arrays_by_shard("tv", "tv_truth"):
         apart = states["tv"][:, :2] - states["tv_truth"][:, :2]
         errors.extend(np.median(np.hypot(apart[:, 0], apart[:, 1]), axis=1))
-    return {
-        "digest": dataset.digest,
-        "samples": dataset.meta.samples,
-        "by_intention": dataset.meta.by_intention(),
-        "left_out": dataset.meta.left_out(),
-        "median_position_error_m": round(float(np.median(errors)), 5) if errors else None,
-    }
+    return DatasetFacts(
+        digest=dataset.digest,
+        samples=dataset.meta.samples,
+        by_intention=dataset.meta.by_intention(),
+        left_out=dataset.meta.left_out(),
+        median_position_error_m=round(float(np.median(errors)), 5) if errors else None,
+    )

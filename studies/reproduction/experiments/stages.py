@@ -1,7 +1,7 @@
 """Stages of a reproduction: each answers one question, leaves one small file, and is not run again.
 
 OUT/reproduction.json       the paper, the size and the settings; identifies the folder
-OUT/stages/<stage>.json     what a stage measured: scores, no weights
+OUT/stages/<stage>.json     what a stage measured, with a digest: scores, no weights
 OUT/work/                   datasets, trained predictors and scores of single trainings
 OUT/tables, OUT/figures     CSV and PNG
 OUT/index.html              the page
@@ -9,20 +9,20 @@ OUT/index.html              the page
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.files import claim, json_text, replace_file, write_json
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.files import claim, file_digest, json_text, replace_file, write_json
+from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.statistics import Estimate
-from isac_cosim.models.training.progress import Steps
+from isac_cosim.models.training.progress import Steps, spoken_time
+from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
 
 MARK = "reproduction.json"
 STAGES = "stages"
@@ -44,8 +44,8 @@ class Stage:
 
     name: as `--stages` takes it. group: other name, shared by stages that fill one table together. question: what it
     answers, for people. cost_s: expected processor time, s. parallel: how many of its parts can run side by side.
-    run: does the work; returns what the stage's file holds, plain values. check: raises InputError, with the fix, where
-    something is missing that the stage needs.
+    run: does the work; returns what the stage's file holds, of the type `kind`. check: raises InputError, with the fix,
+    where something is missing that the stage needs.
     """
 
     name: str
@@ -53,7 +53,8 @@ class Stage:
     question: str
     cost_s: float
     parallel: int
-    run: Callable[[], dict[str, Any]]
+    run: Callable[[], StageResult]
+    kind: type[StageResult]
     check: Callable[[], None] = lambda: None
 
     def seconds(self, capacity: Capacity) -> float:
@@ -117,13 +118,33 @@ def cost_of(stages: Sequence[Stage], folder: Path, capacity: Capacity) -> Cost:
     )
 
 
+def cost_in_words(cost: Cost) -> str:
+    """Return the cost of a reproduction in one sentence."""
+    if not cost.stages:
+        return "every stage is finished; only the page is written"
+    longest = max(cost.stages, key=lambda name: cost.stages[name])
+    workers = "1 worker" if cost.workers == 1 else f"{cost.workers} workers"
+    cores = "1 core" if cost.cores == 1 else f"{cost.cores} cores"
+    return (
+        f"{len(cost.stages)} stages to run: about {spoken_time(cost.cpu_s)} of processor time, "
+        f"{spoken_time(cost.seconds)} with {workers} on {cores}; "
+        f"the longest, {longest}, {spoken_time(cost.stages[longest])}"
+    )
+
+
 def run_stages(
-    identity: Identity, stages: Sequence[Stage], folder: Path, capacity: Capacity, feedback: Feedback
+    identity: Identity,
+    stages: Sequence[Stage],
+    folder: Path,
+    capacity: Capacity,
+    feedback: Feedback,
+    shown: Sequence[Stage] = (),
 ) -> None:
     """Run the stages that are not finished in a folder, in order, and write the file of each.
 
-    Raises InputError where the folder holds something else or a reproduction with other settings, and, before any
-    stage runs, where one of them lacks what it needs.
+    shown: other stages, whose files are read afterwards where there are any. Raises InputError where the folder holds
+    something else or a reproduction with other settings, and, before any stage runs, where one of them lacks what it
+    needs or a file is damaged.
     """
     for stage in stages:
         if not _file(folder, stage.name).is_file():
@@ -131,27 +152,45 @@ def run_stages(
     with claim(folder, MARK, "reproduction"):
         _identify(folder, identity)
         (folder / STAGES).mkdir(exist_ok=True)
+        for stage in (*stages, *shown):
+            result_of(folder, stage.name, stage.kind)
+        feedback.message(cost_in_words(cost_of(stages, folder, capacity)))
         steps = Steps(feedback, sum(stage.seconds(capacity) for stage in stages))
         for number, stage in enumerate(stages):
             file, duration_s = _file(folder, stage.name), stage.seconds(capacity)
             title = f"stage {number + 1} of {len(stages)}, {stage.name}: {stage.question}"
             with steps.step(title, duration_s, file.is_file()):
                 if not file.is_file():
-                    # Without line breaks: matrices would take a line for every number.
-                    content = json_text(stage.run()) + "\n"
-                    replace_file(file, partial(Path.write_text, data=content, encoding="utf-8"))
+                    _write(stage.run(), folder, stage.name)
 
 
-def result_of(folder: Path, stage: str) -> dict[str, Any] | None:
-    """Return what a stage measured, or None where it was not run."""
+def _write(result: StageResult, folder: Path, stage: str) -> None:
+    """Write the file of a stage, with its digest and whose it is."""
+    whose = {"schema_version": 2, "stage": stage, "reproduction": file_digest(folder / MARK)}
+    # Without line breaks: matrices would take a line for every number.
+    content = json_text(result.model_copy(update=whose).sealed()) + "\n"
+    replace_file(_file(folder, stage), partial(Path.write_text, data=content, encoding="utf-8"))
+
+
+Result = TypeVar("Result", bound=StageResult)
+
+
+def result_of(folder: Path, stage: str, kind: type[Result]) -> Result | None:
+    """Return what a stage measured, or None where it was not run.
+
+    kind: what its file holds. Raises InputError where the file is damaged, or of another stage or reproduction.
+    """
     file = _file(folder, stage)
-    if not file.is_file():
-        return None
     try:
-        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:
-        raise InputError(f"{file}: is damaged; delete it, and run the same command again") from None
-    return content
+        result = read_json(kind, file)
+        if result is not None and result.schema_version > 1:
+            if result.stage != stage:
+                raise InputError(f"{file}: stage: is {result.stage!r}, not {stage!r}")
+            if result.reproduction != file_digest(folder / MARK):
+                raise InputError(f"{file}: reproduction: is not the digest of {MARK}; it is another reproduction's")
+    except InputError as error:
+        raise InputError(f"{error}; delete the file, and run the same command again") from None
+    return result
 
 
 def identity_of(paper: str, size: str, settings: dict[str, Any]) -> Identity:
@@ -161,15 +200,11 @@ def identity_of(paper: str, size: str, settings: dict[str, Any]) -> Identity:
 
 def _identify(folder: Path, identity: Identity) -> None:
     """Write the identity of a claimed folder, or check it against the one that is there."""
-    content, file = identity.model_dump(mode="json"), folder / MARK
-    if not file.is_file():
-        write_json(file, content)
-        return
-    try:
-        stored = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError:
-        stored = None
-    if stored != content:
+    file = folder / MARK
+    stored = read_json(Identity, file)
+    if stored is None:
+        write_json(file, identity.model_dump(mode="json"))
+    elif stored.model_dump(mode="json") != identity.model_dump(mode="json"):
         raise InputError(
             f"{folder}: holds a reproduction of another paper, size, setting or version; choose another folder with -o"
         )

@@ -12,16 +12,17 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import pandas as pd
+from pydantic import Field, model_validator
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.base.errors import RunError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.files import write_json
-from isac_cosim.base.settings import Settings, read_json
+from isac_cosim.base.setting_fields import Seed
+from isac_cosim.base.settings import Sealed, Settings, read_json, write_sealed
 from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.missing import Tally, run_missing
@@ -36,8 +37,11 @@ from isac_cosim.models.runs.run import Run
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train_records
 from isac_cosim.studies.cell_tasks import made_of
+from isac_cosim.studies.reproduction.experiments.stage_results import Count, is_square
 from isac_cosim.studies.reproduction.experiments.unknown_class import UnknownScores, unknown_scores
 
+EPOCH = frozenset({"epoch", "train_loss", "validation_loss", "validation_macro_f1", "validation_accuracy"})
+"""What is drawn of an epoch."""
 EVALUATION_SEED = 0
 """Seed of the ends of measured windows: the same in every condition, so that conditions share their windows."""
 
@@ -56,6 +60,9 @@ class Measure(Settings):
     end_after_s: tuple[float, float] | None = None
 
 
+Size = Annotated[float, Field(ge=0)]
+
+
 class Scores(Settings):
     """What one training of a predictor measured.
 
@@ -67,15 +74,42 @@ class Scores(Settings):
     """
 
     name: str
-    training_seed: int
+    training_seed: Seed
     counts: dict[str, dict[str, Counts]]
-    windows: dict[str, int]
-    parameters: int | None = None
-    best_epoch: int | None = None
-    cpu_s: float = 0.0
-    window_ms: float | None = None
+    windows: dict[str, Count]
+    parameters: Annotated[int, Field(ge=0)] | None = None
+    best_epoch: Annotated[int, Field(ge=0)] | None = None
+    cpu_s: Size = 0.0
+    window_ms: Size | None = None
     unknown: UnknownScores | None = None
     history: list[dict[str, float]] | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        matrices = [matrix for measure in self.counts.values() for matrix in measure.values()]
+        if any(not is_square(matrix) or len(matrix) != len(matrices[0]) for matrix in matrices):
+            raise ValueError("counts: are not confusion matrices of the same classes")
+        if self.history is not None and not (self.history and all(epoch.keys() >= EPOCH for epoch in self.history)):
+            raise ValueError(f"history: has epochs without {', '.join(sorted(EPOCH))}, or none")
+        return self
+
+    @property
+    def classes(self) -> int | None:
+        """Number of classes of the confusion matrices, None where there are none."""
+        return next((len(matrix) for measure in self.counts.values() for matrix in measure.values()), None)
+
+
+class StoredScores(Scores, Sealed):
+    """The file of a training's scores. schema_version: 1 in files of version 0.2, which have no digest."""
+
+    sealed_since: ClassVar[int] = 2
+
+    schema_version: Literal[1, 2] = 1
+
+    @property
+    def scores(self) -> Scores:
+        """The scores alone."""
+        return Scores.model_validate(self.model_dump(include=set(Scores.model_fields)))
 
 
 class Task(Protocol):
@@ -118,9 +152,10 @@ def run_tasks(
 ) -> list[Scores]:
     """Run the tasks that have no scores yet; return the scores of all of them, in order.
 
-    work: runs one task in a worker process. title: of the progress bar. Raises RunError where a task fails.
+    work: runs one task in a worker process. title: of the progress bar. Raises RunError where a task fails, InputError
+    where a file of scores is damaged or another training's.
     """
-    scores = {task.name: read_json(Scores, task.scores_file) for task in tasks}
+    scores = {task.name: _stored(task) for task in tasks}
     missing = [task for task in tasks if scores[task.name] is None]
     if missing:
         for task in missing:
@@ -130,12 +165,23 @@ def run_tasks(
         def keep(outcome: Outcome[AnyTask, Scores]) -> None:
             if outcome.result is None:
                 raise RunError(f"{outcome.item.name}: {outcome.error}")
-            write_json(outcome.item.scores_file, outcome.result.model_dump(mode="json"))
+            write_sealed(outcome.item.scores_file, StoredScores(schema_version=2, **dict(outcome.result)))
             scores[outcome.item.name] = outcome.result
             tally.done += 1
 
         run_missing(work, missing, engine, feedback, title=title, unit="trainings", keep=keep, progress=tally)
     return [result for task in tasks if (result := scores[task.name]) is not None]
+
+
+def _stored(task: Task) -> Scores | None:
+    """Return the scores in a task's file, None where it has none yet."""
+    try:
+        stored = read_json(StoredScores, task.scores_file)
+        if stored is not None and stored.name != task.name:
+            raise InputError(f"{task.scores_file}: name: is {stored.name!r}, not {task.name!r}")
+    except InputError as error:
+        raise InputError(f"{error}; delete the file, and run the same command again") from None
+    return None if stored is None else stored.scores
 
 
 @limited()

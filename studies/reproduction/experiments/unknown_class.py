@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Self
+
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 from sklearn.metrics import roc_curve
 
 from isac_cosim.base.arrays import Array
@@ -15,11 +17,14 @@ from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.scores import open_set
+from isac_cosim.studies.reproduction.experiments.stage_results import Count, is_square
 
 RATES = 101
 """Points of a stored ROC."""
 BINS = 25
 """Bins of the confidence histograms, from 0 to 1."""
+Share = Annotated[float, Field(ge=0, le=1)]
+Histogram = Annotated[list[Count], Field(min_length=BINS, max_length=BINS)]
 
 
 class UnknownScores(Settings):
@@ -34,15 +39,28 @@ class UnknownScores(Settings):
     confusion: with that threshold; rows true and columns predicted, the last of both is the unknown class.
     """
 
-    n_known: int
-    n_unknown: int
-    auroc: dict[OpenSetScore, float]
-    auroc_without: dict[OpenSetScore, list[float]] = Field(default_factory=dict)
-    roc: dict[str, list[float]]
-    known_confidence: list[int]
-    unknown_confidence: list[int]
+    n_known: Count
+    n_unknown: Count
+    auroc: dict[OpenSetScore, Share]
+    auroc_without: dict[OpenSetScore, list[Share]] = Field(default_factory=dict)
+    roc: dict[OpenSetScore, Annotated[list[Share], Field(min_length=RATES, max_length=RATES)]]
+    known_confidence: Histogram
+    unknown_confidence: Histogram
     threshold: float
     confusion: Counts
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.auroc.keys() != self.roc.keys() or not self.auroc_without.keys() <= self.roc.keys():
+            raise ValueError("auroc, auroc_without and roc: are not of the same scores")
+        if not is_square(self.confusion):
+            raise ValueError("confusion: is no confusion matrix")
+        return self
+
+    @property
+    def seeds_by_score(self) -> dict[str, int]:
+        """Without how many test seeds each AUROC was measured, by score."""
+        return {name: len(areas) for name, areas in sorted(self.auroc_without.items())}
 
 
 def unknown_scores(run: Run, predictions: Predictions, validation: Predictions) -> UnknownScores | None:

@@ -17,6 +17,7 @@ import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
+from isac_cosim.labeling.dataset.shard import read_shard
 from isac_cosim.models.data.windows import Records
 from tests.support.forged import forge_dataset, reseal
 from tests.support.made_up_dataset import write_dataset
@@ -121,6 +122,19 @@ def test_a_forged_shard_is_refused_by_its_content(folder: Path, change: str) -> 
         return  # in columns that training does not read
     with pytest.raises(InputError, match=rf"toy-1\.parquet: .*{CHANGES[change][1]}"):
         Records.of(dataset)
+
+
+def test_a_shard_that_stores_another_episode_is_refused(folder: Path) -> None:
+    """What it says of its episode is in the file's metadata, beside the rows."""
+    path = folder / SHARD
+    table = pq.read_table(path)
+    metadata = {key: value.replace(b'"seed":1', b'"seed":9') for key, value in table.schema.metadata.items()}
+    assert metadata != table.schema.metadata
+    pq.write_table(table.replace_schema_metadata(metadata), path, compression="zstd")
+    forge_dataset(folder)
+    assert cosim.main(["sense", str(folder), "-o", str(folder.parent / "new"), "--sensor", "truth", "--quiet"]) == 2
+    with pytest.raises(InputError, match=r"toy-1\.parquet: .*stores the episode toy, seed 9"):
+        read_shard(path)
 
 
 @pytest.mark.parametrize(

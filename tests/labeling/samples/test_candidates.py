@@ -184,7 +184,7 @@ def test_the_place_of_the_onset_in_the_record_is_independent_of_the_class() -> N
 
 def test_no_signal_of_a_vehicle_is_recorded_or_becomes_a_feature() -> None:
     """Only the motion of a vehicle is recorded, and which road lies ahead; features come from its positions alone."""
-    facts = {"vehicle", "kind", "length_m", "width_m", "first_step", "onward", "departed"}
+    facts = {"vehicle", "kind", "length_m", "width_m", "first_step", "onward", "departed", "bystander"}
     states = {"x", "y", "speed", "lane", "lane_pos", "lane_lat"}
     assert {column.name for column in fields(Track)} == facts | states
     recording = record(ROAD, Drive("tv", speed=BRAKE, lateral=sweep(20.5, 4.0, WIDTH_M)))

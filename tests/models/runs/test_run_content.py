@@ -77,6 +77,7 @@ CARDS: dict[str, tuple[dict[str, Any], str]] = {
     "negative counts": ({"counts": {"overtake": -1}}, "counts.overtake: must be at least 0"),
     "classes in another order": ({"classes": [i.text for i in reversed(KNOWN)]}, "classes: are not"),
     "an unknown side": ({"split": {"exam": ["toy-1"]}}, "split: exam is not one of"),
+    "a side without seeds": ({"split": {"validation": ["toy-1"], "test": ["toy-2"]}}, "split: train is missing"),
     "a data set without a digest": ({"dataset": {}}, "dataset: has no digest"),
     "files that lie elsewhere": ({"files": {"../weights.pt": "0" * 64}}, "files"),
     "no files": ({"files": {}}, "files: is empty"),

@@ -13,13 +13,19 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.models.predictors.registry import PREDICTORS
+from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
+from isac_cosim.studies.reproduction.castformer.results import VariantsResult
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize, CastformerSize
-from isac_cosim.studies.reproduction.experiments.stages import Capacity, cost_of, result_of
+from isac_cosim.studies.reproduction.experiments.stages import (
+    Capacity,
+    cost_in_words,
+    cost_of,
+    result_of,
+)
 from isac_cosim.studies.reproduction.reproduce import (
     PAPERS,
     Request,
     best_workers,
-    cost_in_words,
     expected_cost,
     reproduce,
     request,
@@ -64,25 +70,27 @@ def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
 
 
 def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: Path) -> None:
-    table, fig3, fig5 = (result_of(asi_bip, stage) for stage in ("isac", "fig3", "fig5"))
+    table, fig3, fig5 = (result_of(asi_bip, stage, TrainingsResult) for stage in ("isac", "fig3", "fig5"))
     assert table is not None
     assert fig3 is not None
     assert fig5 is not None
-    counts = table["trainings"][0]["counts"]["test"]
-    assert fig3["trainings"][0]["counts"]["test"] == counts
+    counts = table.trainings[0].counts["test"]
+    assert fig3.trainings[0].counts["test"] == counts
     assert len(list((asi_bip / "work" / "runs" / "isac").iterdir())) == 1
-    known = {side: part["known"] for side, part in (result_of(asi_bip, "data") or {})["samples"].items()}
+    data = result_of(asi_bip, "data", DataResult)
+    assert data is not None
+    known = {side: part["known"] for side, part in data.samples.items()}
     assert np.sum(list(counts.values())) == known["test"]
-    at_20_db = fig5["trainings"][0]["counts"]["20"]
+    at_20_db = fig5.trainings[0].counts["20"]
     assert {group: np.sum(matrix) for group, matrix in at_20_db.items()} == {
         group: np.sum(matrix) for group, matrix in counts.items()
     }
 
 
 def test_faster_trainings_are_those_of_isac_but_for_one_setting(asi_bip: Path) -> None:
-    stage = result_of(asi_bip, "fast")
+    stage = result_of(asi_bip, "fast", TrainingsResult)
     assert stage is not None
-    assert [training["name"] for training in stage["trainings"]] == [
+    assert [training.name for training in stage.trainings] == [
         "fast-bfloat16, training seed 0", "fast-patches, training seed 0",
     ]  # fmt: skip
     runs = {run.parent.name: json.loads((run / "run.json").read_text()) for run in asi_bip.glob("work/runs/*/seed-0")}
@@ -93,15 +101,15 @@ def test_faster_trainings_are_those_of_isac_but_for_one_setting(asi_bip: Path) -
 
 
 def test_castformer_measures_every_horizon_on_every_seed(castformer: Path) -> None:
-    horizon, alpha = result_of(castformer, "horizon"), result_of(castformer, "alpha")
+    horizon, alpha = (result_of(castformer, stage, VariantsResult) for stage in ("horizon", "alpha"))
     assert horizon is not None
     assert alpha is not None
-    folds = horizon["variants"][0]["folds"]
+    folds = horizon.variants[0].folds
     for horizon_s in "01234":
-        tested = [group for fold in folds for group in fold["counts"][horizon_s]]
+        tested = [group for fold in folds for group in fold.counts[horizon_s]]
         assert sorted(tested) == [f"straight_road-{seed}" for seed in (1, 2, 3, 4)]
-    assert [row["name"] for row in alpha["variants"]] == ["complete"]
-    assert alpha["variants"][0]["folds"] == folds
+    assert [row.name for row in alpha.variants] == ["complete"]
+    assert alpha.variants[0].folds == folds
     assert "contradictions" in {path.stem for path in (castformer / "tables").iterdir()}
 
 
@@ -123,10 +131,10 @@ def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
     size = tiny.castformer(training={"optimiser": {"epochs": 1}})
     asked = Request("castformer", "tiny", size, tmp_path / "out", ("data", "horizon"), tmp_path / "clips")
     result = reproduce(asked, InlineEngine())
-    stage = result_of(tmp_path / "out", "horizon")
+    stage = result_of(tmp_path / "out", "horizon", VariantsResult)
     assert stage is not None
-    assert stage["source"] == "clips"
-    counts = [fold["counts"]["4"] for fold in stage["variants"][0]["folds"]]
+    assert stage.source == "clips"
+    counts = [fold.counts["4"] for fold in stage.variants[0].folds]
     assert sum(np.sum(matrix) for fold in counts for matrix in fold.values()) == 20
     assert "compared" not in result.not_run
 

@@ -84,4 +84,4 @@ def test_the_position_error_is_the_median_of_medians(dataset: Dataset) -> None:
     states = dataset.arrays("tv", "tv_truth")
     apart = np.linalg.norm(states["tv"][:, :2] - states["tv_truth"][:, :2], axis=1)
     expected = np.median([np.median(record) for record in apart])
-    assert description(dataset)["median_position_error_m"] == pytest.approx(expected, abs=1e-5)
+    assert description(dataset).median_position_error_m == pytest.approx(expected, abs=1e-5)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,9 @@ import pytest
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT
+from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
 from isac_cosim.studies.reproduction.experiments.stages import (
+    MARK,
     Capacity,
     Stage,
     chosen_stages,
@@ -19,29 +24,42 @@ from isac_cosim.studies.reproduction.experiments.stages import (
     result_of,
     run_stages,
 )
+from tests.support.forged import resealed
+from tests.support.recorded_feedback import RecordedFeedback
 
 ALONE = Capacity(1, 1)
 IDENTITY = identity_of("asi-bip", "tiny", {"seed": 1})
 
 
+class Named(StageResult):
+    """What the stages of these tests leave."""
+
+    name: str
+
+
 def stage(name: str, runs: list[str], fails: bool = False, group: str = "") -> Stage:
-    def run() -> dict[str, Any]:
+    def run() -> Named:
         runs.append(name)
         if fails:
             raise RuntimeError("killed")
-        return {"name": name}
+        return Named(name=name)
 
-    return Stage(name, group or name, f"what {name} answers", 60.0, 3, run)
+    return Stage(name, group or name, f"what {name} answers", 60.0, 3, run, Named)
+
+
+def name_in(folder: Path, stage: str) -> str | None:
+    result = result_of(folder, stage, Named)
+    return None if result is None else result.name
 
 
 def test_a_killed_reproduction_goes_on_where_it_was(tmp_path: Path) -> None:
     out, runs = tmp_path / "out", list[str]()
     with pytest.raises(RuntimeError, match="killed"):
         run_stages(IDENTITY, [stage("a", runs), stage("b", runs, fails=True)], out, ALONE, SILENT)
-    assert (result_of(out, "a"), result_of(out, "b")) == ({"name": "a"}, None)
+    assert (name_in(out, "a"), name_in(out, "b")) == ("a", None)
     run_stages(IDENTITY, [stage("a", runs), stage("b", runs)], out, ALONE, SILENT)
     assert runs == ["a", "b", "b"]
-    assert result_of(out, "b") == {"name": "b"}
+    assert name_in(out, "b") == "b"
 
 
 def test_a_folder_holds_one_reproduction(tmp_path: Path) -> None:
@@ -83,7 +101,7 @@ def test_the_cost_is_that_of_what_is_not_finished(tmp_path: Path) -> None:
     ],
 )
 def test_parts_run_in_rounds_and_share_the_cores(parts: int, workers: int, cores: int, seconds: float) -> None:
-    shared = Stage("a", "a", "what a answers", 60.0, parts, dict)
+    shared = Stage("a", "a", "what a answers", 60.0, parts, lambda: Named(name="a"), Named)
     assert shared.seconds(Capacity(workers, cores)) == pytest.approx(seconds)
 
 
@@ -94,8 +112,56 @@ def test_the_fastest_workers_keep_all_cores_busy() -> None:
     ]  # fmt: skip
 
 
-def test_a_damaged_file_is_reported(tmp_path: Path) -> None:
+def changed(path: Path, **values: Any) -> None:
+    """Change a file of a stage, and make its digest right again."""
+    path.write_text(json.dumps(resealed(json.loads(path.read_text()) | values)))
+
+
+def other_value(path: Path) -> None:
+    path.write_text(path.read_text().replace('"name": "a"', '"name": "c"'))
+
+
+@pytest.mark.parametrize(
+    ("damage", "fault"),
+    [
+        (lambda path: path.write_text("{"), "the file is damaged"),
+        (lambda path: path.write_text("[" * 100_000), "the file is damaged"),
+        (lambda path: path.write_bytes(b"\xff"), "the file is damaged"),
+        (lambda path: (path.unlink(), path.mkdir()), "cannot be read"),
+        (other_value, "sha256: differs from the content"),
+        (lambda path: changed(path, name=7), "name: must be"),
+        (lambda path: path.write_text('{"schema_version": 2, "name": "a"}'), "sha256: is missing"),
+        (lambda path: shutil.copy(path.with_name("b.json"), path), "stage: is 'b', not 'a'"),
+        (lambda path: changed(path, reproduction="0" * 64), "another reproduction's"),
+    ],
+)
+def test_a_damaged_file_is_reported_before_any_stage_runs(
+    tmp_path: Path, damage: Callable[[Path], object], fault: str
+) -> None:
+    out, runs = tmp_path / "out", list[str]()
+    run_stages(IDENTITY, [stage("a", []), stage("b", [])], out, ALONE, SILENT)
+    damage(out / "stages" / "a.json")
+    with pytest.raises(InputError, match=rf"a\.json: .*{fault}.*; delete the file, and run the same command again"):
+        run_stages(IDENTITY, [stage("c", runs)], out, ALONE, SILENT, [stage("a", runs)])
+    assert runs == []
+
+
+def test_a_file_of_the_version_without_digests_is_read(tmp_path: Path) -> None:
     run_stages(IDENTITY, [stage("a", [])], tmp_path / "out", ALONE, SILENT)
-    (tmp_path / "out" / "stages" / "a.json").write_text("{")
-    with pytest.raises(InputError, match=r"a\.json: is damaged"):
-        result_of(tmp_path / "out", "a")
+    (tmp_path / "out" / "stages" / "a.json").write_text('{"name": "former"}')
+    assert name_in(tmp_path / "out", "a") == "former"
+
+
+def test_a_damaged_identity_is_reported(tmp_path: Path) -> None:
+    run_stages(IDENTITY, [stage("a", [])], tmp_path / "out", ALONE, SILENT)
+    (tmp_path / "out" / MARK).write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"reproduction\.json: .*the file is damaged"):
+        run_stages(IDENTITY, [stage("a", [])], tmp_path / "out", ALONE, SILENT)
+
+
+def test_the_cost_is_not_told_where_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    feedback = RecordedFeedback()
+    with pytest.raises(InputError, match="holds no reproduction"):
+        run_stages(IDENTITY, [stage("a", [])], tmp_path, ALONE, feedback)
+    assert feedback.messages == []

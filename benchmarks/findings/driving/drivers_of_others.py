@@ -1,6 +1,6 @@
 """Natural events of a demand with its own vehicle types, and with our drivers in their place.
 
-    python -m isac_cosim.benchmarks.findings.drivers_of_others SCENARIO [--drivers ours|theirs ...] [--seeds N]
+    python -m isac_cosim.benchmarks.findings.driving.drivers_of_others SCENARIO [--drivers ours|theirs ...] [--seeds N]
         [--first SEED] [--duration S]
 
 Simulates drivers that are left alone. Prints a table in Markdown: how often they brake and accelerate hard, how hard,

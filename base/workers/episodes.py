@@ -1,4 +1,4 @@
-"""Runs the missing episodes of an evaluation, and collects the errors of workers."""
+"""Runs the missing episodes of a folder, and collects the errors of workers."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from isac_cosim.base.workers.missing import Tally, run_missing
 
 @dataclass(frozen=True)
 class Episodes(Generic[Item]):
-    """The episodes of an evaluation.
+    """The episodes of a folder.
 
     items: the argument of the task for each episode. finished: whether an episode needs no run. title, noun: shown in
-    the progress bar and in the error; the noun is a plural. name: how the error names an episode.
+    the progress bar and in the error; the noun is a plural. name: how the error names an episode. advice: how to get
+    past an episode that fails every time.
     """
 
     items: Sequence[Item]
@@ -29,6 +30,7 @@ class Episodes(Generic[Item]):
     title: str
     noun: str
     name: Callable[[Item], str]
+    advice: str = ""
 
 
 def begin_episodes(file: Path, begun: Settings, folder: Path) -> None:
@@ -66,5 +68,6 @@ def run_episodes(
     run_missing(task, missing, engine, feedback, title=episodes.title, unit=episodes.noun, keep=finish, progress=tally)
     if lost:
         raise RunError(
-            f"{len(lost)} of {len(episodes.items)} {episodes.noun} failed, {lost[0]}; the same command tries them again"
+            f"{len(lost)} of {len(episodes.items)} {episodes.noun} failed, {lost[0]}; the same command tries them "
+            f"again{episodes.advice}"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from isac_cosim.benchmarks.findings import sway_events as bench
+from isac_cosim.benchmarks.findings.driving import sway_events as bench
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.intentions import Event, Intention

@@ -1,6 +1,6 @@
 """How often vehicles that leave the middle of their lane come back, and how often they stop meanwhile.
 
-    python -m isac_cosim.benchmarks.findings.abandoned_changes [SCENARIO] [--seed N] [--duration S]
+    python -m isac_cosim.benchmarks.findings.driving.abandoned_changes [SCENARIO] [--seed N] [--duration S]
         [--sublanes WIDTH ...]
 
 Simulates drivers that are left alone, without sway and wandering speed, once for each width of a sublane, m. Prints a

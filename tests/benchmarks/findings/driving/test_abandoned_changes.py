@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from isac_cosim.benchmarks.findings.abandoned_changes import LONG_S, AbandonedChange, excursions, traffic_left_alone
+from isac_cosim.benchmarks.findings.driving.abandoned_changes import (
+    LONG_S,
+    AbandonedChange,
+    excursions,
+    traffic_left_alone,
+)
 from isac_cosim.isacsim.traffic.recordings.recording import Track
 
 STEP = 0.01

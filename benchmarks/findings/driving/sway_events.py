@@ -1,6 +1,6 @@
 """What sway within the lane does to the labels: the events of the same natural traffic with sway and without.
 
-    python -m isac_cosim.benchmarks.findings.sway_events [SCENARIO] [--seeds N] [--duration S]
+    python -m isac_cosim.benchmarks.findings.driving.sway_events [SCENARIO] [--seeds N] [--duration S]
 
 Sway is added to recorded states, so the traffic itself is the same. Two events are the same where vehicle and intention
 are, and they commit at most a second apart. Prints a table in Markdown: events by intention, those that only one of the

@@ -1,0 +1,1 @@
+"""Measurements of how vehicles are driven, and by whom."""

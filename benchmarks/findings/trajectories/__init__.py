@@ -1,0 +1,1 @@
+"""Measurements behind docs/real_data.md."""

@@ -1,0 +1,76 @@
+"""What is wrong with a file of trajectories although every number in it can be read: units, places, lengths of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+
+CAR_LENGTHS_M = (3.0, 8.0)
+"""The median car of a file is as long as this, m, or its lengths have another unit."""
+CAR_KINDS = frozenset({"passenger", "private", "taxi"})
+SPEED_FACTOR = 2.0
+"""Speeds that differ from those of the positions by this factor have another unit."""
+MOVING_MPS = 1.0
+"""Slower vehicles do not show the unit of speeds, m/s."""
+MOST_OFF_ROAD = 0.1
+"""A larger share of positions off their lanes shows that the road is another one."""
+OFF_ROAD_M = 1.0
+"""A position this far beyond the edge of its lane is off it, m."""
+
+
+def check_lengths(observed: Observed, where: object) -> None:
+    """Raise InputError where the median car is longer or shorter than cars are."""
+    lengths = [vehicle.length_m for vehicle in observed.vehicles if vehicle.kind in CAR_KINDS]
+    if not lengths:
+        return
+    median = float(np.median(lengths))
+    low, high = CAR_LENGTHS_M
+    if not low <= median <= high:
+        raise InputError(
+            f"{where}: its median car is {median:.2f} m long, and cars are {low:g} to {high:g} m long; give "
+            "lengths in the unit of the format"
+        )
+
+
+def speeds_of_positions(observed: Observed) -> Array:
+    """Return the speed between a state and the next one, m/s, shape (n,); NaN after a vehicle's last state."""
+    speed = np.full(len(observed), np.nan)
+    time = np.diff(observed.step) * observed.period_s
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed[:-1] = np.hypot(np.diff(observed.x), np.diff(observed.y)) / time
+    speed[observed.starts[1:] - 1] = np.nan
+    return speed
+
+
+def check_speeds(observed: Observed, where: object) -> float | None:
+    """Return how far the file's speeds are from those of its positions, m/s, in the median; None if it has none.
+
+    Raises InputError where they differ by a factor.
+    """
+    if observed.speed is None:
+        return None
+    between = speeds_of_positions(observed)
+    stated = observed.speed.astype(float)
+    moving = (between > MOVING_MPS) & np.isfinite(stated)
+    if not moving.any():
+        return None
+    factor = float(np.median(stated[moving] / between[moving]))
+    if not 1.0 / SPEED_FACTOR <= factor <= SPEED_FACTOR:
+        raise InputError(
+            f"{where}: its speeds are {factor:.2f} times those of its positions; give both in the units of the format"
+        )
+    return float(np.median(np.abs(stated[moving] - between[moving])))
+
+
+def check_durations(observed: Observed, least_s: float, where: object) -> None:
+    """Raise InputError where no vehicle is on the road long enough."""
+    lasts = (observed.step[observed.starts[1:] - 1] - observed.step[observed.starts[:-1]]) * observed.period_s
+    longest = int(lasts.argmax())
+    if lasts[longest] < least_s:
+        raise InputError(
+            f"{where}: no vehicle is seen for {least_s:g} s; {observed.vehicles[longest].id} is seen longest, for "
+            f"{lasts[longest]:g} s: give longer tracks, or ask for shorter records"
+        )

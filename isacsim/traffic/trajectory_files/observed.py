@@ -1,0 +1,131 @@
+"""What a file of trajectories says, whatever its format: vehicles, and where each of them is at evenly spaced steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.base.errors import InputError
+
+Int32Array = npt.NDArray[np.int32]
+
+MOST_STEPS = 100_000_000
+"""Steps from the first state of a file to its last: 11 days at 100 Hz."""
+LONGEST_PERIOD_S = 1.0
+"""States further apart show no maneuver, s."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle as its file describes it. kind: SUMO vehicle class. Lengths in m."""
+
+    id: str
+    kind: str
+    length_m: float
+    width_m: float
+
+
+@dataclass(frozen=True)
+class Rows:
+    """States in the order of their file, shape (n,) each.
+
+    vehicle: number of the vehicle. time_ms: ms. x, y: front bumper centre, m. lane: number of the lane, -1 if the file
+    names none. speed: what the file says, m/s; None if it says nothing. number: the line of the file, or the number of
+    the state in it, for messages.
+    """
+
+    vehicle: Int32Array
+    time_ms: IntArray
+    x: Array
+    y: Array
+    lane: Int32Array
+    speed: Float32Array | None
+    number: IntArray
+
+    def __len__(self) -> int:
+        return len(self.vehicle)
+
+    def of(self, which: BoolArray | IntArray) -> Rows:
+        """Return some of the rows."""
+        speed = None if self.speed is None else self.speed[which]
+        return Rows(
+            self.vehicle[which], self.time_ms[which], self.x[which], self.y[which], self.lane[which], speed,
+            self.number[which],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Observed:
+    """States of all vehicles of a file, vehicle after vehicle, each in the order of time, shape (n,) each.
+
+    period_s: time between two steps, s. vehicles: in the order of their ids. starts: row of each vehicle's first state,
+    and the number of rows at the end. step: number of the step; its time is `step * period_s`. x, y: front bumper
+    centre in the scenario's plane, m. lane: number in the scenario's lanes, -1 where not known. speed: as in `Rows`.
+    """
+
+    period_s: float
+    vehicles: tuple[Vehicle, ...]
+    starts: IntArray
+    step: IntArray
+    x: Array
+    y: Array
+    lane: Int32Array
+    speed: Float32Array | None
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+
+def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed:
+    """Sort the states of a file by vehicle and time.
+
+    where: the file, for messages. Raises InputError where a vehicle has two states at one time, where the times are not
+    evenly spaced, or where there are none.
+    """
+    if not len(rows):
+        raise InputError(f"{where}: holds no state of a vehicle; give another file")
+    by_id = np.argsort(np.array([vehicle.id for vehicle in vehicles], object), kind="stable")
+    place = np.empty(len(by_id), np.int32)
+    place[by_id] = np.arange(len(by_id), dtype=np.int32)
+    order = np.lexsort((rows.time_ms, place[rows.vehicle]))
+    rows = rows.of(order)
+    number = place[rows.vehicle]
+    same = number[1:] == number[:-1]
+    gaps = np.diff(rows.time_ms)
+    if (twice := np.flatnonzero(same & (gaps == 0))).size:
+        first = int(twice[0])
+        raise InputError(
+            f"{where}: vehicle {vehicles[by_id[number[first]]].id} has two states at {rows.time_ms[first] / 1e3:g} s "
+            f"(rows {rows.number[first]} and {rows.number[first + 1]}); leave one of them out"
+        )
+    period_ms = _period_ms(gaps[same], where)
+    step, rest = np.divmod(rows.time_ms, period_ms)
+    if (odd := np.flatnonzero(rest != rest[0])).size:
+        raise InputError(
+            f"{where}: row {rows.number[odd[0]]} is at {rows.time_ms[odd[0]] / 1e3:g} s, between two of the steps of "
+            f"{period_ms / 1e3:g} s that the others have; give states at even intervals"
+        )
+    if step.max() - step.min() > MOST_STEPS:
+        raise InputError(f"{where}: spans {(step.max() - step.min()) * period_ms / 1e3:g} s; cut it into several files")
+    present = np.unique(number)
+    starts = np.searchsorted(number, np.append(present, len(by_id)))
+    kept = tuple(vehicles[by_id[k]] for k in present.tolist())
+    return Observed(period_ms / 1e3, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed)
+
+
+def _period_ms(gaps_ms: IntArray, where: object) -> int:
+    """Return the time between two states that most vehicles have, ms. Raises InputError where it is too long."""
+    if not len(gaps_ms):
+        raise InputError(f"{where}: no vehicle has two states; give a file with trajectories")
+    values, counts = np.unique(gaps_ms, return_counts=True)
+    period_ms = int(values[counts.argmax()])
+    if period_ms > LONGEST_PERIOD_S * 1e3:
+        raise InputError(
+            f"{where}: the states of a vehicle are {period_ms / 1e3:g} s apart, and a maneuver takes no longer; "
+            f"give states at most {LONGEST_PERIOD_S:g} s apart"
+        )
+    return period_ms
