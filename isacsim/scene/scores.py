@@ -67,12 +67,12 @@ def assign(true: Array, tracked: Array) -> tuple[IntArray, IntArray]:
 
     true, tracked: positions, m, (V, 2) and (T, 2).
     """
+    from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
+
     none = np.empty(0, np.int64)
     if not len(true) or not len(tracked):
         return none, none
     distance = np.hypot(true[:, None, 0] - tracked[:, 0], true[:, None, 1] - tracked[:, 1])
-    from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
-
     vehicle, track = linear_sum_assignment(np.minimum(distance, CUTOFF_M) ** 2)
     near = distance[vehicle, track] < CUTOFF_M
     return vehicle[near].astype(np.int64), track[near].astype(np.int64)
@@ -178,6 +178,8 @@ class Scoring:
 
     def _explained(self) -> int:
         """Return the instants that the best one-to-one assignment of tracks to vehicles explains."""
+        from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
+
         if not self._pairs:
             return 0
         vehicles = {name: k for k, name in enumerate(dict.fromkeys(name for name, _ in self._pairs))}
@@ -185,8 +187,6 @@ class Scoring:
         together = np.zeros((len(vehicles), len(tracks)), np.int64)
         for (name, number), count in self._pairs.items():
             together[vehicles[name], tracks[number]] = count
-        from scipy.optimize import linear_sum_assignment  # loaded only here, because it takes long
-
         rows, columns = linear_sum_assignment(together, maximize=True)
         return int(together[rows, columns].sum())
 
