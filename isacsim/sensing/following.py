@@ -1,7 +1,6 @@
 """Sensors that make fixes of each TV, and the Kalman filters that turn fixes into states, many at a time.
 
-The filter is causal. Fed whole passages, or piece by piece, it gives what one gives that is fed fix by fix
-(`isacsim.tracking.streaming`).
+The filter is causal. Fed whole passages, or piece by piece, it gives what one gives that is fed fix by fix.
 """
 
 from __future__ import annotations

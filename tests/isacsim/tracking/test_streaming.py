@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings, track
-from isac_cosim.isacsim.tracking.streaming import StreamingFilter
+from tests.support.streaming_filter import StreamingFilter
 
 STEP_S = 1 / 400
 

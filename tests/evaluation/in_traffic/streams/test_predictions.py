@@ -26,7 +26,6 @@ from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.chain import fix
 from isac_cosim.isacsim.sensing.following import Approach
 from isac_cosim.isacsim.sensing.passages import Passage
-from isac_cosim.isacsim.tracking.streaming import StreamingFilter
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.watching import watch_episode
 from isac_cosim.labeling.road.surroundings import Surroundings
@@ -37,6 +36,7 @@ from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.rule import RulePredictor, RuleSettings
 from isac_cosim.models.runs.run import Run
+from tests.support.streaming_filter import StreamingFilter
 
 
 @pytest.fixture(scope="module")

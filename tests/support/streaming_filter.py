@@ -1,6 +1,6 @@
-"""The filter of `isacsim.tracking.kalman` for one vehicle, fix by fix as they come in, on filterpy.
+"""The filter of `isacsim.tracking.kalman` for one vehicle, fix by fix as they come in, on filterpy: its reference.
 
-It has the model, the gate and the restart of the batched filter, and is its reference in the tests.
+It has the model, the gate and the restart of the batched filter.
 """
 
 from __future__ import annotations
