@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import warnings
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
@@ -68,6 +69,7 @@ def read_trees(
     """
     import skops.io
     from sklearn.ensemble import HistGradientBoostingClassifier
+    from sklearn.exceptions import InconsistentVersionWarning
 
     check_archive(path)
     with zipfile.ZipFile(path) as archive:
@@ -75,7 +77,10 @@ def read_trees(
             if kind not in TYPES:
                 raise ValueError(f"{path.name}: holds an object of the type {kind}, which trees have not")
     try:
-        trees = skops.io.load(path, trusted=list(OBJECTS))
+        with warnings.catch_warnings():
+            # Whether trees of another version can answer is found out below.
+            warnings.simplefilter("ignore", InconsistentVersionWarning)
+            trees = skops.io.load(path, trusted=list(OBJECTS))
     except READ_ERRORS as error:
         raise ValueError(f"{path.name}: {reason_of(error)}") from None
     if not isinstance(trees, HistGradientBoostingClassifier):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import warnings
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -240,6 +242,20 @@ def test_only_the_types_of_trees_are_read(trees: Path) -> None:
     skops.io.dump([LogisticRegression()], trees / "trees.skops")
     forge_run(trees)
     with pytest.raises(InputError, match=r"trees\.skops: holds an object of the type sklearn\.linear_model"):
+        load_run(trees)
+
+
+def test_trees_that_name_no_version_are_read_without_a_warning(trees: Path) -> None:
+    with zipfile.ZipFile(trees / "trees.skops") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    schema = members["schema.json"]
+    assert b"_sklearn_version" in schema
+    with zipfile.ZipFile(trees / "trees.skops", "w") as archive:
+        for name, content in {**members, "schema.json": schema.replace(b"_sklearn_version", b"_version")}.items():
+            archive.writestr(name, content)
+    forge_run(trees)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         load_run(trees)
 
 
