@@ -15,6 +15,7 @@ from tests.support.made_up_dataset import write_dataset
 
 LIBRARIES = (
     "torch",
+    "torch._dynamo",
     "lightning",
     "torchmetrics",
     "sklearn",
