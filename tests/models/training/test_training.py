@@ -318,7 +318,9 @@ def test_answers_that_are_not_finite_are_not_stored(
     records: Records, trees_run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the evaluation of a run, and at the end of a training whose predictor does not look at its loss."""
-    run = replace(trees_run, predictor=DivergedPredictor(trees_run.predictor.trees))  # type: ignore[attr-defined]
+    trained = trees_run.predictor
+    assert isinstance(trained, TreesPredictor)
+    run = replace(trees_run, predictor=DivergedPredictor(trained.trees, trained.tv_rate_hz))
     with pytest.raises(InputError, match="logits are not finite"):
         evaluate_records(run, records, MADE_OF, tmp_path / "evaluation", EvaluateSettings())
     assert not (tmp_path / "evaluation" / PREDICTIONS_FILE).exists()
