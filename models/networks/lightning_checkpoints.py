@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ class Checkpoints(TorchCheckpointIO):
         file = Path(path)
         file.parent.mkdir(parents=True, exist_ok=True)
         callbacks = _with_prefix(checkpoint.get("callbacks", {}), str(file.parent), FOLDER)
-        write_tensors(file, {**checkpoint, "callbacks": callbacks})
+        write_tensors(file, _anew({**checkpoint, "callbacks": callbacks}))
 
     def load_checkpoint(
         self, path: str | Path, map_location: Any = None, weights_only: bool | None = None
@@ -45,6 +47,23 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     if lacking := [name for name in PARTS if name not in checkpoint]:
         raise InputError(f"{path}: is damaged ({lacking[0]}: is missing); delete it, and training starts again")
     return checkpoint
+
+
+def _anew(value: Any) -> Any:
+    """Return a value whose containers are new and whose equal texts are one object.
+
+    Pickle writes an object that it has met before as a reference. Without this, a training that was resumed would give
+    other bytes than one that was not, since its objects were read from a file.
+    """
+    if isinstance(value, OrderedDict):
+        copied = OrderedDict((_anew(key), _anew(item)) for key, item in value.items())
+        vars(copied).update({name: _anew(item) for name, item in vars(value).items()})
+        return copied
+    if type(value) is dict:
+        return {_anew(key): _anew(item) for key, item in value.items()}
+    if type(value) in (list, tuple):
+        return type(value)(_anew(item) for item in value)
+    return sys.intern(value) if type(value) is str else value
 
 
 def _with_prefix(value: Any, before: str, after: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from collections import OrderedDict
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,19 @@ def test_two_trainings_of_a_network_give_the_same_bytes(records: Records, networ
     )
     assert set(first) == set(second)
     assert [name for name, content in first.items() if content != second[name]] == []
+
+
+def test_equal_checkpoints_give_the_same_bytes_whatever_objects_they_share(tmp_path: Path) -> None:
+    """As after a resumed training, some of whose texts come from a file."""
+    text, other = "learning_rate", "".join(["learning", "_rate"])
+    assert text is not other
+    for name, second in (("one", text), ("two", other)):
+        states = OrderedDict({text: torch.ones(2)}), {second: (second, [second])}
+        content = {part: {} for part in PARTS} | {"state_dict": states[0], "optimizer_states": [states[1]]}
+        Checkpoints().save_checkpoint(content, tmp_path / name / "last.ckpt")
+    one, two = (tmp_path / name / "last.ckpt" for name in ("one", "two"))
+    assert one.read_bytes() == two.read_bytes()
+    assert Checkpoints().load_checkpoint(two)["optimizer_states"] == [{text: (text, [text])}]
 
 
 def test_paths_in_a_checkpoint_are_relative_to_its_folder(tmp_path: Path) -> None:
