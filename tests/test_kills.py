@@ -29,7 +29,7 @@ import pytest
 
 import cosim
 from isac_cosim.isacsim.scenarios.scenario import bundled
-from tests.support.waiting import HANGING_S
+from tests.support.waiting import HANGING_S, wait_until
 
 pytestmark = [
     pytest.mark.slow,
@@ -194,6 +194,16 @@ def finish(folder: Path, words: str) -> tuple[int, str]:
     return process.returncode, "\n".join(lines)
 
 
+def in_session(leader: int) -> list[psutil.Process]:
+    """The processes that a command left behind, of which `leader` was the first."""
+    left = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.NoSuchProcess, ProcessLookupError):
+            if os.getsid(process.pid) == leader and process.status() != psutil.STATUS_ZOMBIE:
+                left.append(process)
+    return left
+
+
 def content_of(out: Path) -> dict[str, Any]:
     """Return the content of all files in a folder, but for what says how long something took."""
     files = [path for path in sorted(out.rglob("*")) if path.is_file() and path.name not in OF_THE_RUN]
@@ -229,12 +239,9 @@ def test_a_command_that_was_ended_is_finished_by_the_same_command(
     words = COMMANDS[name].format(out=out)
     set_back = {"BACK_AFTER_S": "0.5"} if draw.random() < 1 / 3 else {}
     process = start(folder, words, set_back)
-    children: list[psutil.Process] = []
     try:
         # From the first imports on: before them, Python itself answers an interrupt.
         time.sleep(0.5 + draw.random() * before.took_s)
-        with contextlib.suppress(psutil.NoSuchProcess):
-            children = psutil.Process(process.pid).children(recursive=True)
         with contextlib.suppress(ProcessLookupError):
             (os.killpg if group else os.kill)(process.pid, number)
         _, printed = process.communicate(timeout=HANGING_S)
@@ -249,8 +256,8 @@ def test_a_command_that_was_ended_is_finished_by_the_same_command(
         else:
             assert process.returncode == 128 + number, printed
             assert [line.startswith("cosim: interrupted") for line in lines] == [True], printed
-        psutil.wait_procs(children, 30)
-        assert not [child for child in children if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]
+        # Until then they hold their temporary folders.
+        wait_until(lambda: not in_session(process.pid))
         if set_back:
             tomorrow = time.time() + 86400
             for path in (*out.rglob("*"), *(folder / "temporary").iterdir()):

@@ -7,13 +7,17 @@ print a traceback.
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Ctrl-C; what `kill` and batch systems send; what a terminal sends when it is closed."""
+AGAIN_S = 0.02
+"""How long until a signal that Python dropped is sent again, s."""
 _received: list[int] = []
 
 
@@ -30,9 +34,26 @@ def raised_alike() -> Iterator[None]:
     # None stands for a handler that is not Python's own.
     taken = [number for number in ENDING if signal.getsignal(number) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, _interrupt) for number in taken}
+    hook, repeats = sys.unraisablehook, list[threading.Timer]()
+
+    def repeat(lost: Any) -> None:
+        # Python drops what is raised while it deletes an object: send the signal once more, a moment later.
+        if lost.exc_type is not KeyboardInterrupt or not _received:
+            hook(lost)
+            return
+        repeats.append(threading.Timer(AGAIN_S, _send, _received[:1]))
+        repeats[-1].daemon = True
+        repeats[-1].start()
+
+    sys.unraisablehook = repeat
     try:
         yield
     finally:
+        sys.unraisablehook = hook
+        with suppress(KeyboardInterrupt):
+            for timer in repeats:
+                timer.cancel()
+                timer.join()
         for number, handler in before.items():
             signal.signal(number, handler)
 
@@ -64,6 +85,14 @@ def deferred() -> Iterator[None]:
 def _interrupt(number: int, _: FrameType | None) -> None:
     _received.append(number)
     raise KeyboardInterrupt
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, which it wakes."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        signal.raise_signal(number)
 
 
 def _in_main_thread() -> bool:

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import psutil
@@ -17,7 +18,7 @@ from isac_cosim.labeling.dataset.dataset import read_meta
 from isac_cosim.labeling.generation.generate import generate
 from tests.support.held_command import started, wait_until_held
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
-from tests.support.waiting import wait_until
+from tests.support.waiting import HANGING_S, wait_until
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="process groups and their signals are of POSIX")
 
@@ -170,3 +171,23 @@ def test_a_signal_is_delayed_and_not_lost(number: int) -> None:
     assert reached == ["the end of the block"]
     assert interrupts.received() == number
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_an_object_is_deleted_is_not_lost(number: int, capfd: pytest.CaptureFixture[str]) -> None:
+    """Python drops what is raised there, and would print that it did."""
+
+    class Held:
+        def __del__(self) -> None:
+            signal.raise_signal(number)
+            signal.getsignal(number)  # the signal is handled before this
+
+    def work() -> None:
+        with interrupts.raised_alike():
+            Held()
+            time.sleep(HANGING_S)
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert interrupts.received() == number
+    assert capfd.readouterr().err == ""
