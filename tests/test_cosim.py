@@ -308,7 +308,7 @@ def test_inspect_says_what_is_in_it(tiny: Path, capfd: pytest.CaptureFixture[str
     printed = capfd.readouterr()
     result = json.loads(printed.out)
     assert result["verified"] is True
-    assert result["samples"] == sum(result["by_intention"].values()) == sum(result["by_origin"].values()) > 10
+    assert result["samples"] == sum(result["by_intention"].values()) == sum(result["by_origin"].values()) > 20
     for name, number in result["by_intention"].items():
         assert sum(result["by_intention_and_origin"][name].values()) == number
     assert result["seeds"] == {"motorway": [1, 2, 3]}

@@ -82,7 +82,7 @@ class Director:
             elif next(active.steps, self) is self:
                 self._end(vehicle, time)
         if decides:
-            for vehicle in self._vanished.keys() & present:
+            for vehicle in sorted(self._vanished.keys() & present):
                 restore(sumo, vehicle, self._vanished.pop(vehicle))
             self._evade_debris(sumo, time)
             self._start_maneuvers(sumo, sorted(present), time)

@@ -20,7 +20,7 @@ from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings
 from isac_cosim.isacsim.traffic.motion import condition
 from isac_cosim.isacsim.traffic.recordings.recording import COLUMNS, Command, Recording
-from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record, session
+from isac_cosim.isacsim.traffic.sources.sumo import MISSED_EXIT_S, TrafficSettings, record, session
 from tests.support.roads import straight_road, vehicle
 
 RATES = [name for name in ManeuverSettings.model_fields if name.endswith("_hour")]
@@ -292,3 +292,7 @@ def test_a_vehicle_that_is_moved_on_under_command_is_given_back_to_its_driver(mo
             assert sumo.vehicle.getSpeedMode(name) == DEFAULT_SPEED_MODE
             assert sumo.vehicle.getLaneChangeMode(name) == DEFAULT_LANE_CHANGE_MODE
             assert sumo.vehicle.getSpeed(name) > 1.0
+
+
+def test_nobody_is_moved_on_while_it_stands_before_a_closed_ramp() -> None:
+    assert ManeuverSettings().closed_ramp_end.stand_s[1] < MISSED_EXIT_S
