@@ -379,6 +379,34 @@ def reproduce(
     output.print_json(as_json, show(wanted, engine_for(wanted, jobs, cluster), output.console_of(quiet)))
 
 
+@app.command(
+    cls=HelpfulCommand,
+    epilog=examples(
+        "replay data --episode motorway-3 -o replay.html",
+        "replay results/quick/run --episode motorway-3 -o replay.html",
+        "replay predictor --data data --episode motorway-3 -o replay.html",
+    ),
+)
+def replay(
+    source: Annotated[Path, typer.Argument(metavar="RUN|DATASET", help="Folder of a trained predictor, or a dataset.")],
+    episode: Annotated[str, typer.Option(metavar="SCENARIO-SEED", help="The episode to show.")],
+    page: Annotated[Path, typer.Option("-o", "--out", metavar="PAGE", help="Page to write, ends in .html.")],
+    data: Annotated[
+        Path | None,
+        typer.Option(metavar="DATASET", help="Dataset of the episode. Default: the one beside the run, as in a study."),
+    ] = None,
+    as_json: opt.AsJson = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Make a page on which the records of an episode move: the road from above, and what the predictor answers.
+
+    The episode is simulated again, for the vehicles around them. The page needs no other file and no network.
+    """
+    from isac_cosim.command_line.replay import replay_and_show
+
+    output.print_json(as_json, replay_and_show(source, data, episode, page, output.console_of(quiet)))
+
+
 @app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench --all --json"))
 def bench(
     what: Annotated[str | None, typer.Argument(metavar="NAME", help="What to measure: {benches}.")] = None,

@@ -295,6 +295,27 @@ def test_a_finished_study_answers_again(
     ] == []
 
 
+def test_the_replay_of_a_run_shows_the_other_vehicles_and_what_it_answers(
+    tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "replay.html"
+    assert cosim.main(["replay", str(tiny / "run"), "--episode", "motorway-2", "-o", str(page), "--json"]) == 0
+    printed = capfd.readouterr()
+    result = json.loads(printed.out)
+    assert result["others"] is True
+    assert "TV and UV only" not in printed.err
+    embedded = re.search(r'id="replay-data">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert embedded is not None
+    content = json.loads(embedded[1])
+    assert len(content["records"]) == result["records"] > 5
+    assert all(record["answers"]["probabilities"] for record in content["records"])
+    wrong = [record["id"] for record in content["records"] if record["answers"]["wrong"]]
+    assert wrong == result["wrong"]
+    # The TV is not also one of the others.
+    for record in content["records"]:
+        assert not {*record["ids"]} & {other["id"] for other in record["others"]}
+
+
 def test_another_study_in_the_same_folder_is_refused(
     tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -117,11 +117,7 @@ def predict(run: Run, records: Records, ends: Ends) -> Predictions:
 
     Raises InputError where the records have other sampling rates than the run was trained on.
     """
-    if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
-        raise InputError(
-            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, but the dataset has "
-            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset with the same rates"
-        )
+    check_rates(run, records)
     parts = [run.answer(windows) for windows in batches(records, ends, run.card.settings.windows, BATCH)]
     table, end_s = records.table.iloc[ends.row], ends.times(records)
     return Predictions(
@@ -153,3 +149,12 @@ def unseen(records: Records, runs: Sequence[Run]) -> Records:
     if not (left & np.isin(records.label, KNOWN)).any():
         raise InputError("every scenario seed of the dataset was used in training; evaluate on other seeds")
     return records.take(left)
+
+
+def check_rates(run: Run, records: Records) -> None:
+    """Raise InputError where the records have other sampling rates than the run was trained on."""
+    if (records.tv_rate_hz, records.uv_rate_hz) != (run.card.tv_rate_hz, run.card.uv_rate_hz):
+        raise InputError(
+            f"{run.path}: trained on {run.card.tv_rate_hz:g} and {run.card.uv_rate_hz:g} Hz, but the dataset has "
+            f"{records.tv_rate_hz:g} and {records.uv_rate_hz:g} Hz; train on a dataset with the same rates"
+        )

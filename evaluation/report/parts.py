@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from isac_cosim.base.files import replace_file
+from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.statistics import Estimate
 
 NO_VALUE = "-"
@@ -38,7 +39,7 @@ class Part:
     numbers: figures that sum a result up, each with its name. rows: of a table; their keys are the headings. strong:
     numbers of the rows that sum the others up. sentences: what can be said. lines: of a list. figures: file names in
     the folder of the page's figures, each with a caption that says what there is to be seen; missing ones are left out.
-    on_page, on_terminal: where the part is shown.
+    replay: a road that moves; a page holds one. on_page, on_terminal: where the part is shown.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Part:
     strong: Sequence[int] = ()
     sentences: Sequence[str] = ()
     lines: Sequence[str] = ()
+    replay: Replay | None = None
     on_page: bool = True
     on_terminal: bool = True
 

@@ -23,35 +23,40 @@ from isac_cosim.labeling.generation.settings import DatasetStudy, as_stored, dri
 
 LEAST_SCHEMA = 3
 """Datasets of earlier schemas have other drivers."""
+SCENE_NEEDS = "a scene needs all vehicles"
 ANEW = "generate the dataset anew with --scene"
 
 
 @dataclass(frozen=True)
 class Recorder:
-    """Records episodes of a dataset again. where: from which the source loads each scenario, by the scenario's name."""
+    """Records episodes of a dataset again.
+
+    where: from which the source loads each scenario, by the scenario's name. why, remedy: what a refusal says it is
+    for, and what there is to be done.
+    """
 
     dataset: Path
     study: DatasetStudy
     source: MotionSource
     where: Mapping[str, str]
+    why: str = SCENE_NEEDS
+    remedy: str = ANEW
 
     @classmethod
-    def of(cls, dataset: Dataset) -> Self:
+    def of(cls, dataset: Dataset, why: str = SCENE_NEEDS, remedy: str = ANEW) -> Self:
         """Return what records a dataset's episodes. Raises InputError if its scenarios or its study are not as then."""
         if dataset.meta.schema_version < LEAST_SCHEMA or driven_by_profiles(dataset.meta.study):
-            raise InputError(
-                f"{dataset.path}: a scene needs all vehicles, and an earlier version recorded them otherwise; {ANEW}"
-            )
+            raise InputError(f"{dataset.path}: {why}, and an earlier version recorded them otherwise; {remedy}")
         study = checked(DatasetStudy, as_stored(dataset.meta.study), dataset.path)
         source, where = motion_source(study), {}
         for described in dataset.meta.scenarios:
             where[described.name] = resolved(described.source)
             if source.digest(_load(source, where[described.name])) != described.sha256:
                 raise InputError(
-                    f"{dataset.path}: a scene needs all vehicles, and the files of {described.name} have changed since "
-                    f"they were recorded; restore them, or {ANEW}"
+                    f"{dataset.path}: {why}, and the files of {described.name} have changed since "
+                    f"they were recorded; restore them, or {remedy}"
                 )
-        return cls(dataset.path, study, source, where)
+        return cls(dataset.path, study, source, where, why, remedy)
 
     def record(self, scenario: str, seed: int, stored: Sequence[Sample]) -> Recording:
         """Return the recording of an episode, from which samples were made.
@@ -62,8 +67,8 @@ class Recorder:
         for sample in stored:
             if not self._has(recording, sample):
                 raise InputError(
-                    f"{self.dataset}: a scene needs all vehicles, and {scenario}, seed {seed}, is not the same when it "
-                    f"is recorded again (vehicle {sample.tv_id}): another version of SUMO or NumPy made it; {ANEW}"
+                    f"{self.dataset}: {self.why}, and {scenario}, seed {seed}, is not the same when it is recorded "
+                    f"again (vehicle {sample.tv_id}): another version of SUMO or NumPy made it; {self.remedy}"
                 )
         return recording
 

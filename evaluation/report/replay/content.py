@@ -1,0 +1,170 @@
+"""What the page's replay shows, and how it is packed: a record's three paths take 1.5 kB.
+
+`replay.js` reads this; a change of one is a change of the other.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array
+
+RATE_HZ = 25.0
+"""Places of the TV and the UV, and of what was sensed, a second."""
+LARGEST = 32_767
+"""Of a packed number."""
+STEP_M = 0.01
+"""Of packed places, m, where they lie within 327 m of a record's middle."""
+LENGTH_M, WIDTH_M = 4.5, 1.8
+"""Drawn size of a vehicle whose size is not known, m."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Another vehicle near a record.
+
+    from_s, step_s: time of its first place, s after the record's start, and from one to the next. places: of its front
+    bumper, m, in the scenario's plane, (2, n).
+    """
+
+    id: str
+    kind: str
+    length_m: float
+    width_m: float
+    from_s: float
+    step_s: float
+    places: Array
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a predictor answers along a record.
+
+    from_s, step_s: ends of the windows, s after the record's start. probabilities: (n, G). predicted: the likeliest
+    intention at the last window that an evaluation measures; None where there is no such window. wrong: whether that
+    is another than the label; None where the predictor was not trained on the label's intention.
+    """
+
+    from_s: float
+    step_s: float
+    probabilities: Array
+    predicted: str | None
+    wrong: bool | None
+
+
+@dataclass(frozen=True)
+class Moving:
+    """One record that can be replayed. Times are in s after its start, paths (2, n) in m in the scenario's plane.
+
+    truth, sensed, uv: places of the TV as it drove and as it was sensed, and of the UV as it reported, at RATE_HZ.
+    sizes: length and width of the TV and of the UV, m. others: vehicles near them; empty where they are not known.
+    """
+
+    id: str
+    intention: str
+    origin: str
+    tv_id: str
+    uv_id: str
+    start_s: float
+    onset_s: float
+    commit_s: float
+    truth: Array
+    sensed: Array
+    uv: Array
+    sizes: tuple[tuple[float, float], tuple[float, float]] = ((LENGTH_M, WIDTH_M), (LENGTH_M, WIDTH_M))
+    others: Sequence[Vehicle] = ()
+    answers: Answers | None = None
+
+    def packed(self) -> dict[str, Any]:
+        """Return the record as plain values for the page."""
+        paths = [self.truth, self.sensed, self.uv]
+        every = np.concatenate([*paths, *(vehicle.places for vehicle in self.others)], axis=1)
+        middle = np.round((every.min(axis=1) + every.max(axis=1)) / 2)
+        step = max(STEP_M, float(np.abs(every - middle[:, None]).max()) / LARGEST)
+        truth, sensed, uv = (pack(path, middle, step) for path in paths)
+        content: dict[str, Any] = {
+            "id": self.id,
+            "intention": self.intention,
+            "origin": self.origin,
+            "ids": [self.tv_id, self.uv_id],
+            "sizes": self.sizes,
+            "start": round(self.start_s, 3),
+            "onset": round(self.onset_s, 3),
+            "commit": round(self.commit_s, 3),
+            "rate": RATE_HZ,
+            "middle": middle.tolist(),
+            "step": step,
+            "truth": truth,
+            "sensed": sensed,
+            "uv": uv,
+            "others": [
+                {
+                    "id": vehicle.id,
+                    "kind": vehicle.kind,
+                    "size": [round(vehicle.length_m, 2), round(vehicle.width_m, 2)],
+                    "from": round(vehicle.from_s, 4),
+                    "step": round(vehicle.step_s, 4),
+                    "places": pack(vehicle.places, middle, step),
+                }
+                for vehicle in self.others
+            ],
+        }
+        if (answers := self.answers) is not None:
+            shares = np.clip(np.rint(255 * answers.probabilities), 0, 255).astype(np.uint8)
+            content["answers"] = {
+                "from": round(answers.from_s, 3),
+                "step": round(answers.step_s, 4),
+                "probabilities": base64.b64encode(shares.tobytes()).decode(),
+                "predicted": answers.predicted,
+                "wrong": answers.wrong,
+            }
+        return content
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What can be replayed on a page.
+
+    records: the ones to choose from, the first of which is shown. lanes: width and centre line (n, 2) of lanes near
+    them, m. sites: id, x, y, m, and azimuth, compass degrees. classes: intentions of the predictor, none without one.
+    remarks: sentences on what is shown and what is not.
+    """
+
+    title: str
+    records: Sequence[Moving]
+    lanes: Sequence[tuple[float, Array]]
+    sites: Sequence[tuple[str, float, float, float]]
+    classes: Sequence[str] = ()
+    remarks: Sequence[str] = ()
+
+    def packed(self) -> dict[str, Any]:
+        """Return everything as plain values for the page."""
+        return {
+            "classes": [*self.classes],
+            "lanes": [
+                {"width": round(width, 2), "line": np.round(line, 2).reshape(-1).tolist()} for width, line in self.lanes
+            ],
+            "sites": [[name, round(x, 2), round(y, 2), round(azimuth, 1)] for name, x, y, azimuth in self.sites],
+            "records": [record.packed() for record in self.records],
+        }
+
+
+def pack(path: Array, middle: Array, step: float) -> str:
+    """Return places as base64 text of little-endian 16-bit numbers: x and y of one place after the other.
+
+    path: (2, n), m. middle: the place that is 0, (2,), m. step: of the numbers, m.
+    """
+    numbers = np.rint((path - middle[:, None]) / step)
+    return base64.b64encode(np.clip(numbers, -LARGEST, LARGEST).T.astype("<i2").tobytes()).decode()
+
+
+def at_rate(states: Array, rate_hz: float, wanted_hz: float = RATE_HZ) -> Array:
+    """Return the places of states, (6, n) at a rate, at another rate from the first one on, (2, m), m."""
+    times = np.arange(states.shape[1]) / rate_hz
+    instants = np.arange(int(times[-1] * wanted_hz + 1e-6) + 1) / wanted_hz
+    return np.stack([np.interp(instants, times, states[k]) for k in (0, 1)])

@@ -1,0 +1,163 @@
+"""Makes a replay of an episode of a dataset: its records, what is around them, and what a predictor answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import SILENT, Feedback
+from isac_cosim.base.files import shortened
+from isac_cosim.base.registry import nearest
+from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.on_windows.predictions import check_rates
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay, at_rate
+from isac_cosim.evaluation.report.replay.others import Around, around, of_one
+from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
+from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.windows import Ends, Records, cut, end_bounds, fitting
+from isac_cosim.models.runs.run import Run
+
+ROAD_REACH_M = 300.0
+"""Lanes are on the page as far as this from the records, m."""
+MOST_RECORDS = 1_000
+"""Records on one page."""
+MOST_BYTES = 9_000_000
+"""Of the other vehicles on one page, which then stays below 15 MB."""
+ALONE = "TV and UV only: "
+"""How the sentence begins that says why no other vehicle is shown."""
+SIDES = {
+    "train": "The predictor was trained on this episode: how well it answers here says nothing of unseen traffic.",
+    "validation": "The predictor was chosen on this episode: how well it answers here says little of unseen traffic.",
+    "unused": "The predictor's seeds include this episode, which was left unused: nothing was fitted to it.",
+    "test": "The predictor was neither trained nor chosen on this episode.",
+}
+
+
+def find_episode(dataset: Dataset, name: str) -> Shard:
+    """Return the shard of an episode, `SCENARIO-SEED`. Raises InputError if there is none, or if it has no record."""
+    names = {shard.file.removesuffix(".parquet"): shard for shard in dataset.meta.shards}
+    if name not in names:
+        hint = nearest(name, names)
+        raise InputError(
+            f"--episode {shortened(name)}: {dataset.path} has no such episode; {hint}it has {_listed([*names])}"
+        )
+    if not names[name].samples:
+        others = [other for other, shard in names.items() if shard.samples]
+        raise InputError(f"--episode {name}: has no record to show; episodes with records are {_listed(others)}")
+    return names[name]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return the first of some names as a text."""
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return (", ".join(names[:5]) + more) or "none"
+
+
+def replay_of(
+    dataset: Dataset, shard: Shard, engine: Engine, run: Run | None = None, feedback: Feedback = SILENT
+) -> Replay:
+    """Return the replay of an episode, all its records in their order.
+
+    engine: simulates the episode again, for the vehicles that the dataset does not hold. run: whose answers are shown.
+    Raises InputError where the dataset is damaged, or the run made for other rates.
+    """
+    alone, rates = of_one(dataset, shard), dataset.meta
+    records = Records.of(alone)
+    if run is not None:
+        check_rates(run, records)
+    samples = dataset.samples(shard)[:MOST_RECORDS]
+    found, reason = around(dataset, shard, engine, feedback)
+    remarks = [] if found is not None else [f"{ALONE}{reason}."]
+    if found is not None and (full := _full_after(found)) < len(samples):
+        found[full:] = [replace(beside, others=[]) for beside in found[full:]]
+        remarks.append(f"From record {full + 1} on, TV and UV only: the page would grow beyond 15 MB.")
+    if len(samples) < shard.samples:
+        remarks.append(f"These are the first {len(samples)} of the episode's {shard.samples} records.")
+    moving = [
+        _moving(
+            sample,
+            (rates.tv_rate_hz, rates.uv_rate_hz),
+            None if found is None else found[row],
+            None if run is None else _answers(run, records, row),
+        )
+        for row, sample in enumerate(samples)
+    ]
+    name = shard.file.removesuffix(".parquet")
+    if run is not None:
+        remarks += [SIDES[side] for side, groups in run.card.split.items() if name in groups][:1]
+        if run.card.settings.held_out is not None:
+            remarks.append(f"It never saw {run.card.settings.held_out.replace('_', ' ')}.")
+    scenario = shard.episode.scenario
+    return Replay(
+        title=f"Episode {name}" if run is None else f"{run.name} in episode {name}",
+        records=moving,
+        lanes=_lanes_near(dataset, scenario, moving),
+        sites=[(site.id, site.x, site.y, site.azimuth_deg) for site in dataset.sites(scenario)],
+        classes=() if run is None else run.card.classes,
+        remarks=remarks,
+    )
+
+
+def _full_after(found: Sequence[Around]) -> int:
+    """Return after how many records the vehicles around them fill a page."""
+    sizes = [sum(3 * vehicle.places.size + 150 for vehicle in beside.others) for beside in found]
+    return int(np.searchsorted(np.cumsum(sizes), MOST_BYTES, side="right"))
+
+
+def _moving(sample: Sample, rates_hz: tuple[float, float], beside: Around | None, answers: Answers | None) -> Moving:
+    """Return one record as it is replayed. rates_hz: of the TV's and of the UV's states."""
+    columns = (sample.tv_truth, rates_hz[0]), (sample.tv, rates_hz[0]), (sample.uv, rates_hz[1])
+    truth, sensed, uv = (at_rate(in_plane(states, sample.x0, sample.y0), rate_hz) for states, rate_hz in columns)
+    moving = Moving(
+        id=sample.sample_id,
+        intention=sample.intention.text,
+        origin=sample.origin,
+        tv_id=sample.tv_id,
+        uv_id=sample.uv_id,
+        start_s=sample.t_start,
+        onset_s=sample.t_onset - sample.t_start,
+        commit_s=sample.t_commit - sample.t_start,
+        truth=truth,
+        sensed=sensed,
+        uv=uv,
+        answers=answers,
+    )
+    return moving if beside is None else replace(moving, sizes=beside.sizes, others=beside.others)
+
+
+def _answers(run: Run, records: Records, row: int) -> Answers:
+    """Return what a predictor answers on every window of a record that ends on the replay's grid."""
+    windows, rate_hz = run.card.settings.windows, records.uv_rate_hz
+    first, last = fitting(records, windows)
+    every = max(1, round(rate_hz / RATE_HZ))
+    steps = np.arange(first, last + 1, every)
+    measured_first, measured_last = (int(bound[row]) for bound in end_bounds(records, windows))
+    measured = measured_last >= measured_first
+    asked = np.append(steps, measured_last if measured else last)
+    probabilities = run.answer(cut(records, Ends(np.full(len(asked), row), asked), windows)).probabilities
+    label = int(records.label[row])
+    predicted = run.card.classes[int(probabilities[-1].argmax())] if measured else None
+    trained = label in KNOWN and run.card.classes[label] != run.card.settings.held_out
+    return Answers(
+        from_s=first / rate_hz,
+        step_s=every / rate_hz,
+        probabilities=probabilities[:-1],
+        predicted=predicted,
+        wrong=predicted != run.card.classes[label] if measured and trained else None,
+    )
+
+
+def _lanes_near(dataset: Dataset, scenario: str, moving: Sequence[Moving]) -> list[tuple[float, Array]]:
+    """Return width and line of the lanes that come near the records."""
+    paths = np.concatenate([path for record in moving for path in (record.truth, record.uv)], axis=1)
+    low, high = paths.min(axis=1) - ROAD_REACH_M, paths.max(axis=1) + ROAD_REACH_M
+    return [
+        (lane.width_m, lane.shape)
+        for lane in dataset.roads(scenario)
+        if (lane.shape.max(axis=0) >= low).all() and (lane.shape.min(axis=0) <= high).all()
+    ]
