@@ -281,21 +281,11 @@ def train(
     ),
 )
 def evaluate(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a trained predictor.")],
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DATASET", help="Dataset; only seeds unseen in training are used.")
-    ] = None,
+    run: opt.RunFolder,
+    data: opt.EvaluatedDataset = None,
     traffic: opt.TrafficScenario = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", help="Folder to write. Default: evaluation/, or traffic-SCENARIO/, in the run's folder."
-        ),
-    ] = None,
-    against: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="RUN", help="Compare with another run on the same windows; repeatable."),
-    ] = None,
+    out: opt.EvaluationFolder = None,
+    against: opt.Against = None,
     seeds: opt.MeasuredSeeds = None,
     development: opt.DevelopmentSeeds = None,
     duration: opt.Duration = None,
@@ -379,29 +369,16 @@ def reproduce(
     output.print_json(as_json, show(wanted, engine_for(wanted, jobs, cluster), output.console_of(quiet)))
 
 
-@app.command(
-    cls=HelpfulCommand,
-    epilog=examples(
-        "replay data --episode motorway-3 -o replay.html",
-        "replay results/quick/run --episode motorway-3 -o replay.html",
-        "replay predictor --data data --episode motorway-3 -o replay.html",
-    ),
-)
+@app.command(cls=HelpfulCommand, epilog=examples("replay results/quick/run --episode motorway-3 -o replay.html"))
 def replay(
-    source: Annotated[Path, typer.Argument(metavar="RUN|DATASET", help="Folder of a trained predictor, or a dataset.")],
-    episode: Annotated[str, typer.Option(metavar="SCENARIO-SEED", help="The episode to show.")],
-    page: Annotated[Path, typer.Option("-o", "--out", metavar="PAGE", help="Page to write, ends in .html.")],
-    data: Annotated[
-        Path | None,
-        typer.Option(metavar="DATASET", help="Dataset of the episode. Default: the one beside the run, as in a study."),
-    ] = None,
+    source: opt.RunOrDataset,
+    episode: opt.Episode,
+    page: opt.Page,
+    data: opt.ReplayData = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
-    """Make a page on which the records of an episode move: the road from above, and what the predictor answers.
-
-    The episode is simulated again, for the vehicles around them. The page needs no other file and no network.
-    """
+    """Make a page on which the records of an episode, which is simulated again, move on the road, seen from above."""
     from isac_cosim.command_line.replay import replay_and_show
 
     output.print_json(as_json, replay_and_show(source, data, episode, page, output.console_of(quiet)))

@@ -148,6 +148,31 @@ ConditioningKind = Annotated[
         help="With --advisories: how running traffic is smoothed, trailing (0.6 s late) or causal. Default: trailing.",
     ),
 ]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a trained predictor.")]
+EvaluatedDataset = Annotated[
+    Path | None, typer.Option("--data", metavar="DATASET", help="Dataset; only seeds unseen in training are used.")
+]
+EvaluationFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--out", help="Folder to write. Default: evaluation/, or traffic-SCENARIO/, in the run's folder."
+    ),
+]
+Against = Annotated[
+    list[Path] | None,
+    typer.Option("--against", metavar="RUN", help="Compare with another run on the same windows; repeatable."),
+]
+RunOrDataset = Annotated[
+    Path, typer.Argument(metavar="RUN|DATASET", help="Folder of a trained predictor, or a dataset.")
+]
+Episode = Annotated[str, typer.Option("--episode", metavar="SCENARIO-SEED", help="The episode to show.")]
+Page = Annotated[Path, typer.Option("-o", "--out", metavar="PAGE", help="Page to write, ends in .html.")]
+ReplayData = Annotated[
+    Path | None,
+    typer.Option(
+        "--data", metavar="DATASET", help="Dataset of the episode. Default: the one beside the run, as in a study."
+    ),
+]
 Paper = Annotated[str, typer.Argument(metavar="PAPER", help="Paper to reproduce: {papers}.")]
 ReproductionFolder = Annotated[
     Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the paper's name, under results/.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from markupsafe import Markup
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.evaluation.report.html.templates import render
-from isac_cosim.evaluation.report.parts import Cell, Link, Part, text_of
+from isac_cosim.evaluation.report.parts import Link, Part, Row, counted, csv_text, text_of
 
 PAGE = "index.html"
 MARK = "isac-cosim"
@@ -64,37 +63,20 @@ def check_page(page: Path) -> None:
 
 
 def _part(part: Part, folder: Path) -> Markup:
-    numbers = "".join(f"<div><b>{html.escape(value)}</b>{html.escape(name)}</div>" for value, name in part.numbers)
-    texts = [
-        f"<h2>{html.escape(part.title)}</h2>" if part.title else "",
-        *(f"<p class=verdict>{html.escape(sentence)}</p>" for sentence in part.sentences),
-        f"<p>{html.escape(part.text)}</p>" if part.text else "",
-        f"<div class=big>{numbers}</div>" if numbers else "",
-        render("replay.html.j2", replay=part.replay) if part.replay is not None else "",
-        _table(part) if part.rows else "",
-        f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in part.lines)}</ul>" if part.lines else "",
-        *(_figure(folder / name, caption) for name, caption in part.figures if (folder / name).is_file()),
+    figures = [
+        {
+            "name": Path(name).stem,
+            "caption": caption,
+            "alt": part.seen.get(name, caption),
+            "data": base64.b64encode((folder / name).read_bytes()).decode(),
+            "rows": part.figure_rows.get(name, ()),
+        }
+        for name, caption in part.figures
+        if (folder / name).is_file()
     ]
-    return Markup("".join(texts))
+    return render("part.html.j2", part=part, figures=figures, text_of=text_of, csv=_csv, counted=counted)
 
 
-def _table(part: Part) -> str:
-    top = "".join(f"<th>{html.escape(heading)}</th>" for heading in part.headings)
-    rows = "".join(
-        f"<tr{' class=strong' if k in part.strong else ''}>"
-        f"{''.join(f'<td>{_cell(row.get(heading))}</td>' for heading in part.headings)}</tr>"
-        for k, row in enumerate(part.rows)
-    )
-    return f"<div class=scroll><table><thead><tr>{top}</tr></thead><tbody>{rows}</tbody></table></div>"
-
-
-def _cell(cell: Cell) -> str:
-    if isinstance(cell, Link):
-        return f'<a href="{html.escape(cell.target)}">{html.escape(cell.text)}</a>'
-    return html.escape(text_of(cell))
-
-
-def _figure(path: Path, caption: str) -> str:
-    """Return a PNG file, embedded in the page, with a caption of plain text."""
-    data, alt = base64.b64encode(path.read_bytes()).decode(), html.escape(caption)
-    return f'<figure><img alt="{alt}" src="data:image/png;base64,{data}"><figcaption>{alt}</figcaption></figure>'
+def _csv(rows: Sequence[Row]) -> str:
+    """Return the address of a table that lies in the page itself."""
+    return f"data:text/csv;charset=utf-8;base64,{base64.b64encode(csv_text(rows).encode()).decode()}"

@@ -7,7 +7,8 @@ Evaluations on windows and in traffic, closed loops, sweeps and reproductions ar
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -32,14 +33,31 @@ Row = Mapping[str, Cell]
 
 
 @dataclass(frozen=True)
+class Matrix:
+    """A confusion matrix. counts: rows true, columns predicted. records: ids of those behind a cell, by row and column.
+
+    replayed: ids of the records that the page's replay shows. most: ids that a cell lists.
+    """
+
+    classes: Sequence[str]
+    counts: Sequence[Sequence[int]]
+    records: Mapping[tuple[int, int], Sequence[str]] = field(default_factory=dict)
+    replayed: Collection[str] = ()
+    most: int = 60
+
+
+@dataclass(frozen=True)
 class Part:
     """The answer to one question, for people; what is empty is not shown.
 
     name: of the part, and of its CSV file where there is one. title, text: the question, and how to read the answer.
     numbers: figures that sum a result up, each with its name. rows: of a table; their keys are the headings. strong:
     numbers of the rows that sum the others up. sentences: what can be said. lines: of a list. figures: file names in
-    the folder of the page's figures, each with a caption that says what there is to be seen; missing ones are left out.
-    replay: a road that moves; a page holds one. on_page, on_terminal: where the part is shown.
+    the folder of the page's figures, each with a caption that says what it shows; missing ones are left out. seen:
+    what there is to be seen in a figure, for those who do not see it, by its file name. figure_rows: the numbers
+    behind a figure, by its file name. bars: whether estimates from 0 to 1 are also drawn. folded: whether the table
+    is behind its title on a page. matrix: who is taken for whom. replay: a road that moves; a page holds one.
+    on_page, on_terminal: where the part is shown.
     """
 
     name: str
@@ -51,6 +69,11 @@ class Part:
     strong: Sequence[int] = ()
     sentences: Sequence[str] = ()
     lines: Sequence[str] = ()
+    seen: Mapping[str, str] = field(default_factory=dict)
+    figure_rows: Mapping[str, Sequence[Row]] = field(default_factory=dict)
+    bars: bool = False
+    folded: bool = False
+    matrix: Matrix | None = None
     replay: Replay | None = None
     on_page: bool = True
     on_terminal: bool = True
@@ -67,13 +90,16 @@ class Shown:
 
     result: the content of `metrics.json`, typed. folder: where the figures lie; a part may draw one of its own there.
     remarks: sentences for captions, by the figure's file name. answers: what result parts of other packages measured,
-    by the part's name (`evaluation.questions`).
+    by the part's name (`evaluation.questions`). replay: of an episode of test records. confused: ids of the records
+    behind each cell of the confusion matrix, by row and column.
     """
 
     result: Any
     folder: Path
     remarks: Mapping[str, str] = field(default_factory=dict)
     answers: Mapping[str, Any] = field(default_factory=dict)
+    replay: Replay | None = None
+    confused: Mapping[tuple[int, int], Sequence[str]] = field(default_factory=dict)
 
 
 class ResultPart(Protocol):
@@ -108,21 +134,30 @@ def texts_of(part: Part) -> list[list[str]]:
     return [[text_of(row.get(name)) for name in part.headings] for row in part.rows]
 
 
-def write_table(rows: Sequence[Row], path: Path) -> None:
-    """Write rows as CSV; an estimate takes the columns of its value, its interval and its spread.
+def counted(number: int, noun: str) -> str:
+    """Return a number of things in words.
 
-    Raises OutputError.
+    >>> counted(1, "window"), counted(2, "window")
+    ('1 window', '2 windows')
     """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """Return rows as CSV; an estimate takes the columns of its value, its interval and its spread."""
     flat = [_flat(row) for row in rows]
     names = list(dict.fromkeys(name for row in flat for name in row))
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, names, restval="")
+    writer.writeheader()
+    writer.writerows(flat)
+    return text.getvalue()
 
-    def write(partial: Path) -> None:
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names, restval="")
-            writer.writeheader()
-            writer.writerows(flat)
 
-    replace_file(path, write)
+def write_table(rows: Sequence[Row], path: Path) -> None:
+    """Write rows as CSV (`csv_text`). Raises OutputError."""
+    content = csv_text(rows).encode("utf-8")
+    replace_file(path, lambda partial: partial.write_bytes(content))
 
 
 def _flat(row: Row) -> dict[str, str | float | int]:

@@ -34,7 +34,7 @@ class PassesUv:
             return []
         top, rows = passing_table(result.passing)
         strong = range(len(result.runs) + 1)
-        page = Part("passing", QUESTION, TEXT, _under(top, rows), FIGURE, strong=strong, on_terminal=False)
+        page = Part("passing", QUESTION, TEXT, _under(top, rows), FIGURE, strong=strong, folded=True, on_terminal=False)
         columns = head(result)
         brief = _under(columns, passing_rows(result.passing, len(columns) - 1))
         title = f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}"

@@ -11,6 +11,7 @@ from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.questions import GROUP
 from isac_cosim.evaluation.report import live_parts, window_parts
 from isac_cosim.evaluation.report.dependence_part import DependentSeeds
+from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatrix, MovingRoad
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
 
@@ -19,11 +20,15 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
     {
         "headline": window_parts.Headline(),
         "dependent-seeds": DependentSeeds(),
+        "replay": MovingRoad(),
+        "f1-by-intention": ByIntention(),
+        "confusion": ConfusionMatrix(),
+        "verdict": window_parts.Verdict(),
+        "window-figures": window_parts.WindowFigures(),
         "scores": window_parts.WindowScores(),
         "lead-times": window_parts.ScoresByLeadTime(),
-        "verdict": window_parts.Verdict(),
         "passing": PassesUv(),
-        "window-figures": window_parts.WindowFigures(),
+        "how-measured": window_parts.HowMeasured(),
         "live-headline": live_parts.LiveHeadline(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,15 +11,19 @@ from rich.console import Console
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report import page, terminal
 from isac_cosim.evaluation.report.figures import draw_figures, spoken
+from isac_cosim.evaluation.report.first_screen import confused
 from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.evaluation.report.record_view import RecordView, choose_record, draw_record
 from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.evaluation.report.verdict import seeds_text
 from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
 from isac_cosim.labeling.dataset.record_point import in_plane
@@ -27,7 +32,7 @@ from isac_cosim.models.data.windows import Ends, Records, cut, fitting
 from isac_cosim.models.runs.run import Run
 
 if TYPE_CHECKING:
-    from isac_cosim.labeling.dataset.dataset import Dataset
+    from isac_cosim.labeling.dataset.dataset import Dataset, Shard
 
 END_STEP_S = 0.05
 """Time between the ends of the windows that are predicted in a drawn record, s."""
@@ -48,16 +53,31 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     scenario = str(records.table["scenario"].iloc[row])
     view = record_view(evaluated.run, records, truth, row)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
-    return write_page(evaluation.result, out, choice.rule)
+    replay = replay_of(dataset, _shard_of(dataset, row), LocalEngine(1), evaluated.run).beginning_with(choice.sample_id)
+    cells = confused(evaluated.predictions, evaluation.result)
+    return write_page(evaluation.result, out, choice.rule, replay, cells)
 
 
-def write_page(result: EvaluationResult, folder: Path, record_rule: str = "") -> Path:
+def _shard_of(dataset: Dataset, row: int) -> Shard:
+    """Return the shard that holds a row of the dataset."""
+    ends = np.cumsum(dataset.meta.shards.numbers("samples"))
+    return dataset.meta.shards[int(np.searchsorted(ends, row, side="right"))]
+
+
+def write_page(
+    result: EvaluationResult,
+    folder: Path,
+    record_rule: str = "",
+    replay: Replay | None = None,
+    cells: Mapping[tuple[int, int], Sequence[str]] | None = None,
+) -> Path:
     """Write index.html from a result and the figures in a folder. The page needs no other file.
 
-    record_rule: sentence for the caption of the record's figure, saying how the record was chosen.
+    record_rule: sentence for the caption of the record's figure, saying how the record was chosen. replay: of the
+    record's episode. cells: ids of the records behind each cell of the confusion matrix.
     Returns the page's path.
     """
-    shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {})
+    shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {}, replay, cells or {})
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
     return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder)
 

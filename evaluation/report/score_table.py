@@ -8,7 +8,7 @@ from typing import Any
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
 from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.parts import Part
+from isac_cosim.evaluation.report.parts import Part, counted
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
 from isac_cosim.labeling.intentions import over_text
 from isac_cosim.models.scores import open_set
@@ -37,7 +37,7 @@ def _section(
 ) -> Part:
     """Return rows under a title: a label, a cell for each run, and a cell for each difference to a compared run."""
     top = head(result)
-    return Part(name, title, rows=[dict(zip(top, row, strict=True)) for row in rows], strong=strong)
+    return Part(name, title, rows=[dict(zip(top, row, strict=True)) for row in rows], strong=strong, folded=True)
 
 
 def by_lead_table(before: BeforeCommit, classes: Sequence[str]) -> tuple[list[str], list[list[str]]]:
@@ -62,11 +62,12 @@ def cell(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def with_interval(scores: ClassifiedWindows) -> str:
-    """Return a macro-F1 with its interval over scenario seeds."""
-    if scores.macro_f1_low is None or scores.macro_f1_high is None:
+def with_interval(scores: ClassifiedWindows | RunResult) -> str:
+    """Return a macro-F1 with its interval over scenario seeds, unless that is all there is from 0 to 1."""
+    low, high = scores.macro_f1_low, scores.macro_f1_high
+    if low is None or high is None or (low <= 0 and high >= 1):
         return cell(scores.macro_f1)
-    return f"{cell(scores.macro_f1)} ({scores.macro_f1_low:.3f} to {scores.macro_f1_high:.3f})"
+    return f"{cell(scores.macro_f1)} ({low:.3f} to {high:.3f})"
 
 
 def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:
@@ -75,7 +76,7 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> P
     pairs = [other.paired_difference_before_commit for other in result.compared]
     rows = [
         [
-            f"{_class_label(first, name)}: {first.per_class[name].n} windows",
+            f"{_class_label(first, name)}: {counted(first.per_class[name].n, 'window')}",
             *(cell(scores.per_class[name].f1) for scores in early),
             *_differences(pairs, _of_class(name)),
         ]
@@ -89,7 +90,7 @@ def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> P
         ]
     )
     rows.append(["accuracy", *(cell(scores.accuracy) for scores in early), *("" for _ in pairs)])
-    title = f"Prediction: F1 of {first.n} windows that end before the commit, {seeds_text(first.groups)}"
+    title = f"Prediction: F1 of {counted(first.n, 'window')} ending before the commit, {seeds_text(first.groups)}"
     return _section(result, "before-commit", title, rows, (len(rows) - 2, len(rows) - 1))
 
 
@@ -98,7 +99,7 @@ def _by_lead(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:
     rows = []
     for k, at_lead in enumerate(early[0].by_lead):
         label = (
-            f"{at_lead.lead_s:g} s before: {at_lead.n} windows, {_intentions(at_lead, result.classes)}, "
+            f"{at_lead.lead_s:g} s before: {counted(at_lead.n, 'window')}, {_intentions(at_lead, result.classes)}, "
             f"{seeds_text(at_lead.groups)}"
         )
         scores = [scores.by_lead[k] for scores in early]
@@ -118,7 +119,7 @@ def _after_commit(result: EvaluationResult) -> Part:
         [f"macro-F1{over_text(late[0].macro_f1_over, result.classes)}", *map(with_interval, late), *blank],
         ["accuracy", *(cell(scores.accuracy) for scores in late), *blank],
     ]
-    title = f"Recognition: {late[0].n} windows that end after the commit, {seeds_text(late[0].groups)}"
+    title = f"Recognition: {counted(late[0].n, 'window')} ending after the commit, {seeds_text(late[0].groups)}"
     return _section(result, "after-commit", title, rows)
 
 
@@ -148,7 +149,7 @@ def _all_windows(result: EvaluationResult) -> Part:
             *blank,
         ],
     ]
-    title = f"All {result.n} windows, before and after the commit, as the papers count"
+    title = f"All of {counted(result.n, 'window')}, before and after the commit, as the papers count"
     return _section(result, "all-windows", title, rows)
 
 
@@ -165,7 +166,7 @@ def _unknown(result: EvaluationResult) -> list[Part]:
     labels = {open_set.PLAIN: f"maximum softmax probability (ASI-BIP paper: {PAPER_MSP_AUROC})"}
     names = [name for name in open_set.WITHOUT_DRIVING if name in result.unknown_scores]
     rows = [row(name, labels.get(name, spoken(name))) for name in names]
-    title = f"Unknown: AUROC of {result.n_unknown} windows of following, by scores that saw no driving"
+    title = f"Unknown: AUROC of {counted(result.n_unknown, 'window')} of following, by scores that saw no driving"
     sections = [_section(result, "unknown", title, rows)]
     if any(open_set.PRE_ONSET_DETECTOR in run.unknown_scores for run in runs):
         detector = row(open_set.PRE_ONSET_DETECTOR, "AUROC of following")
@@ -192,7 +193,7 @@ def _macro_text(scores: ClassifiedWindows, classes: Sequence[str]) -> str:
     """Return a macro-F1 with the number of intentions and windows behind it."""
     if scores.macro_f1 is None:
         return "-"
-    return f"{with_interval(scores)}, {_intentions(scores, classes)}, {scores.n} windows"
+    return f"{with_interval(scores)}, {_intentions(scores, classes)}, {counted(scores.n, 'window')}"
 
 
 def _intentions(scores: ClassifiedWindows, classes: Sequence[str]) -> str:
@@ -227,13 +228,9 @@ def headline(run: RunResult) -> list[tuple[str, str]]:
     if (early := run.before_commit) is not None:
         over = over_text(early.macro_f1_over, run.classes)
         scores.append((with_interval(early), f"macro-F1 before the commit{over}, {seeds_text(early.groups)}"))
-        scores.append((cell(early.accuracy), "accuracy before the commit"))
     if (late := run.after_commit) is not None and late.n:
         over = over_text(late.macro_f1_over, run.classes)
-        scores.append((cell(late.macro_f1), f"macro-F1 after the commit{over}"))
+        scores.append((with_interval(late), f"macro-F1 after the commit{over}"))
     over = over_text(run.macro_f1_over, run.classes)
-    scores.append((cell(run.macro_f1), f"macro-F1 of all windows{over}"))
-    if run.n_unknown and open_set.PLAIN in run.unknown_scores:
-        auroc = run.unknown_scores[open_set.PLAIN].auroc
-        scores.append((cell(auroc), f"AUROC of following by softmax (paper: {PAPER_MSP_AUROC})"))
+    scores.append((with_interval(run), f"macro-F1 of all windows{over}"))
     return scores

@@ -37,9 +37,14 @@ def difference_text(paired: PairedDifference, interval: Difference) -> str:
     """Return a difference with its interval; interval: one of those in `paired`."""
     if interval.difference is None:
         return "-"
-    if not paired.has_interval or interval.low is None:
+    if not paired.has_interval or interval.low is None or _is_all(interval):
         return f"{interval.difference:+.3f} (no interval)"
     return f"{interval.difference:+.3f} ({interval.low:+.3f} to {interval.high:+.3f})"
+
+
+def _is_all(interval: Difference) -> bool:
+    """Return whether an interval holds every difference there can be, and so says nothing."""
+    return interval.low is not None and interval.high is not None and interval.low <= -1 and interval.high >= 1
 
 
 def _comparison(name: str, other: ComparedResult) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -141,6 +141,10 @@ class Replay:
     sites: Sequence[tuple[str, float, float, float]]
     classes: Sequence[str] = ()
     remarks: Sequence[str] = ()
+
+    def beginning_with(self, record: str) -> Replay:
+        """Return the replay with the record of this id in front; as it is where there is none."""
+        return replace(self, records=sorted(self.records, key=lambda moving: moving.id != record))
 
     def packed(self) -> dict[str, Any]:
         """Return everything as plain values for the page."""
