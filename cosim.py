@@ -359,6 +359,7 @@ def reproduce(
     quick: opt.QuickSize = False,
     stages: opt.Stages = None,
     clips: opt.Clips = None,
+    background: opt.Background = None,
     epochs: opt.PaperEpochs = None,
     dry_run: opt.CostOnly = False,
     jobs: opt.PaperJobs = None,
@@ -374,7 +375,7 @@ def reproduce(
     from isac_cosim.studies.reproduction.reproduce import request
 
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
-    wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
+    wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs, background)
     show = show_cost if dry_run else reproduce_and_show
     output.print_json(as_json, show(wanted, engine_for(wanted, jobs, cluster), output.console_of(quiet)))
 

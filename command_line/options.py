@@ -161,6 +161,12 @@ Stages = Annotated[
 Clips = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars.")
 ]
+Background = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CLASS", help="With --clips: the class that drives straight on, or none, unless the files say."
+    ),
+]
 PaperJobs = Annotated[
     int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes. Default: as many as make it short.")
 ]

@@ -17,6 +17,7 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
+from isac_cosim.evaluation.on_windows.maneuvers import maneuver_scores
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
 from isac_cosim.evaluation.on_windows.prediction_table import write_predictions
 from isac_cosim.evaluation.on_windows.predictions import Predictions, ends_at_lead, predict, unseen
@@ -209,7 +210,7 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
         before_commit=commit.before_commit(predictions, at_leads, classes),
         after_commit=commit.after_commit(predictions, classes),
         five_classes=commit.five_classes(predictions, classes),
-        maneuvers=metrics.maneuver_scores(metrics.confusion(label, predicted, len(classes))),
+        maneuvers=maneuver_scores(metrics.confusion(label, predicted, len(classes))),
         maneuvers_with_background=maneuvers_with_background(run, predictions, chosen),
         overtake_against_left=commit.overtake_or_change(predictions, classes),
         n_unknown=int(predictions.unknown.sum()),
@@ -242,7 +243,7 @@ def maneuvers_with_background(run: Run, predictions: Predictions, score: Array) 
     if run.card.unknown_threshold is not None:
         rejected = score < run.card.unknown_threshold
     predicted = np.where(rejected, background, predictions.predicted)
-    return metrics.maneuver_scores(metrics.confusion(label[rows], predicted[rows], background + 1), background)
+    return maneuver_scores(metrics.confusion(label[rows], predicted[rows], background + 1), background)
 
 
 def predict_at_ends(run: Run, records: Records, settings: WindowEndCurveSettings) -> dict[float, Predictions]:

@@ -46,6 +46,7 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
         (["asi-bip", "--stages", "fig9"], "--stages fig9: no such stage; choose among data"),
         (["asi-bip", "--clips", "clips"], "--clips applies to castformer only"),
         (["castformer", "--clips", "nowhere"], "--clips nowhere: no such folder"),
+        (["castformer", "--background", "0"], "--background names a class of the clips; give --clips FOLDER"),
     ],
 )
 def test_wrong_arguments(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:

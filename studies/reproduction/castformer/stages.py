@@ -25,14 +25,22 @@ from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.models.data.clips import NO_BACKGROUND
 from isac_cosim.models.predictors.castformer import PAPER_OPTIMISER
 from isac_cosim.models.predictors.protocol import Workload
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.studies.clip_validation import background_of
 from isac_cosim.studies.cost_estimate import INSTANTS
 from isac_cosim.studies.reproduction.asi_bip.stages import PATCH_FACTOR, STUDY
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.clips import ClipTraining, clips_in, measure_clips
+from isac_cosim.studies.reproduction.castformer.motion_clips import (
+    BACKGROUND,
+    CLASSES,
+    driving_count,
+    write_clips,
+)
 from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantScores, VariantsResult
 from isac_cosim.studies.reproduction.castformer.variants import Variant
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
@@ -43,8 +51,8 @@ from isac_cosim.studies.reproduction.experiments.trainings import Measure, Windo
 from isac_cosim.studies.sweep import finished
 
 PAPER = "castformer"
-KINEMATIC, MOTORWAY = "kinematic", "motorway"
-"""Sources of the windows."""
+KINEMATIC, DRIVING, MOTORWAY = "kinematic", "driving", "motorway"
+"""Sources of the windows: maneuvers and plain driving of the kinematic source, and the bundled motorway."""
 SMALL_BATCH = 1.8
 """Processor time of a training step in batches of 16, relative to that of `Predictor.cost_s`, for batches of 32."""
 OVERHEAD_S = 4.0
@@ -58,7 +66,8 @@ class CastformerReproduction:
     """The stages of the reproduction, in a folder.
 
     engine: runs episodes and trainings. feedback: where progress is reported. clips: folder of feature files that take
-    the place of the windows, as those of Brain4Cars; None for windows.
+    the place of the windows, as those of Brain4Cars; None for windows. straight: the class that drives straight on, as
+    the user gives it; None to read it from the clips.
     """
 
     size: CastformerSize
@@ -66,6 +75,7 @@ class CastformerReproduction:
     engine: Engine
     feedback: Feedback
     clips: Path | None = None
+    straight: str | None = None
 
     def stages(self) -> list[Stage]:
         """Return all stages, in order. A network that several of them compare is trained by the first."""
@@ -85,6 +95,8 @@ class CastformerReproduction:
             new = [row for row in rows if row.name not in trained]
             trained |= {row.name for row in new}
             stages.append(self._stage(name, question, new, rows))
+        if self.clips is None and self.size.background_share:
+            stages.append(self._background_stage())
         if self.clips is None and self.size.motorway is not None:
             data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
@@ -114,7 +126,39 @@ class CastformerReproduction:
 
     def _clips_data(self) -> DataResult:
         labels = np.bincount([clip.label for clip in self._clips])
-        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist())
+        background = NO_BACKGROUND if self.background is None else self.background
+        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist(), background=background)
+
+    def _background_stage(self) -> Stage:
+        samples = sum(estimate(self.dataset_study(source)).samples for source in (KINEMATIC, DRIVING))
+        cost_s = self._clip_training_s(samples) * self.size.folds + estimate(self.dataset_study(DRIVING)).cpu_s
+        question = "Eq. (13) with plain driving as a class"
+        work = self._measure_background
+        return Stage("background", "background", question, cost_s, self.size.folds, work, VariantsResult)
+
+    def _measure_background(self) -> VariantsResult:
+        """Train and measure CaSTFormer on clips of our own motion, of which some are of plain driving."""
+        folder = self.out / "work" / "clips"
+        names = write_clips([self.dataset(KINEMATIC), self.dataset(DRIVING)], folder)
+        folds = self.folds(KINEMATIC)
+        tasks = [
+            ClipTraining(
+                name=f"background, fold {k}",
+                scores_file=self.out / "work" / "scores" / "background" / f"fold-{k}.json",
+                folder=folder,
+                castformer=variants.COMPLETE.settings | self.size.training.get("castformer", {}),
+                folds=self.size.folds,
+                fold=k,
+                epochs=self.epochs,
+                background=BACKGROUND,
+                classes=CLASSES,
+                held_out=tuple(name for group in fold for name in names.get(group, ())),
+            )
+            for k, fold in enumerate(folds)
+        ]
+        scores = run_tasks(measure_clips, tasks, self.engine, self.feedback, "background")
+        complete = VariantScores(name=variants.COMPLETE.name, title=variants.COMPLETE.title, folds=scores)
+        return VariantsResult(source=KINEMATIC, variants=[complete], background=BACKGROUND)
 
     def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> VariantsResult:
         """Train and measure networks."""
@@ -130,6 +174,7 @@ class CastformerReproduction:
         folds = self.size.folds
         return VariantsResult(
             source=source if self.clips is None else "clips",
+            background=None if self.clips is None else self.background,
             variants=[
                 VariantScores(name=row.name, title=row.title, folds=scores[k * folds : (k + 1) * folds])
                 for k, row in enumerate(rows)
@@ -160,6 +205,7 @@ class CastformerReproduction:
             folds=self.size.folds,
             fold=fold,
             epochs=self.epochs,
+            background=self.background,
         )
 
     def _scores_file(self, source: str, row: Variant, fold: int) -> Path:
@@ -196,7 +242,12 @@ class CastformerReproduction:
         if source == MOTORWAY:
             return checked(DatasetStudy, {"scenarios": [MOTORWAY], **(self.size.motorway or {})}, MOTORWAY)
         content = read_toml(Path(str(importlib.resources.files("isac_cosim.studies") / STUDY)))["dataset"]
-        return checked(DatasetStudy, merged(content, self.size.dataset), STUDY)
+        content = merged(content, self.size.dataset)
+        if source == DRIVING:
+            count = driving_count(content["selection"]["per_class"], self.size.background_share)
+            alone = {"selection": {"following": count}, "kinematics": {"per_class": 0, "following_scenes": count}}
+            content = merged(content, alone)
+        return checked(DatasetStudy, content, STUDY)
 
     def dataset(self, source: str) -> Dataset:
         """Return a source's dataset, generated unless it is there."""
@@ -220,8 +271,20 @@ class CastformerReproduction:
         assert self.clips is not None
         return list(clips_in(self.clips))
 
+    @cached_property
+    def background(self) -> int | None:
+        """The class of the clips that drives straight on, None where every class is a maneuver."""
+        return background_of(self._clips, self.straight)
+
     def _dataset_folder(self, source: str) -> Path:
         return self.out / "work" / "datasets" / source
+
+    def _clip_training_s(self, samples: float) -> float:
+        """Return the expected processor time of training on clips of our own motion outside a fold, s."""
+        outside = (1 - 1 / self.size.folds) * samples
+        work = Workload(outside, 0.0, samples / self.size.folds * len(HORIZONS_S), 1.0)
+        training = self.training(variants.COMPLETE)
+        return SMALL_BATCH * PREDICTORS[PAPER].cost_s(work, training) + OVERHEAD_S
 
     def training_s(self, row: Variant, source: str) -> float:
         """Return the expected processor time of one training on one fold, s."""

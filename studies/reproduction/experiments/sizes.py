@@ -37,6 +37,13 @@ class CastformerSize(Settings):
     dataset, training: as in `AsiBipSize`. motorway: `[dataset]` keys of the second source, None to leave it out.
     """
 
+    background_share: float = Field(
+        0.42,
+        ge=0,
+        lt=1,
+        description="share of plain driving among the clips of the stage `background`, which 0 leaves out; in "
+        "Brain4Cars 295 of 700",
+    )
     folds: int = Field(5, ge=2, description="parts of the scenario seeds, each tested once")
     alphas: tuple[float, ...] = Field((0.01, 0.05, 0.1, 0.2, 0.5, 1.0), description="weights of the intention's loss")
     compared: tuple[str, ...] = Field(

@@ -119,7 +119,7 @@ def test_a_finished_reproduction_is_not_run_again(castformer: Path) -> None:
     result = reproduce(wanted("castformer", tiny.castformer(), castformer, CASTFORMER_STAGES), InlineEngine(), feedback)
     assert {path: path.stat().st_mtime_ns for path in (castformer / "stages").iterdir()} == before
     assert feedback.messages == ["every stage is finished; only the page is written"]
-    assert result.not_run == ["ablation", "attention", "orders", "counterfactual"]
+    assert result.not_run == ["ablation", "attention", "orders", "counterfactual", "background"]
 
 
 def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
         streams = {"in": rng.normal(size=(15, 5)) + k % 5, "out": rng.normal(size=(15, 3)), "label": np.int64(k % 5)}
         np.savez(tmp_path / "clips" / f"clip{k:02}.npz", **streams)
     size = tiny.castformer(training={"optimiser": {"epochs": 1}})
-    asked = Request("castformer", "tiny", size, tmp_path / "out", ("data", "horizon"), tmp_path / "clips")
+    asked = Request("castformer", "tiny", size, tmp_path / "out", ("data", "horizon"), tmp_path / "clips", "0")
     result = reproduce(asked, InlineEngine())
     stage = result_of(tmp_path / "out", "horizon", VariantsResult)
     assert stage is not None
