@@ -343,6 +343,16 @@ def class_f1(number: int) -> Statistic:
     return lambda counts: float(f1_scores(counts)[number])
 
 
+def lead_over_others(number: int) -> Statistic:
+    """Return the statistic that is the F1 of the class of that number minus the highest among the other classes."""
+
+    def lead(counts: Array) -> float:
+        f1 = f1_scores(counts)
+        return float(f1[number] - np.nanmax(np.delete(f1, number)))
+
+    return lead
+
+
 def lead_of_others(number: int) -> Statistic:
     """Return the statistic that is the lowest F1 among the other classes minus that of the class of that number.
 

@@ -31,7 +31,6 @@ from isac_cosim.studies.reproduction.experiments.sizes import (
 )
 from isac_cosim.studies.reproduction.experiments.stages import (
     Capacity,
-    Claim,
     Cost,
     Stage,
     chosen_stages,
@@ -40,6 +39,7 @@ from isac_cosim.studies.reproduction.experiments.stages import (
     identity_of,
     run_stages,
 )
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
 PAPERS = (asi_bip.PAPER, castformer.PAPER)
 

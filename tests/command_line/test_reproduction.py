@@ -13,7 +13,7 @@ import cosim
 from isac_cosim.command_line.reproduction import reproduce_and_show
 from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.studies.reproduction import reproduce as reproduction
-from isac_cosim.studies.reproduction.experiments.stages import Claim
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 from isac_cosim.studies.reproduction.reproduce import ReproductionResult, request
 from tests.support.scripted import InlineEngine
 

@@ -31,7 +31,8 @@ class ClipTraining:
 
     folder: of the clips. castformer: settings of the network. folds, fold: number of folds, and of this one.
     background: the class that is no maneuver, if there is one. classes: their number. held_out: names of the clips of
-    this fold; None for folds that hold each class evenly.
+    this fold; None for folds that hold each class evenly. training_seed: of weights, frames and batches; folds do not
+    depend on it.
     """
 
     name: str
@@ -44,6 +45,7 @@ class ClipTraining:
     background: int | None
     classes: int = CLASSES
     held_out: tuple[str, ...] | None = None
+    training_seed: int = 0
 
 
 def clips_in(folder: Path, classes: int = CLASSES) -> list[Clip]:
@@ -76,6 +78,7 @@ def measure_clips(task: ClipTraining) -> Scores:
     else:
         held_out_names = np.isin([clip.name for clip in clips], task.held_out)
         train, test = np.flatnonzero(~held_out_names), np.flatnonzero(held_out_names)
+    settings = settings.model_copy(update={"seed": task.training_seed})
     held_out = [shortened(clips[i], horizon_s) for horizon_s in HORIZONS_S for i in test]
     began = time.process_time()
     predicted = predict_fold([clips[i] for i in train], held_out, settings, task.fold)

@@ -14,7 +14,7 @@ from isac_cosim.evaluation.statistics import class_mean
 from isac_cosim.models.data.clips import NO_BACKGROUND
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
-from isac_cosim.studies.reproduction.castformer.measured import MeasuredVariant, measured_of
+from isac_cosim.studies.reproduction.castformer.measured import MeasuredVariant, measured_of, with_repeats
 from isac_cosim.studies.reproduction.castformer.results import DataResult
 from isac_cosim.studies.reproduction.castformer.table_1 import maneuvers_part
 from isac_cosim.studies.reproduction.experiments import drawings
@@ -27,7 +27,8 @@ from isac_cosim.studies.reproduction.experiments.paper_figures import (
     contradictions,
     end_of,
 )
-from isac_cosim.studies.reproduction.experiments.stages import Claim, result_of
+from isac_cosim.studies.reproduction.experiments.stages import result_of
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
 STAGES = {
     "horizon": "Table 3: observation that ends before the action",
@@ -45,6 +46,10 @@ def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
     """Return the parts of the page for the stages that were run, their figures drawn, and the claims."""
     (out / FIGURES).mkdir(exist_ok=True)
     measured = {stage: measured_of(out, stage) for stage in STAGES}
+    repeats = [
+        measured_of(out, file.stem) for file in sorted((out / "stages").glob(f"{variants.repeat_stage('*')}.json"))
+    ]
+    measured["ablation"] = with_repeats(measured["ablation"], repeats)
     background = next((rows[0].background for rows in measured.values() if rows), None)
     claims = castformer_claims(
         {

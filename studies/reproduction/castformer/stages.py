@@ -95,6 +95,7 @@ class CastformerReproduction:
             new = [row for row in rows if row.name not in trained]
             trained |= {row.name for row in new}
             stages.append(self._stage(name, question, new, rows))
+        stages += [self._repeat_stage(seed) for seed in self.size.training_seeds[1:]]
         if self.clips is None and self.size.background_share:
             stages.append(self._background_stage())
         if self.clips is None and self.size.motorway is not None:
@@ -113,6 +114,14 @@ class CastformerReproduction:
         parallel = max(1, len(new) * self.size.folds)
         work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
         return Stage(name, name, question, cost_s, parallel, work, VariantsResult, check)
+
+    def _repeat_stage(self, seed: int) -> Stage:
+        """Return the stage that trains the networks of the main comparison once more."""
+        rows = variants.main_comparison()
+        cost_s = self.size.folds * sum(self.training_s(row, KINEMATIC) for row in rows)
+        name, question = variants.repeat_stage(seed), f"Table 4: its main comparison with training seed {seed}"
+        work = partial(self._measure, name, rows, KINEMATIC, seed)
+        return Stage(name, "ablation", question, cost_s, len(rows) * self.size.folds, work, VariantsResult)
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
@@ -160,16 +169,18 @@ class CastformerReproduction:
         complete = VariantScores(name=variants.COMPLETE.name, title=variants.COMPLETE.title, folds=scores)
         return VariantsResult(source=KINEMATIC, variants=[complete], background=BACKGROUND)
 
-    def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> VariantsResult:
-        """Train and measure networks."""
+    def _measure(self, stage: str, rows: Sequence[Variant], source: str, seed: int | None = None) -> VariantsResult:
+        """Train and measure networks; seed: of the trainings, the first of the size if None."""
+        if seed is None:
+            seed = self.size.training_seeds[0]
         tasks: list[WindowTraining] | list[ClipTraining]
         if self.clips is not None:
-            tasks = [self._clip_task(row, fold) for row in rows for fold in range(self.size.folds)]
+            tasks = [self._clip_task(row, fold, seed) for row in rows for fold in range(self.size.folds)]
             scores = run_tasks(measure_clips, tasks, self.engine, self.feedback, stage)
         else:
             self.dataset(source)
             sides = self.sides(source)
-            tasks = [self._window_task(row, source, k, fold) for row in rows for k, fold in enumerate(sides)]
+            tasks = [self._window_task(row, source, k, fold, seed) for row in rows for k, fold in enumerate(sides)]
             scores = run_tasks(train_and_measure, tasks, self.engine, self.feedback, stage)
         folds = self.size.folds
         return VariantsResult(
@@ -181,25 +192,29 @@ class CastformerReproduction:
             ],
         )
 
-    def _window_task(self, row: Variant, source: str, fold: int, sides: dict[str, list[str]]) -> WindowTraining:
-        folder = self._dataset_folder(source)
+    def _window_task(
+        self, row: Variant, source: str, fold: int, sides: dict[str, list[str]], seed: int
+    ) -> WindowTraining:
+        folder, part = self._dataset_folder(source), self._part(fold, seed)
         return WindowTraining(
-            name=f"{source}, {row.name}, fold {fold}",
-            scores_file=self._scores_file(source, row, fold),
+            name=f"{source}, {row.name}, {part.replace('-', ' ')}",
+            scores_file=self._scores_file(source, row, part),
             dataset=folder,
             sides=sides,
-            training=self.training(row),
-            run=self.out / "work" / "runs" / source / row.name / f"fold-{fold}",
+            training=self.training(row, seed),
+            run=self.out / "work" / "runs" / source / row.name / part,
             measures=tuple(
                 Measure(name=str(h), dataset=folder, relative_to="commit", end_after_s=(-h, -h)) for h in HORIZONS_S
             ),
         )
 
-    def _clip_task(self, row: Variant, fold: int) -> ClipTraining:
+    def _clip_task(self, row: Variant, fold: int, seed: int) -> ClipTraining:
         assert self.clips is not None
+        part = self._part(fold, seed)
         return ClipTraining(
-            name=f"clips, {row.name}, fold {fold}",
-            scores_file=self._scores_file("clips", row, fold),
+            name=f"clips, {row.name}, {part.replace('-', ' ')}",
+            scores_file=self._scores_file("clips", row, part),
+            training_seed=seed,
             folder=self.clips,
             castformer=row.settings,
             folds=self.size.folds,
@@ -208,8 +223,12 @@ class CastformerReproduction:
             background=self.background,
         )
 
-    def _scores_file(self, source: str, row: Variant, fold: int) -> Path:
-        return self.out / "work" / "scores" / source / row.name / f"fold-{fold}.json"
+    def _part(self, fold: int, seed: int) -> str:
+        """Return the name of the trainings of a fold, without the seed for the first one."""
+        return f"fold-{fold}" if seed == self.size.training_seeds[0] else f"fold-{fold}-seed-{seed}"
+
+    def _scores_file(self, source: str, row: Variant, part: str) -> Path:
+        return self.out / "work" / "scores" / source / row.name / f"{part}.json"
 
     @property
     def epochs(self) -> int:
@@ -217,10 +236,11 @@ class CastformerReproduction:
         epochs: int = self.size.training.get("optimiser", {}).get("epochs", PAPER_OPTIMISER["epochs"])
         return epochs
 
-    def training(self, row: Variant) -> TrainSettings:
+    def training(self, row: Variant, seed: int = 0) -> TrainSettings:
         """Return the settings that a network is trained with: plain cross-entropy, no clipping, constant rate."""
         content = merged(
             {
+                "seed": seed,
                 "windows": {"relative_to": "commit", "end_after_s": self.size.trained_end_s},
                 "optimiser": {"clip_norm": 0.0, "threads": 1},
                 "loss": {"class_weights": False},

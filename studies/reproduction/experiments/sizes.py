@@ -44,6 +44,12 @@ class CastformerSize(Settings):
         description="share of plain driving among the clips of the stage `background`, which 0 leaves out; in "
         "Brain4Cars 295 of 700",
     )
+    training_seeds: tuple[int, ...] = Field(
+        (0, 1, 2),
+        min_length=1,
+        description="training seeds of the main comparison, T-Base against each module and all; the first is that of "
+        "every table",
+    )
     folds: int = Field(5, ge=2, description="parts of the scenario seeds, each tested once")
     alphas: tuple[float, ...] = Field((0.01, 0.05, 0.1, 0.2, 0.5, 1.0), description="weights of the intention's loss")
     compared: tuple[str, ...] = Field(
@@ -106,6 +112,7 @@ CASTFORMER: dict[SizeName, CastformerSize] = {
         motorway={"seeds": {"first": 1, "last": 25}, "selection": {"per_class": 10, "following": 0}, "record": RECORDS},
     ),
     "quick": CastformerSize(
+        training_seeds=(0, 1),
         folds=2,
         alphas=(0.1, 1.0),
         compared=("asi-bip", "trees"),

@@ -37,6 +37,7 @@ class UnknownScores(Settings):
     known_confidence, unknown_confidence: number of windows in each of the bins of the largest probability, from 0 to 1.
     threshold: confidence below which a window counts as unknown; 95 % of the known validation windows are above it.
     confusion: with that threshold; rows true and columns predicted, the last of both is the unknown class.
+    confusion_by_seed: the same by test seed; empty in older files.
     """
 
     n_known: Count
@@ -48,12 +49,14 @@ class UnknownScores(Settings):
     unknown_confidence: Histogram
     threshold: float
     confusion: Counts
+    confusion_by_seed: dict[str, Counts] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if self.auroc.keys() != self.roc.keys() or not self.auroc_without.keys() <= self.roc.keys():
             raise ValueError("auroc, auroc_without and roc: are not of the same scores")
-        if not is_square(self.confusion):
+        matrices = [self.confusion, *self.confusion_by_seed.values()]
+        if any(not is_square(matrix) or len(matrix) != len(self.confusion) for matrix in matrices):
             raise ValueError("confusion: is no confusion matrix")
         return self
 
@@ -92,6 +95,11 @@ def unknown_scores(run: Run, predictions: Predictions, validation: Predictions) 
         unknown_confidence=_histogram(confidence[unknown]),
         threshold=threshold,
         confusion=confusion(label[rows], predicted[rows], n_classes + 1).tolist(),
+        confusion_by_seed={
+            str(group): confusion(label[of_seed], predicted[of_seed], n_classes + 1).tolist()
+            for group in sorted(set(predictions.group))
+            if (of_seed := rows & (predictions.group == group)).any()
+        },
     )
 
 

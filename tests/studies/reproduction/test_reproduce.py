@@ -66,7 +66,7 @@ def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
     page = (asi_bip / "index.html").read_text()
     assert "Size tiny" in page
     assert "radar-nlos: Table I, onboard radar, NLoS" in page
-    assert len(json.loads((asi_bip / "claims.json").read_text())) == 13
+    assert len(json.loads((asi_bip / "claims.json").read_text())) == 18
 
 
 def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_finished_reproduction_is_not_run_again(castformer: Path) -> None:
     result = reproduce(wanted("castformer", tiny.castformer(), castformer, CASTFORMER_STAGES), InlineEngine(), feedback)
     assert {path: path.stat().st_mtime_ns for path in (castformer / "stages").iterdir()} == before
     assert feedback.messages == ["every stage is finished; only the page is written"]
-    assert result.not_run == ["ablation", "attention", "orders", "counterfactual", "background"]
+    assert result.not_run == ["ablation", "attention", "orders", "counterfactual", "repeat-1", "background"]
 
 
 def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:

@@ -79,7 +79,7 @@ def test_a_network_of_several_tables_is_trained_once(tmp_path: Path) -> None:
     trained = {stage.name: stage.parallel for stage in reproduction.stages()}
     assert trained == {
         "data": 8, "horizon": 2, "ablation": 14, "attention": 6, "orders": 6, "counterfactual": 2,
-        "alpha": 1, "compared": 2, "background": 2,
+        "alpha": 1, "compared": 2, "repeat-1": 10, "background": 2,
     }  # fmt: skip
 
 
