@@ -20,6 +20,7 @@ from isac_cosim.evaluation.statistics import (
     difference,
     estimate,
     of_left_out,
+    over_trainings,
     pooled,
     score,
 )
@@ -29,6 +30,7 @@ from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
 from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
 from isac_cosim.studies.reproduction.experiments import drawings
+from isac_cosim.studies.reproduction.experiments.counterparts import ASI_BIP, counterparts_part
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, TABLES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import CASES, CLASS_F1, UNKNOWN_AUROC
 from isac_cosim.studies.reproduction.experiments.sensing_cases import TRAINED, weather_cases, weather_stage
@@ -57,7 +59,8 @@ def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]
         _literal(out),
         _fast(out, cases),
     ]
-    return [part for part in parts if part is not None], claims
+    shown = [part for part in parts if part is not None]
+    return [*shown, counterparts_part(ASI_BIP, shown)], claims
 
 
 def case_counts(out: Path, size: AsiBipSize) -> dict[str, Trainings]:
@@ -188,6 +191,13 @@ def _unknown(out: Path) -> Part | None:
     grid = np.linspace(0, 1, RATES)
     curves = {name: (grid, _mean([scores.roc[name] for scores in measured])) for name in first.roc}
     figures.unknown_roc(curves, folder / "fig4_roc.png")
+    by_intention = {
+        name: (grid, _mean([scores.roc_by_intention[name] for scores in measured]))
+        for name in first.roc_by_intention
+        if all(name in scores.roc_by_intention for scores in measured)
+    }
+    if by_intention:
+        figures.unknown_roc(by_intention, folder / "fig4_roc_by_intention.png")
     known, unknown = (_total(measured, name) for name in ("known_confidence", "unknown_confidence"))
     drawings.confidence(known, unknown, first.threshold, folder / "fig4_confidence.png")
     counts = np.sum([scores.confusion for scores in measured], axis=0).tolist()
@@ -221,6 +231,18 @@ def _unknown(out: Path) -> Part | None:
         ("fig4_roc.png", "ROC, mean over the trainings."),
         ("fig4_confidence.png", "Confidence; the threshold is that of the first training."),
         ("fig4_confusion.png", "Confusion where windows below the threshold count as unknown."),
+    ]
+    if by_intention:
+        drawn.insert(1, ("fig4_roc_by_intention.png", "ROC of each intention against `following`, by msp."))
+    rows += [
+        {
+            "score": f"msp, {spoken(name)} alone",
+            "ours: AUROC": between_0_and_1(
+                over_trainings(np.array([scores.auroc_by_intention[name] for scores in measured]))
+            ),
+            "saw driving in training": "no",
+        }
+        for name in by_intention
     ]
     return Part("fig4", "Fig. 4: the unknown class", text, rows, drawn)
 

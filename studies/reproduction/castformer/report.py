@@ -11,13 +11,20 @@ import numpy as np
 from isac_cosim.evaluation.on_windows.maneuvers import maneuver_statistic
 from isac_cosim.evaluation.report.parts import Part, Row
 from isac_cosim.evaluation.statistics import class_mean
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.clips import NO_BACKGROUND
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
 from isac_cosim.studies.reproduction.castformer.measured import MeasuredVariant, measured_of, with_repeats
+from isac_cosim.studies.reproduction.castformer.precision_recall import (
+    confusion_part,
+    maneuvers_part,
+    table_1,
+    table_2,
+)
 from isac_cosim.studies.reproduction.castformer.results import DataResult
-from isac_cosim.studies.reproduction.castformer.table_1 import maneuvers_part
 from isac_cosim.studies.reproduction.experiments import drawings
+from isac_cosim.studies.reproduction.experiments.counterparts import CASTFORMER, counterparts_part
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ABLATION,
@@ -60,15 +67,28 @@ def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
         background,
     )
     tables = [_table(out, stage, rows) for stage, rows in measured.items() if rows]
+    complete = measured["horizon"]
     parts = [
         claims_part(claims),
         _data(out),
-        maneuvers_part(measured_of(out, "background") or measured["horizon"]),
+        table_1(complete),
+        table_2(complete),
+        confusion_part(complete, _class_names(out, complete), out),
         *tables,
+        maneuvers_part(measured_of(out, "background") or complete),
         _compared(out),
         _contradictions(),
     ]
-    return [part for part in parts if part is not None], claims
+    shown = [part for part in parts if part is not None]
+    return [*shown, counterparts_part(CASTFORMER, shown)], claims
+
+
+def _class_names(out: Path, measured: Sequence[MeasuredVariant]) -> list[str]:
+    """Return the names of the classes of the confusion matrices: intentions, or the numbers of classes of clips."""
+    data = result_of(out, "data", DataResult)
+    if data is None or data.dataset is not None:
+        return [intention.text for intention in KNOWN]
+    return [f"class {k}" for k in range(len(data.by_class or []))]
 
 
 def paper_rows(stage: str) -> Mapping[str, Sequence[float]]:
@@ -125,6 +145,13 @@ def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
         curves[row.title] = [np.nan if (value := scores[h].value) is None else value for h in HORIZONS_S]
         if row.name in paper:
             reference[row.title] = [score / 100 for score in paper[row.name]]
+    if stage == "horizon":
+        others = {method: scores for method, scores in HORIZON.items() if method != variants.COMPLETE.title}
+        rows += [
+            {"network": method}
+            | {f"paper: {end_of(h)}": score / 100 for h, score in zip(HORIZONS_S, scores, strict=True)}
+            for method, scores in others.items()
+        ]
     figure = f"{stage}.png"
     labels = (STAGES[stage], "observation ends this long before the action, s", "F1 of Eq. (13)")
     drawings.lines(curves, list(HORIZONS_S), out / FIGURES / figure, labels, reference)
@@ -163,5 +190,5 @@ def _compared(out: Path) -> Part | None:
 
 def _contradictions() -> Part:
     rows: list[Row] = [{"contradiction": sentence} for sentence in contradictions()]
-    text = "Tables 3 and 4 print the complete network, and so does the first row of Table 5."
+    text = "Tables 3 and 4 print the network that is the first row of Table 5. The rest compares the text with tables."
     return Part("contradictions", "Where the paper contradicts itself", text, rows)

@@ -19,7 +19,7 @@ from isac_cosim.studies.reproduction.castformer.motion_clips import (
     clip_streams,
     driving_count,
 )
-from isac_cosim.studies.reproduction.castformer.table_1 import maneuvers_part
+from isac_cosim.studies.reproduction.castformer.precision_recall import maneuvers_part
 from isac_cosim.studies.reproduction.experiments.trainings import Scores
 from isac_cosim.studies.reproduction.reproduce import Request, reproduce, request
 from tests.models.data.test_clips import write
@@ -41,7 +41,7 @@ def test_a_users_clips_are_scored_by_eq_13(tmp_path: Path, capfd: pytest.Capture
     assert "predicted as background only" in page
     measured = measured_of(out, "horizon")[0]
     assert measured.background == 0
-    with (out / "tables" / "table1.csv").open(newline="") as file:
+    with (out / "tables" / "precision_recall.csv").open(newline="") as file:
         shown = next(csv.DictReader(file))
     expected = maneuver_scores(pooled(measured.at(0)), 0)
     assert float(shown["precision"]) == pytest.approx(expected.precision, abs=1e-4)
