@@ -296,6 +296,7 @@ def evaluate(
         list[Path] | None,
         typer.Option(metavar="RUN", help="Compare with another run on the same windows; repeatable."),
     ] = None,
+    explain: opt.Explain = False,
     seeds: opt.MeasuredSeeds = None,
     development: opt.DevelopmentSeeds = None,
     duration: opt.Duration = None,
@@ -338,10 +339,12 @@ def evaluate(
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
+        if explain:
+            raise InputError("--explain applies to windows of a dataset: give --data DATASET")
         result = evaluate_and_show(run, str(traffic), live, out, others, console)
     else:
         assert data is not None
-        result = evaluation.evaluate_and_show(run, data, out, others, console)
+        result = evaluation.evaluate_and_show(run, data, out, others, console, explain)
     output.print_json(as_json, result)
 
 

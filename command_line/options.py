@@ -158,6 +158,9 @@ QuickSize = Annotated[
 Stages = Annotated[
     str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
 ]
+Explain = Annotated[
+    bool, typer.Option("--explain", help="With --data: show attention, gates and weights of a CaSTFormer.")
+]
 Clips = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars.")
 ]

@@ -17,6 +17,7 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
+from isac_cosim.evaluation.on_windows.explained import check_explainable, explain
 from isac_cosim.evaluation.on_windows.maneuvers import maneuver_scores
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
 from isac_cosim.evaluation.on_windows.prediction_table import write_predictions
@@ -120,6 +121,8 @@ def _evaluate(
     dependence: Dependence | None,
 ) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
+    if settings.explain:
+        check_explainable(runs[0])
     records = unseen(all_records, runs)
     windows = runs[0].card.settings.windows
     if settings.end_after_s is not None:
@@ -146,6 +149,7 @@ def _evaluate(
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
         passing=None if passing is None else pass_scores(passing, measured),
         dependence=dependence,
+        explained=explain(runs[0], records, ends, measured[0].predictions) if settings.explain else None,
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,

@@ -11,6 +11,7 @@ from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.questions import GROUP
 from isac_cosim.evaluation.report import live_parts, window_parts
 from isac_cosim.evaluation.report.dependence_part import DependentSeeds
+from isac_cosim.evaluation.report.explained_part import Explained
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
 
@@ -23,6 +24,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "lead-times": window_parts.ScoresByLeadTime(),
         "verdict": window_parts.Verdict(),
         "passing": PassesUv(),
+        "explained": Explained(),
         "window-figures": window_parts.WindowFigures(),
         "live-headline": live_parts.LiveHeadline(),
         "alarms": live_parts.AlarmsByIntention(),
