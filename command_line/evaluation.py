@@ -19,7 +19,6 @@ def evaluate_and_show(
     explain: whether what the modules of a CaSTFormer do is shown as well.
     """
     from isac_cosim.evaluation.on_windows.evaluation import evaluate
-    from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
     from isac_cosim.evaluation.report import report
     from isac_cosim.labeling.dataset.dataset import Dataset
     from isac_cosim.models.runs.run import load_run
@@ -27,7 +26,7 @@ def evaluate_and_show(
     loaded, dataset = load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
     others = [load_run(path) for path in against]
-    evaluation = evaluate(loaded, dataset, folder, EvaluateSettings(explain=explain), others)
+    evaluation = evaluate(loaded, dataset, folder, against=others, explains=explain)
     page = report.write_report(evaluation, dataset, folder)
     output.note_former([loaded, *others], console)
     output.show_metrics(evaluation.result, page, console)

@@ -73,19 +73,26 @@ class SharedEnds:
 
 
 def evaluate(
-    run: Run, dataset: Dataset, out: str | Path, settings: EvaluateSettings | None = None, against: Sequence[Run] = ()
+    run: Run,
+    dataset: Dataset,
+    out: str | Path,
+    settings: EvaluateSettings | None = None,
+    against: Sequence[Run] = (),
+    explains: bool = False,
 ) -> Evaluation:
     """Measure a run on the seeds of a dataset that it was not trained or chosen on; write metrics.json and predictions.
 
     out: folder to write. against: runs to compare with on the same windows, e.g. floors, each with its paired
-    difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`.
+    difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`. explains:
+    whether what the modules of a CaSTFormer do is part of the result.
     Raises InputError where no unseen seed is left, the sampling rates differ, or `out` holds something else.
     """
     origin = {"digest": dataset.digest, "study": dataset.meta.study}
     records, card = Records.of(dataset), run.card
     twins = dependence_of_test(dataset, records, card.split, card.settings.split)
     pull_outs = PullOuts.of(dataset)
-    return evaluate_records(run, records, origin, out, settings or EvaluateSettings(), against, pull_outs, twins)
+    chosen = settings or EvaluateSettings()
+    return evaluate_records(run, records, origin, out, chosen, against, pull_outs, twins, explains)
 
 
 @limited()
@@ -98,6 +105,7 @@ def evaluate_records(
     against: Sequence[Run] = (),
     pull_outs: PullOuts | None = None,
     dependence: Dependence | None = None,
+    explains: bool = False,
 ) -> Evaluation:
     """Measure a run on records in memory; otherwise as `evaluate`.
 
@@ -106,7 +114,7 @@ def evaluate_records(
     """
     with claim(Path(out), METRICS_FILE, "evaluation"):
         origin = DatasetOrigin.model_validate(made_of)
-        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence)
+        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence, explains)
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
         write_predictions(evaluation.measured, Path(out), evaluation.passing)
     return evaluation
@@ -119,9 +127,10 @@ def _evaluate(
     settings: EvaluateSettings,
     pull_outs: PullOuts | None,
     dependence: Dependence | None,
+    explains: bool,
 ) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
-    if settings.explain:
+    if explains:
         check_explainable(runs[0])
     records = unseen(all_records, runs)
     windows = runs[0].card.settings.windows
@@ -149,7 +158,7 @@ def _evaluate(
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
         passing=None if passing is None else pass_scores(passing, measured),
         dependence=dependence,
-        explained=explain(runs[0], records, ends, measured[0].predictions) if settings.explain else None,
+        explained=explain(runs[0], records, ends, measured[0].predictions) if explains else None,
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,

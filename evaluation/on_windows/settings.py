@@ -41,7 +41,6 @@ class EvaluateSettings(Settings):
     window_end_curve: WindowEndCurveSettings | None = Field(
         None, description="measure at fixed window ends as well, if given"
     )
-    explain: bool = Field(False, description="show what the modules of a CaSTFormer do, by intention")
 
     @model_validator(mode="before")
     @classmethod

@@ -72,7 +72,7 @@ class KinematicSource(MotionSource):
 
     kinematics: KinematicSettings
     sections: ClassVar = {"kinematics": KinematicSettings}
-    worlds: ClassVar = {"kinematic-1": {}}
+    worlds: ClassVar = {"kinematic-2": {}}
     own_scenarios = (SCENARIO,)
 
     def load(self, where: str) -> Scenario:

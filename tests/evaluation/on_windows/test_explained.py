@@ -22,7 +22,7 @@ from tests.support.made_up import MADE_OF, SMALL_RUN
 from tests.support.made_up_dataset import write_dataset
 
 TINY = {"width": 16, "heads": 2, "encoder_layers": 1, "feedforward": 16}
-EXPLAIN = EvaluateSettings(ends_per_record=1, explain=True)
+ONCE = EvaluateSettings(ends_per_record=1)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def castformer_run(records: Records, tmp_path_factory: pytest.TempPathFactory) -
 
 
 def test_the_means_by_intention_are_those_of_its_windows(castformer_run: Run, records: Records, tmp_path: Path) -> None:
-    evaluation = evaluate_records(castformer_run, records, MADE_OF, tmp_path / "out", EXPLAIN)
+    evaluation = evaluate_records(castformer_run, records, MADE_OF, tmp_path / "out", ONCE, explains=True)
     explained = evaluation.result.explained
     assert explained is not None
     stored = read_metrics(tmp_path / "out")
@@ -40,7 +40,7 @@ def test_the_means_by_intention_are_those_of_its_windows(castformer_run: Run, re
     assert stored.explained is not None
     predictions = evaluation.measured[0].predictions
     unseen = records.take(np.isin(records.groups, np.unique(predictions.group)))
-    ends = draw_ends(unseen, castformer_run.card.settings.windows, "evaluate", EXPLAIN.seed)
+    ends = draw_ends(unseen, castformer_run.card.settings.windows, "evaluate", ONCE.seed)
     seen = inspect_windows(castformer_run, unseen, ends)
     assert seen.attention is not None
     assert seen.weight is not None
@@ -60,13 +60,13 @@ def test_the_mean_age_is_weighted_by_attention() -> None:
 
 
 def test_without_being_asked_nothing_is_explained(castformer_run: Run, records: Records, tmp_path: Path) -> None:
-    evaluate_records(castformer_run, records, MADE_OF, tmp_path / "out", EvaluateSettings(ends_per_record=1))
+    evaluate_records(castformer_run, records, MADE_OF, tmp_path / "out", ONCE)
     assert "explained" not in json.loads((tmp_path / "out" / "metrics.json").read_text())
 
 
 def test_other_predictors_are_refused(trees_run: Run, records: Records, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--explain: .* is of trees; only castformer has attention"):
-        evaluate_records(trees_run, records, MADE_OF, tmp_path / "out", EXPLAIN)
+        evaluate_records(trees_run, records, MADE_OF, tmp_path / "out", ONCE, explains=True)
 
 
 def test_a_network_without_modules_is_refused(records: Records, tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_network_without_modules_is_refused(records: Records, tmp_path: Path) 
     settings = type(SMALL_RUN).model_validate({**SMALL_RUN.model_dump(), "model": "castformer", "castformer": off})
     run = train_records(records, MADE_OF, tmp_path / "run", settings)
     with pytest.raises(InputError, match="none of the modules rsf, cpe and fsn"):
-        evaluate_records(run, records, MADE_OF, tmp_path / "out", EXPLAIN)
+        evaluate_records(run, records, MADE_OF, tmp_path / "out", ONCE, explains=True)
 
 
 def test_a_user_explains_a_run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.registry import OWN, motion_source
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
-from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.settings import DatasetStudy, as_stored
 
 DOCS = Path(isac_cosim.__file__).parents[1] / "docs"
 WORLDS = [(name, world) for name, source in OWN.items() for world in source.worlds]
@@ -77,6 +77,15 @@ def test_an_overridden_value_makes_another_dataset() -> None:
         scenarios = read_scenarios(given)
         prints.add(describe(given, scenarios, motion_source(given)).fingerprint)
     assert len(prints) == 2
+
+
+def test_a_stored_study_of_a_former_world_is_read() -> None:
+    stored = {**study(source="kinematic").model_dump(mode="json"), "world": "kinematic-1"}
+    read = DatasetStudy.model_validate(as_stored(stored))
+    assert read.world is None
+    assert read.source_settings() == study(source="kinematic").source_settings()
+    with pytest.raises(InputError, match="source kinematic has no world 'kinematic-1'; choose one of kinematic-2"):
+        study(source="kinematic", world="kinematic-1")
 
 
 @pytest.mark.parametrize(
