@@ -180,6 +180,7 @@ def sense(
     radar: Annotated[
         str | None, typer.Option(help="Condition of the onboard radar (with --sensor radar): clear, nlos, weather.")
     ] = None,
+    radar_preset: opt.RadarPreset = None,
     pattern: Annotated[
         str | None, typer.Option(help="Which cycles the radar loses (with --radar nlos): random, contiguous.")
     ] = None,
@@ -203,7 +204,7 @@ def sense(
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
     channel = sensor, snr, estimator, fusion, sites, rain, not no_blockage
-    arguments = SenseArguments(*channel, radar, pattern, records, scene)
+    arguments = SenseArguments(*channel, radar, pattern, records, scene, radar_preset)
     settings = resense_settings(source, arguments)
     sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))

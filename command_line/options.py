@@ -158,6 +158,9 @@ QuickSize = Annotated[
 Stages = Annotated[
     str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
 ]
+RadarPreset = Annotated[
+    str | None, typer.Option(help="Which onboard radar (with --sensor radar): long_range, framework (400 Hz).")
+]
 Explain = Annotated[
     bool, typer.Option("--explain", help="With --data: show attention, gates and weights of a CaSTFormer.")
 ]

@@ -25,7 +25,8 @@ class AsiBipSize(Settings):
         (-30, -25, -20, -15, -10, -5, 0, 5, 10, 15, 20), min_length=2, description="test SNRs of the fifth figure, dB"
     )
     weather_chains: tuple[str, ...] = Field(
-        ("isac", "isac-padded-grid", "isac-grid"), description="ISAC cases that are measured in adverse weather"
+        ("isac", "isac-padded-parabola", "isac-padded-grid", "isac-grid"),
+        description="ISAC cases that are measured in adverse weather",
     )
     dataset: dict[str, Any] = Field(default_factory=dict, description="[dataset] keys that differ from the study's")
     training: dict[str, Any] = Field(default_factory=dict, description="[training] keys that differ from the study's")

@@ -68,7 +68,7 @@ def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
     page = (asi_bip / "index.html").read_text()
     assert "Size tiny" in page
     assert "radar-nlos: Table I, onboard radar, NLoS" in page
-    assert len(json.loads((asi_bip / "claims.json").read_text())) == 18
+    assert len(json.loads((asi_bip / "claims.json").read_text())) == 24
 
 
 def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: Path) -> None:
@@ -147,7 +147,7 @@ def test_the_full_run_states_its_cost(tmp_path: Path) -> None:
         workers = best_workers(asked, 2)
         assert workers == 3
         cost = cost_of(asked.reproduction(InlineEngine(), SILENT).stages(), asked.out, Capacity(workers, 2))
-        assert cost.seconds <= 6 * 3600
+        assert cost.seconds <= 10 * 3600
         assert max(cost.stages.values()) <= 3600
         assert "with 3 workers on 2 cores" in cost_in_words(cost)
 
