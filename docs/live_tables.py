@@ -1,4 +1,4 @@
-"""The tables of docs/live.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
+"""The tables of docs/live.md and docs/live/tables.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
 
     python docs/live_tables.py FOLDER/metrics.json
 

@@ -82,7 +82,7 @@ LIVE_TABLES = {"motorway_advisories": 2, "motorway_natural": 4}
 
 @pytest.mark.parametrize("result", sorted(DOCS.glob("live/*.json")), ids=lambda result: result.stem)
 def test_the_tables_of_running_traffic_are_those_of_its_result(result: Path) -> None:
-    page = (DOCS / "live.md").read_text(encoding="utf-8")
+    page = "".join((DOCS / name).read_text(encoding="utf-8") for name in ("live.md", "live/tables.md"))
     script = runpy.run_path(str(DOCS / "live_tables.py"))
     printed = list(script["tables"](script["read_result"](result)))
     assert len(printed) == LIVE_TABLES.get(result.stem, len(printed))

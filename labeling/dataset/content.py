@@ -25,19 +25,19 @@ TIMES = ("t_start", "t_onset", "t_commit", "t_end")
 """The columns of times that every sample has, in their order."""
 
 
-def check_rows(table: pa.Table, shard: Shard, meta: Meta) -> None:
+def check_rows(table: pa.Table, shard: Shard, meta: Meta, dropped: bool) -> None:
     """Raise ValueError with the first fault of a shard's columns, as `read_table` returns them: any of its columns.
 
-    shard: its entry in the index. meta: of its dataset.
+    shard: its entry in the index. meta: of its dataset. dropped: whether it holds dropped pull-outs.
     """
     expected = schema(*meta.lengths)
     check_types(table, pa.schema([expected.field(name) for name in table.column_names if name in expected.names]))
-    for fault in row_faults(table, shard):
+    for fault in row_faults(table, shard, dropped):
         raise ValueError(fault)
 
 
-def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
-    """Yield what is wrong with the values in some columns of a shard, whose types are right."""
+def row_faults(table: pa.Table, shard: Shard, dropped: bool) -> Iterator[str]:
+    """Yield what is wrong with the values in some columns of a shard, whose types are right; see `check_rows`."""
     if len(table) != shard.samples:
         yield f"it has {len(table)} rows, and {shard.samples} in the index"
         return
@@ -45,7 +45,7 @@ def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
     for name, value in (("scenario", shard.episode.scenario), ("seed", shard.episode.seed)):
         if name in names and not _all(pc.equal(table[name], value)):
             yield f"{name}: is not that of the shard's episode, {value}"
-    yield from _identity_faults(table, names, shard)
+    yield from _identity_faults(table, names, shard, dropped)
     yield from _label_faults(table, names, shard)
     yield from _time_faults(table, names)
     if "n_sites" in names and not _all(pc.greater_equal(table["n_sites"], 0)):
@@ -65,15 +65,17 @@ def row_faults(table: pa.Table, shard: Shard) -> Iterator[str]:
             yield f"{name}: holds values that are not finite"
 
 
-def _identity_faults(table: pa.Table, names: set[str], shard: Shard) -> Iterator[str]:
-    """Yield what is wrong with the samples' ids."""
+def _identity_faults(table: pa.Table, names: set[str], shard: Shard, dropped: bool) -> Iterator[str]:
+    """Yield what is wrong with the samples' ids, and with what they are."""
+    if dropped and "pull_out" in names and not _all(pc.not_equal(table["pull_out"], "")):
+        yield "pull_out: is missing in a dropped pull-out"
     if "sample_id" not in names:
         return
     ids = table["sample_id"]
     prefix = re.escape(shard.file.removesuffix(".parquet"))
     if pc.count_distinct(ids).as_py() != len(ids):
         yield "sample_id: sample ids are not unique"
-    if not _all(pc.match_substring_regex(ids, rf"^{prefix}-p?\d+(-r\d+)?$")):
+    if not _all(pc.match_substring_regex(ids, rf"^{prefix}-{'p' if dropped else ''}\d+(-r\d+)?$")):
         yield "sample_id: sample ids do not belong to the shard's episode"
 
 

@@ -261,7 +261,7 @@ class Dataset:
         every = [*SCALARS, *(name for name in ARRAYS if name != RUN_IN or self.meta.run_in_length)]
         try:
             table = read_table(path, columns or every)
-            check_rows(table, shard, self.meta)
+            check_rows(table, shard, self.meta, self.folder == DROPPED_PULL_OUTS)
         except (OSError, ValueError) as error:
             raise self._refusal(path, " ".join(str(error).split())) from None
         return table

@@ -8,11 +8,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import lightning
-from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.callbacks import Callback, EarlyStopping, LambdaCallback, ModelCheckpoint
 from lightning.pytorch.strategies import DDPStrategy
 from torch.multiprocessing.spawn import ProcessRaisedException
 
@@ -36,6 +37,8 @@ from isac_cosim.models.networks.network import WindowNetwork
 from isac_cosim.models.networks.several_devices import PrivateDDP
 
 CHECKPOINTS = "checkpoints"
+LAST = "last"
+"""Name of the checkpoint of the last epoch, from which an interrupted training goes on."""
 NETWORK_PREFIX = "network."
 """What Lightning puts before the names of the network's tensors in a checkpoint."""
 
@@ -73,29 +76,26 @@ def fit_network(
         if name.startswith(NETWORK_PREFIX)
     }
     network.load_state_dict(weights)
-    monitored = next(state for name, state in best["callbacks"].items() if name.startswith("ModelCheckpoint"))
+    keepers = (state for name, state in best["callbacks"].items() if name.startswith("ModelCheckpoint"))
+    monitored = next(state for state in keepers if state["monitor"] == MONITOR)
     return BestEpoch(int(best["epoch"]), float(monitored["current_score"]))
 
 
 def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback: Feedback) -> dict[str, Any]:
     """Train to the last epoch, and return the checkpoint of the best one."""
     optimiser, checkpoints = module.settings.optimiser, folder / CHECKPOINTS
-    keeper = ModelCheckpoint(
-        checkpoints,
-        "best",
-        monitor=MONITOR,
-        mode="max",
-        save_last=True,
-        enable_version_counter=False,
-        save_on_train_epoch_end=True,
-    )
+    stopping = EarlyStopping(MONITOR, mode="max", patience=optimiser.patience)
+    keep = partial(_Keeper, checkpoints, enable_version_counter=False, save_on_train_epoch_end=True)
+    best = keep("best", monitor=MONITOR, mode="max")
     callbacks: list[Callback] = [
         History(folder / HISTORY_FILE),
-        EarlyStopping(MONITOR, mode="max", patience=optimiser.patience),
-        keeper,
+        stopping,
+        best,
+        keep(LAST),  # after the best: what it says of the best one is then of the same epoch
+        LambdaCallback(on_train_start=partial(_stay_stopped, stopping)),
         EpochProgress(feedback, module.settings.model, MONITOR, over_text(data.validated, KNOWN)),
     ]
-    last = checkpoints / "last.ckpt"
+    last = checkpoints / f"{LAST}.ckpt"
     with _quiet(), ExitStack() as stack:
         strategy: str | DDPStrategy = "auto"
         if optimiser.devices > 1:
@@ -121,7 +121,26 @@ def _run_epochs(module: NetworkModule, data: WindowData, folder: Path, feedback:
             if name.endswith(DivergedError.__name__):
                 raise DivergedError(reason) from None
             raise
-    return read_checkpoint(Path(keeper.best_model_path))
+    return read_checkpoint(Path(best.best_model_path))
+
+
+class _Keeper(ModelCheckpoint):
+    """Lightning's keeper of checkpoints, whose state is read back whole: Lightning leaves out the latest score."""
+
+    @property
+    def state_key(self) -> str:
+        """The name under which checkpoints keep the state."""
+        return super().state_key.replace(type(self).__qualname__, ModelCheckpoint.__qualname__)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the state from a checkpoint."""
+        super().load_state_dict(state_dict)
+        self.current_score = state_dict["current_score"]
+
+
+def _stay_stopped(stopping: EarlyStopping, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+    """Train no further epoch if training had stopped early before it was interrupted."""
+    trainer.should_stop = trainer.should_stop or stopping.stopped_epoch > 0
 
 
 @contextmanager

@@ -37,7 +37,8 @@ class Checkpoints(TorchCheckpointIO):
     ) -> dict[str, Any]:
         """Read a checkpoint. Raises InputError if it is damaged."""
         checkpoint = read_checkpoint(Path(path))
-        callbacks = _with_prefix(checkpoint.get("callbacks", {}), FOLDER, str(Path(path).parent))
+        # Lightning compares this folder with its own, which it resolves, and forgets the best epoch if they differ.
+        callbacks = _with_prefix(checkpoint.get("callbacks", {}), FOLDER, str(Path(path).parent.resolve()))
         return {**checkpoint, "callbacks": callbacks}
 
 

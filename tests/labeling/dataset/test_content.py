@@ -219,3 +219,20 @@ def test_the_order_of_the_rows_on_disk_is_the_order_of_the_dataset(made: Path) -
     dataset.verify()
     assert len(Records.of(dataset)) == len(dataset)
     assert dataset.roads("toy")[0].id == "e_0"
+
+
+@pytest.mark.parametrize(("taken", "given"), [("dropped_pull_outs", "shards"), ("shards", "dropped_pull_outs")])
+def test_samples_and_dropped_pull_outs_are_not_taken_for_each_other(folder: Path, taken: str, given: str) -> None:
+    """One would be asked about as the other: ids would stand twice, or classes would hold what is in none."""
+    shutil.copyfile(folder / given / "toy-1.parquet", folder / taken / "toy-1.parquet")
+    forge_dataset(folder)
+    read = Dataset.frame if taken == "shards" else lambda dataset: dropped_pull_outs(dataset).frame()
+    with pytest.raises(InputError, match=rf"{taken}/toy-1\.parquet"):
+        read(Dataset.open(folder))
+
+
+def test_a_dropped_pull_out_is_a_pull_out(folder: Path) -> None:
+    rewritten(folder / "dropped_pull_outs/toy-1.parquet", with_column("pull_out", same("", pa.string())))
+    forge_dataset(folder)
+    with pytest.raises(InputError, match="pull_out: is missing in a dropped pull-out"):
+        dropped_pull_outs(Dataset.open(folder)).frame()

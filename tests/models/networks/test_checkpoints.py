@@ -121,6 +121,57 @@ def test_two_trainings_of_a_network_give_the_same_bytes(records: Records, networ
     assert [name for name, content in first.items() if content != second[name]] == []
 
 
+def score_of(epoch: int) -> float:
+    """A score that is best in the epochs 1 and 2, and then falls."""
+    return 0.6 if epoch in (1, 2) else 0.4
+
+
+@pytest.mark.parametrize("interrupted", [0, 1, 2, 3, "end"])
+def test_a_training_that_was_interrupted_gives_the_same_bytes(
+    interrupted: int | str, records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first of two epochs that are equally good is kept, in a relative folder too; nobody trains on for longer."""
+
+    class Scored(fitting.NetworkModule):
+        def on_validation_epoch_end(self) -> None:
+            super().on_validation_epoch_end()
+            self.log(fitting.MONITOR, score_of(self.current_epoch))
+
+    class Interrupted(fitting.History):
+        asked = True
+
+        def on_train_batch_start(self, trainer, *_):  # type: ignore[no-untyped-def]
+            if self.asked and trainer.current_epoch == interrupted:
+                raise KeyboardInterrupt
+
+        def on_train_end(self, *_):  # type: ignore[no-untyped-def]
+            if self.asked and interrupted == "end":
+                raise KeyboardInterrupt
+
+        @property
+        def state_key(self) -> str:
+            return "History"
+
+    optimiser = SMALL_RUN.optimiser.model_copy(update={"epochs": 6, "patience": 2})
+    settings = SMALL_RUN.model_copy(update={"optimiser": optimiser})
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(fitting, "NetworkModule", Scored)
+    undisturbed = train_records(records, MADE_OF, Path("undisturbed"), settings)
+    monkeypatch.setattr(fitting, "History", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train_records(records, MADE_OF, Path("resumed"), settings)
+    Interrupted.asked = False
+    resumed = train_records(records, MADE_OF, Path("resumed"), settings)
+    assert resumed.card.best_epoch == 1
+    assert len((undisturbed.path / "history.csv").read_text().splitlines()) == 1 + 4
+    differing = [
+        path
+        for path in undisturbed.path.rglob("*")
+        if path.is_file() and path.read_bytes() != (resumed.path / path.relative_to(undisturbed.path)).read_bytes()
+    ]
+    assert differing == []
+
+
 def test_equal_checkpoints_give_the_same_bytes_whatever_objects_they_share(tmp_path: Path) -> None:
     """As after a resumed training, some of whose texts come from a file."""
     text, other = "learning_rate", "".join(["learning", "_rate"])
