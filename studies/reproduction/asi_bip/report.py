@@ -40,6 +40,12 @@ from isac_cosim.studies.reproduction.experiments.trainings import Scores, of_mea
 from isac_cosim.studies.reproduction.experiments.unknown_class import RATES, UnknownScores
 from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
+FUSIONS = {
+    "aligned": "aligned: one LSTM over both streams at 100 Hz",
+    "control-slow": "ASI-BIP, the TV resampled to 100 Hz",
+    "control-fast": "ASI-BIP, the UV interpolated to 400 Hz",
+}
+"""Networks that fuse both streams at one rate, by the stage's name."""
 CLASSES = [intention.text for intention in KNOWN]
 
 
@@ -56,6 +62,7 @@ def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]
         _training(out),
         _unknown(out),
         _snr(out, by_snr),
+        _fusion(out, cases),
         _literal(out),
         _fast(out, cases),
     ]
@@ -66,7 +73,7 @@ def asi_bip_parts(out: Path, size: AsiBipSize) -> tuple[list[Part], list[Claim]]
 def case_counts(out: Path, size: AsiBipSize) -> dict[str, Trainings]:
     """Return the confusion matrices of every way of sensing that was run, and of aligned fusion."""
     counts: dict[str, Trainings] = {}
-    for name in [*(case.name for case in TRAINED), "aligned"]:
+    for name in [*(case.name for case in TRAINED), *FUSIONS]:
         counts[name] = of_measure(_scores(out, name), "test")
     for chain in size.weather_chains:
         scores = _scores(out, weather_stage(chain))
@@ -272,6 +279,29 @@ def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
         "out."
     )
     return Part("fig5", "Fig. 5: F1 by SNR", text, rows, [("fig5.png", "F1 of each intention.")])
+
+
+def _fusion(out: Path, cases: dict[str, Trainings]) -> Part | None:
+    if "isac" not in cases or not FUSIONS.keys() & cases.keys():
+        return None
+    rows: list[Row] = [
+        {
+            "fusion": title,
+            "macro-F1": class_mean(mean_f1, cases[name]),
+            "macro-F1 of asynchronous fusion minus this": None
+            if name == "isac"
+            else estimate(difference(mean_f1), cases["isac"], cases[name]),
+            "parameters": _scores(out, name)[0].parameters,
+        }
+        for name, title in {"isac": "asynchronous: ASI-BIP, each stream at its rate", **FUSIONS}.items()
+        if name in cases
+    ]
+    text = (
+        "`aligned` differs from ASI-BIP in more than the rate: it has one LSTM, no attention and a tenth of the "
+        "parameters. The controls are ASI-BIP itself, with as many parameters and tokens, on streams of one rate: they "
+        "alone say what the asynchronous fusion is worth."
+    )
+    return Part("fusion", "Asynchronous or aligned fusion", text, rows)
 
 
 def _literal(out: Path) -> Part | None:

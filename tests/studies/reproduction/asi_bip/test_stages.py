@@ -53,6 +53,6 @@ def test_the_stages(size: SizeName, chains: list[str], tmp_path: Path) -> None:
         *(f"{chain}-weather" for chain in chains),
     ]  # fmt: skip
     assert {stage.name for stage in stages if stage.group != "table1"} == {
-        "data", "fig3", "fig4", "fig5", "aligned", "literal", "fast",
+        "data", "fig3", "fig4", "fig5", "aligned", "control-slow", "control-fast", "literal", "fast",
     }  # fmt: skip
     assert all(stage.cost_s > 0 for stage in stages)
