@@ -34,7 +34,7 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
     assert list(cost["stages"])[-2:] == ["isac-grid-weather", "fig5"]
     assert cost["workers"] == 2
     assert cost["cpu_s"] > cost["seconds"] > max(cost["stages"].values())
-    assert "11 stages to run: about" in err
+    assert "16 stages to run: about" in err
     assert list(tmp_path.iterdir()) == []
 
 
