@@ -180,6 +180,7 @@ def sense(
     radar: Annotated[
         str | None, typer.Option(help="Condition of the onboard radar (with --sensor radar): clear, nlos, weather.")
     ] = None,
+    radar_preset: opt.RadarPreset = None,
     pattern: Annotated[
         str | None, typer.Option(help="Which cycles the radar loses (with --radar nlos): random, contiguous.")
     ] = None,
@@ -203,7 +204,7 @@ def sense(
     console, source = output.console_of(quiet), Dataset.open(dataset)
     feedback = output.feedback_of(console, verbose)
     channel = sensor, snr, estimator, fusion, sites, rain, not no_blockage
-    arguments = SenseArguments(*channel, radar, pattern, records, scene)
+    arguments = SenseArguments(*channel, radar, pattern, records, scene, radar_preset)
     settings = resense_settings(source, arguments)
     sensed = resense(source, settings, out, opt.engine_of(jobs, cluster, out), feedback)
     output.print_json(as_json, output.show_dataset(sensed, console))
@@ -286,6 +287,7 @@ def evaluate(
     traffic: opt.TrafficScenario = None,
     out: opt.EvaluationFolder = None,
     against: opt.Against = None,
+    explain: opt.Explain = False,
     seeds: opt.MeasuredSeeds = None,
     development: opt.DevelopmentSeeds = None,
     duration: opt.Duration = None,
@@ -328,10 +330,12 @@ def evaluate(
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":
+        if explain:
+            raise InputError("--explain applies to windows of a dataset: give --data DATASET")
         result = evaluate_and_show(run, str(traffic), live, out, others, console)
     else:
         assert data is not None
-        result = evaluation.evaluate_and_show(run, data, out, others, console)
+        result = evaluation.evaluate_and_show(run, data, out, others, console, explain)
     output.print_json(as_json, result)
 
 
@@ -349,6 +353,7 @@ def reproduce(
     quick: opt.QuickSize = False,
     stages: opt.Stages = None,
     clips: opt.Clips = None,
+    background: opt.Background = None,
     epochs: opt.PaperEpochs = None,
     dry_run: opt.CostOnly = False,
     jobs: opt.PaperJobs = None,
@@ -364,7 +369,7 @@ def reproduce(
     from isac_cosim.studies.reproduction.reproduce import request
 
     folder = out or Path("results") / (f"{paper}-quick" if quick else paper)
-    wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs)
+    wanted = request(paper, folder, quick, stages.split(",") if stages else None, clips, epochs, background)
     show = show_cost if dry_run else reproduce_and_show
     output.print_json(as_json, show(wanted, engine_for(wanted, jobs, cluster), output.console_of(quiet)))
 

@@ -10,6 +10,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import channel, number_range
 from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.scenarios.scenario import resolved
+from isac_cosim.isacsim.sensing.onboard_radar import LONG_RANGE, RADAR_PRESETS
 from isac_cosim.isacsim.sensing.sensors import DEFAULT as SENSOR
 from isac_cosim.isacsim.sensing.sensors import SCENE, SENSORS
 from isac_cosim.isacsim.traffic.sources import DEFAULT
@@ -105,7 +106,7 @@ class SenseArguments:
 
     fusion: a fusion method, or `eq5-covariance`. sites: at most so many. rain_mm_per_h: rain rate, mm/h.
     radar: condition of the onboard radar. pattern: which cycles it loses. records: how many to sense. scene: the same
-    as the sensor `scene`.
+    as the sensor `scene`. radar_preset: which onboard radar.
     """
 
     sensor: str | None
@@ -119,6 +120,7 @@ class SenseArguments:
     pattern: str | None = None
     records: int | None = None
     scene: bool = False
+    radar_preset: str | None = None
 
 
 def _refuse_given(options: Mapping[str, bool], belongs_to: str) -> None:
@@ -174,11 +176,20 @@ def resense_settings(dataset: Dataset, arguments: SenseArguments) -> ResenseSett
         sensing["fusion"] |= {"method": method, "eq5_weights": weights or "paper"}
     if arguments.sites is not None:
         sensing["view"]["sites"] = arguments.sites
-    for option, value in (("--radar", arguments.radar), ("--pattern", arguments.pattern)):
+    of_radar = {
+        "--radar": arguments.radar,
+        "--radar-preset": arguments.radar_preset,
+        "--pattern": arguments.pattern,
+    }
+    for option, value in of_radar.items():
         if value is not None and sensor != "radar":
             raise InputError(f"{option} applies to the onboard radar only: add --sensor radar")
     _refuse_given({"--pattern": arguments.pattern is not None and arguments.radar != "nlos"}, "--radar nlos: add it")
+    preset = arguments.radar_preset or LONG_RANGE
+    if preset not in RADAR_PRESETS:
+        raise InputError(f"--radar-preset {preset}: no such radar; choose one of {', '.join(RADAR_PRESETS)}")
     radar = {
+        **RADAR_PRESETS[preset],
         "condition": arguments.radar,
         "pattern": arguments.pattern,
         "rain_mm_per_h": arguments.rain_mm_per_h,

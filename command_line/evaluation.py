@@ -12,9 +12,12 @@ from isac_cosim.command_line import output
 
 
 def evaluate_and_show(
-    run: Path, data: Path, out: Path | None, against: Sequence[Path], console: Console
+    run: Path, data: Path, out: Path | None, against: Sequence[Path], console: Console, explain: bool = False
 ) -> dict[str, Any]:
-    """Evaluate a run on a dataset, write the report and show the scores. Returns what `--json` prints."""
+    """Evaluate a run on a dataset, write the report and show the scores. Returns what `--json` prints.
+
+    explain: whether what the modules of a CaSTFormer do is shown as well.
+    """
     from isac_cosim.evaluation.on_windows.evaluation import evaluate
     from isac_cosim.evaluation.report import report
     from isac_cosim.labeling.dataset.dataset import Dataset
@@ -23,7 +26,7 @@ def evaluate_and_show(
     loaded, dataset = load_run(run), Dataset.open(data)
     folder = out or run / "evaluation"
     others = [load_run(path) for path in against]
-    evaluation = evaluate(loaded, dataset, folder, against=others)
+    evaluation = evaluate(loaded, dataset, folder, against=others, explains=explain)
     page = report.write_report(evaluation, dataset, folder)
     output.note_former([loaded, *others], console)
     output.show_metrics(evaluation.result, page, console)

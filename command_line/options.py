@@ -183,8 +183,20 @@ QuickSize = Annotated[
 Stages = Annotated[
     str | None, typer.Option(metavar="NAME,NAME", help="Run these stages or groups of stages. Default: all.")
 ]
+RadarPreset = Annotated[
+    str | None, typer.Option(help="Which onboard radar (with --sensor radar): long_range, framework (400 Hz).")
+]
+Explain = Annotated[
+    bool, typer.Option("--explain", help="With --data: show attention, gates and weights of a CaSTFormer.")
+]
 Clips = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="With castformer: use these feature files, as of Brain4Cars.")
+]
+Background = Annotated[
+    str | None,
+    typer.Option(
+        metavar="CLASS", help="With --clips: the class that drives straight on, or none, unless the files say."
+    ),
 ]
 PaperJobs = Annotated[
     int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes. Default: as many as make it short.")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field
 from scipy.stats import t as student_t
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
@@ -80,7 +81,8 @@ class Estimate(Settings):
 
     value: mean over the trainings; None where it is undefined. low, high: 95 % interval; None where it cannot be given.
     sd: sample standard deviation over the trainings; None with a single one. over: of a mean over classes of which some
-    have no window, the number of those in it and of all; otherwise None.
+    have no window, the number of those in it and of all; otherwise None. standard_error, freedom: behind the interval,
+    with the degrees of freedom of its t quantile; not written to files.
     """
 
     value: float | None
@@ -88,6 +90,8 @@ class Estimate(Settings):
     high: float | None = None
     sd: float | None = None
     over: tuple[int, int] | None = None
+    standard_error: float | None = Field(None, exclude=True)
+    freedom: float | None = Field(None, exclude=True)
 
 
 def estimate(statistic: Statistic, *conditions: Trainings) -> Estimate:
@@ -131,10 +135,27 @@ def of_left_out(values: Array, left_out: Array) -> Estimate:
     value = float(values.mean())
     if not np.isfinite(value):
         return Estimate(value=None)
+    return _with_interval(values, *_error(left_out.mean(axis=0), values))
+
+
+def over_trainings(values: Array) -> Estimate:
+    """Return the mean of a statistic over trainings, with an interval that covers these alone; values: (k,)."""
+    count = len(values)
+    if count < 2 or not np.isfinite(values).all():
+        return Estimate(value=float(values.mean()) if count and np.isfinite(values).all() else None)
+    return _with_interval(values, float(values.std(ddof=1) / np.sqrt(count)), count - 1)
+
+
+def _with_interval(values: Array, error: float, freedom: float) -> Estimate:
+    """Return the mean of a statistic over trainings, (k,), with the interval of a standard error, if there is one."""
+    value = float(values.mean())
     sd = float(values.std(ddof=1)) if len(values) > 1 else None
-    half_width = _half_width(left_out.mean(axis=0), values)
-    bounds = (value - half_width, value + half_width) if np.isfinite(half_width) else (None, None)
-    return Estimate(value=value, low=bounds[0], high=bounds[1], sd=sd)
+    if not np.isfinite(error):
+        return Estimate(value=value, sd=sd)
+    half_width = float(student_t.ppf((1 + LEVEL) / 2, freedom) * error) if error > 0 else 0.0
+    return Estimate(
+        value=value, low=value - half_width, high=value + half_width, sd=sd, standard_error=error, freedom=freedom
+    )
 
 
 def score(statistic: Statistic, counts: Trainings) -> Estimate:
@@ -158,21 +179,21 @@ def between_0_and_1(result: Estimate) -> Estimate:
     return result.model_copy(update={"low": low, "high": high})
 
 
-def _half_width(left_out: Array, values: Array) -> float:
-    """Return half the width of the interval of a mean, NaN with fewer than two test seeds.
+def _error(left_out: Array, values: Array) -> tuple[float, float]:
+    """Return the standard error of a mean and its degrees of freedom, NaN with fewer than two test seeds.
 
     left_out: the statistic without each test seed in turn, (g,). values: of each training, (k,).
     """
     g, k = len(left_out), len(values)
     if g < 2:
-        return float("nan")
+        return float("nan"), 0.0
     of_seeds = (g - 1) / g * float(((left_out - left_out.mean()) ** 2).sum())
     of_trainings = float(values.var(ddof=1)) / k if k > 1 else 0.0
     if of_seeds + of_trainings == 0:
-        return 0.0
+        return 0.0, 1.0
     terms = of_seeds**2 / (g - 1) + (of_trainings**2 / (k - 1) if k > 1 else 0.0)
     freedom = (of_seeds + of_trainings) ** 2 / terms
-    return float(student_t.ppf((1 + LEVEL) / 2, freedom) * np.sqrt(of_seeds + of_trainings))
+    return float(np.sqrt(of_seeds + of_trainings)), freedom
 
 
 def difference(statistic: Statistic) -> Statistic:

@@ -3,17 +3,20 @@
 The clips are split into folds, each class evenly. Each fold is predicted once, by a network trained on the others for
 a fixed number of epochs: nothing is chosen on the clips that are measured.
 
-Run: python -m isac_cosim.studies.clip_validation FOLDER
+Run: python -m isac_cosim.studies.clip_validation FOLDER [BACKGROUND]
+
+BACKGROUND is the number of the class that drives straight on, or `none`; without it, the clips' files have to say.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 from sklearn.model_selection import StratifiedKFold
 from torch import Tensor
 
@@ -25,20 +28,23 @@ from isac_cosim.base.setting_fields import Seed
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import metrics
+from isac_cosim.evaluation.on_windows.maneuvers import maneuver_scores
 from isac_cosim.evaluation.on_windows.score_results import Spread
-from isac_cosim.models.data.clips import Clip, ClipBatch, batch, load_clips
+from isac_cosim.models.data.clips import NO_BACKGROUND, Clip, ClipBatch, batch, load_clips
 from isac_cosim.models.predictors.castformer import CastformerCore, CastformerSettings, castformer_loss
+
+CLASSES = 5
+"""Number of classes of Brain4Cars."""
 
 
 class ClipSettings(Settings):
     """How CaSTFormer is trained and measured on clips; epochs, batch, learning rate and folds are the paper's."""
 
-    classes: int = Field(5, ge=2, le=10_000, description="number of classes; Brain4Cars has 5")
+    classes: int = Field(CLASSES, ge=2, le=10_000, description="number of classes; Brain4Cars has 5")
     background: int | None = Field(
-        None,
         ge=0,
         le=1_000_000,
-        description="class that is not a maneuver (driving straight), which Eq. (13) leaves out, if any",
+        description="class that is not a maneuver (driving straight), which Eq. (13) leaves out; null for none",
     )
     frames: int = Field(20, ge=2, le=10_000, description="frames of a clip that the network sees, evenly spaced")
     castformer: CastformerSettings = CastformerSettings(intent_source="out")
@@ -47,6 +53,36 @@ class ClipSettings(Settings):
     batch: int = Field(16, ge=1, le=1_000_000, description="clips per training step")
     learning_rate: float = Field(1e-3, gt=0, le=1e9, description="learning rate of Adam")
     seed: Seed = Field(0, description="seed of folds, initial weights, frames and batches")
+
+    @model_validator(mode="after")
+    def _background_is_a_class(self) -> Self:
+        if self.background is not None and self.background >= self.classes:
+            raise ValueError(f"background {self.background} is not one of the {self.classes} classes")
+        return self
+
+
+def background_of(clips: list[Clip], stated: str | None, classes: int = CLASSES) -> int | None:
+    """Return the class that drives straight on, None where every class is a maneuver.
+
+    stated: its number, or `none`, as the user gives it; None to read it from the clips' files. Raises InputError where
+    neither says, or the two contradict each other.
+    """
+    stored = clips[0].background
+    if stated is None:
+        if stored is None:
+            raise InputError(
+                "the clips do not say which class drives straight on, which Eq. (13) counts apart: give its number "
+                "with --background, or --background none if every class is a maneuver"
+            )
+        return None if stored == NO_BACKGROUND else stored
+    number = NO_BACKGROUND if stated == "none" else int(stated) if stated.isascii() and stated.isdigit() else classes
+    if number >= classes:
+        raise InputError(f"--background {stated}: give a class from 0 to {classes - 1}, or none")
+    if stored is not None and stored != number:
+        raise InputError(
+            f"--background {stated}: the files of the clips say {stored}; remove the option, or correct them"
+        )
+    return None if number == NO_BACKGROUND else number
 
 
 class FoldScores(Settings):
@@ -95,7 +131,7 @@ def cross_validate(clips: list[Clip], settings: ClipSettings) -> ClipResult:
     for k, (train, test) in enumerate(folds(label, settings)):
         predicted[test] = predict_fold([clips[i] for i in train], [clips[i] for i in test], settings, k)
         counts = metrics.confusion(label[test], predicted[test], settings.classes)
-        scores = metrics.maneuver_scores(counts, settings.background)
+        scores = maneuver_scores(counts, settings.background)
         accuracy = float(np.mean(label[test] == predicted[test]))
         rows.append(FoldScores(n=len(test), accuracy=accuracy, **dict(scores)))
     return ClipResult(
@@ -169,6 +205,7 @@ def _tensors(clips: ClipBatch) -> tuple[Tensor, Tensor, Tensor]:
 
 
 if __name__ == "__main__":
-    default_settings = ClipSettings()
-    result = cross_validate(load_clips(sys.argv[1], default_settings.classes), default_settings)
+    given = load_clips(sys.argv[1], CLASSES)
+    background = background_of(given, sys.argv[2] if len(sys.argv) > 2 else None)
+    result = cross_validate(given, ClipSettings(background=background))
     print(json_text(result.model_dump(mode="json"), 1))

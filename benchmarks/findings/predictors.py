@@ -62,8 +62,8 @@ RESULT_FILE = "predictors.json"
 ENDS = {"early": (0.0, 1.0), "late": (1.0, 2.2)}
 """Ranges of window ends after onset, s."""
 PREDICTORS: tuple[str, ...] = (
-    "asi-bip", "ensemble", "embedding-trees", "castformer", "inception-time", "trees", "aligned", "tv-alone",
-    "uv-alone", "rule",
+    "asi-bip", "ensemble", "embedding-trees", "castformer", "inception-time", "trees", "aligned", "asi-bip-slow",
+    "asi-bip-fast", "tv-alone", "uv-alone", "rule",
 )  # fmt: skip
 COMPARED: tuple[str, ...] = (DEFAULT, FLOOR)
 NETWORK_OF = {"ensemble": DEFAULT, "embedding-trees": DEFAULT}

@@ -17,6 +17,8 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows import commit, metrics, repeats
 from isac_cosim.evaluation.on_windows import commit as unknown
+from isac_cosim.evaluation.on_windows.explained import check_explainable, explain
+from isac_cosim.evaluation.on_windows.maneuvers import maneuver_scores
 from isac_cosim.evaluation.on_windows.passing import Passing, PullOuts, ask, ends_of, pass_scores
 from isac_cosim.evaluation.on_windows.prediction_table import write_predictions
 from isac_cosim.evaluation.on_windows.predictions import Predictions, ends_at_lead, predict, unseen
@@ -71,19 +73,26 @@ class SharedEnds:
 
 
 def evaluate(
-    run: Run, dataset: Dataset, out: str | Path, settings: EvaluateSettings | None = None, against: Sequence[Run] = ()
+    run: Run,
+    dataset: Dataset,
+    out: str | Path,
+    settings: EvaluateSettings | None = None,
+    against: Sequence[Run] = (),
+    explains: bool = False,
 ) -> Evaluation:
     """Measure a run on the seeds of a dataset that it was not trained or chosen on; write metrics.json and predictions.
 
     out: folder to write. against: runs to compare with on the same windows, e.g. floors, each with its paired
-    difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`.
+    difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`. explains:
+    whether what the modules of a CaSTFormer do is part of the result.
     Raises InputError where no unseen seed is left, the sampling rates differ, or `out` holds something else.
     """
     origin = {"digest": dataset.digest, "study": dataset.meta.study}
     records, card = Records.of(dataset), run.card
     twins = dependence_of_test(dataset, records, card.split, card.settings.split)
     pull_outs = PullOuts.of(dataset)
-    return evaluate_records(run, records, origin, out, settings or EvaluateSettings(), against, pull_outs, twins)
+    chosen = settings or EvaluateSettings()
+    return evaluate_records(run, records, origin, out, chosen, against, pull_outs, twins, explains)
 
 
 @limited()
@@ -96,6 +105,7 @@ def evaluate_records(
     against: Sequence[Run] = (),
     pull_outs: PullOuts | None = None,
     dependence: Dependence | None = None,
+    explains: bool = False,
 ) -> Evaluation:
     """Measure a run on records in memory; otherwise as `evaluate`.
 
@@ -104,7 +114,7 @@ def evaluate_records(
     """
     with claim(Path(out), METRICS_FILE, "evaluation"):
         origin = DatasetOrigin.model_validate(made_of)
-        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence)
+        evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence, explains)
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
         write_predictions(evaluation.measured, Path(out), evaluation.passing)
     return evaluation
@@ -117,8 +127,11 @@ def _evaluate(
     settings: EvaluateSettings,
     pull_outs: PullOuts | None,
     dependence: Dependence | None,
+    explains: bool,
 ) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
+    if explains:
+        check_explainable(runs[0])
     records = unseen(all_records, runs)
     windows = runs[0].card.settings.windows
     if settings.end_after_s is not None:
@@ -145,6 +158,7 @@ def _evaluate(
         over_training_seeds=repeats.over_training_seeds(measured) if repeated else None,
         passing=None if passing is None else pass_scores(passing, measured),
         dependence=dependence,
+        explained=explain(runs[0], records, ends, measured[0].predictions) if explains else None,
         windows=MeasuredWindows(
             **dict(windows),
             ends_per_record=settings.ends_per_record,
@@ -209,7 +223,7 @@ def run_result(run: Run, name: str, predictions: Predictions, at_leads: Mapping[
         before_commit=commit.before_commit(predictions, at_leads, classes),
         after_commit=commit.after_commit(predictions, classes),
         five_classes=commit.five_classes(predictions, classes),
-        maneuvers=metrics.maneuver_scores(metrics.confusion(label, predicted, len(classes))),
+        maneuvers=maneuver_scores(metrics.confusion(label, predicted, len(classes))),
         maneuvers_with_background=maneuvers_with_background(run, predictions, chosen),
         overtake_against_left=commit.overtake_or_change(predictions, classes),
         n_unknown=int(predictions.unknown.sum()),
@@ -242,7 +256,7 @@ def maneuvers_with_background(run: Run, predictions: Predictions, score: Array) 
     if run.card.unknown_threshold is not None:
         rejected = score < run.card.unknown_threshold
     predicted = np.where(rejected, background, predictions.predicted)
-    return metrics.maneuver_scores(metrics.confusion(label[rows], predicted[rows], background + 1), background)
+    return maneuver_scores(metrics.confusion(label[rows], predicted[rows], background + 1), background)
 
 
 def predict_at_ends(run: Run, records: Records, settings: WindowEndCurveSettings) -> dict[float, Predictions]:

@@ -19,7 +19,6 @@ from isac_cosim.evaluation.on_windows.score_results import (
     ClassScores,
     Difference,
     LeadTimeBin,
-    ManeuverScores,
     PairedDifference,
     PairScores,
     Separation,
@@ -140,27 +139,6 @@ def macro_f1_interval(counts: Counts, least: int = 1) -> tuple[float | None, flo
     value = _mean_f1(total, kept)
     half_width = jackknife_half_width(_mean_f1(total - counts, kept))
     return _number(value), _number(np.maximum(value - half_width, 0.0)), _number(np.minimum(value + half_width, 1.0))
-
-
-def maneuver_scores(counts: Counts, background: int | None = None) -> ManeuverScores:
-    """Return macro-averaged precision and recall over maneuvers, and their harmonic mean.
-
-    counts: confusion matrix, (G, G). background: the class that is no maneuver, if there is one. Its row gives false
-    predictions; a maneuver predicted as background is missed. Every miss lowers the recall, also a confusion with
-    another maneuver. A maneuver without a true sample is left out; one that is never predicted has precision 0.
-    Source: CaSTFormer, Eq. (13).
-    """
-    hit = np.diagonal(counts).astype(np.float64)
-    true, predicted = counts.sum(axis=1), counts.sum(axis=0)
-    kept = true > 0
-    if background is not None:
-        kept[background] = False
-    if not kept.any():
-        return ManeuverScores(precision=None, recall=None, f1=None)
-    precision = float(np.mean(hit[kept] / np.maximum(predicted[kept], 1)))
-    recall = float(np.mean(hit[kept] / true[kept]))
-    f1 = 2 * precision * recall / (precision + recall) if precision + recall > 0 else 0.0
-    return ManeuverScores(precision=precision, recall=recall, f1=f1)
 
 
 def pair_confusion(logits: Array, label: IntArray, classes: tuple[str, ...], pair: tuple[int, int]) -> PairScores:
@@ -360,15 +338,19 @@ def mean_f1(counts: Array) -> float:
     return float(macro_f1(counts))
 
 
-def maneuver_f1(counts: Array) -> float:
-    """Return the F1 of macro precision and macro recall over maneuvers. Source: CaSTFormer, Eq. (13)."""
-    f1 = maneuver_scores(counts).f1
-    return float("nan") if f1 is None else f1
-
-
 def class_f1(number: int) -> Statistic:
     """Return the statistic that is the F1 of the class of that number."""
     return lambda counts: float(f1_scores(counts)[number])
+
+
+def lead_over_others(number: int) -> Statistic:
+    """Return the statistic that is the F1 of the class of that number minus the highest among the other classes."""
+
+    def lead(counts: Array) -> float:
+        f1 = f1_scores(counts)
+        return float(f1[number] - np.nanmax(np.delete(f1, number)))
+
+    return lead
 
 
 def lead_of_others(number: int) -> Statistic:

@@ -14,6 +14,7 @@ from typing import ClassVar, Literal
 from pydantic import Field, JsonValue, model_validator
 
 from isac_cosim.base.settings import Settings, read_json
+from isac_cosim.evaluation.on_windows.explained import ExplainedIntention
 from isac_cosim.evaluation.on_windows.score_results import (
     AfterCommit,
     BeforeCommit,
@@ -233,19 +234,21 @@ class EvaluationResult(RunResult):
     dataset does not say, and in files of earlier versions.
     dependence: how many test samples have a twin, the same vehicle or a near copy, among the samples that the evaluated
     run was trained or chosen on; absent where the dataset holds none of these, and in files of earlier versions.
+    explained: what the modules of a CaSTFormer do, by intention; absent where it was not asked for.
     answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     windows: the windows that were measured.
     made_by: dataset, runs and versions behind the result.
     """
 
     optional_parts: ClassVar[frozenset[str]] = RunResult.optional_parts | {
-        "over_training_seeds", "passing", "dependence", "answers",
+        "over_training_seeds", "passing", "dependence", "explained", "answers",
     }  # fmt: skip
 
     compared: list[ComparedResult] = Field(default_factory=list)
     over_training_seeds: list[PredictorResult] | None = None
     passing: list[PassScores] | None = None
     dependence: Dependence | None = None
+    explained: dict[str, ExplainedIntention] | None = None
     answers: dict[str, JsonValue] | None = None
     windows: MeasuredWindows
     made_by: MadeBy

@@ -11,6 +11,7 @@ from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.questions import GROUP
 from isac_cosim.evaluation.report import live_parts, window_parts
 from isac_cosim.evaluation.report.dependence_part import DependentSeeds
+from isac_cosim.evaluation.report.explained_part import Explained
 from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatrix, MovingRoad
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
@@ -29,6 +30,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "lead-times": window_parts.ScoresByLeadTime(),
         "passing": PassesUv(),
         "how-measured": window_parts.HowMeasured(),
+        "explained": Explained(),
         "live-headline": live_parts.LiveHeadline(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),

@@ -15,8 +15,11 @@ from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
+from isac_cosim.evaluation.on_windows.explained import inspect_windows
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report import page, terminal
+from isac_cosim.evaluation.report.explained_part import FIGURE as EXPLAINED_FIGURE
+from isac_cosim.evaluation.report.explained_part import ExplainedRecord, draw_explained
 from isac_cosim.evaluation.report.figures import draw_figures, spoken
 from isac_cosim.evaluation.report.first_screen import confused
 from isac_cosim.evaluation.report.parts import Shown
@@ -29,6 +32,7 @@ from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
+from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.models.runs.run import Run
 
 if TYPE_CHECKING:
@@ -53,6 +57,8 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     scenario = str(records.table["scenario"].iloc[row])
     view = record_view(evaluated.run, records, truth, row)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
+    if evaluation.result.explained is not None:
+        draw_explained(explained_record(evaluated.run, records, row, view), out / EXPLAINED_FIGURE)
     replay = replay_of(dataset, _shard_of(dataset, row), LocalEngine(1), evaluated.run).beginning_with(choice.sample_id)
     cells = confused(evaluated.predictions, evaluation.result)
     return write_page(evaluation.result, out, choice.rule, replay, cells)
@@ -102,6 +108,28 @@ def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
     return page.write_page(f"{result.name} in running traffic", parts, origin, folder)
 
 
+def explained_record(run: Run, records: Records, row: int, view: RecordView) -> ExplainedRecord:
+    """Return what the modules of a CaSTFormer do along a record.
+
+    row: of the record. view: of the same record, with the run's predictions.
+    """
+    assert view.t_end is not None
+    return ExplainedRecord(
+        title=view.title,
+        t_end=view.t_end,
+        commit_s=view.commit_s,
+        seen=inspect_windows(run, records, _ends_along(run, records, row)),
+        frame_s=run.card.settings.of(CastformerSettings).frame_s,
+    )
+
+
+def _ends_along(run: Run, records: Records, row: int) -> Ends:
+    """Return the ends of windows along a record, END_STEP_S apart."""
+    first, last = fitting(records, run.card.settings.windows)
+    steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
+    return Ends(np.full(len(steps), row), steps)
+
+
 def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> RecordView:
     """Return what is drawn of one record, with the run's predictions for every window in it.
 
@@ -110,10 +138,9 @@ def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> Re
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
-    first, last = fitting(records, run.card.settings.windows)
-    steps = np.arange(first, last + 1, max(1, round(END_STEP_S * records.uv_rate_hz)))
+    ends = _ends_along(run, records, row)
     point = records.points[row]
-    windows = cut(records, Ends(np.full(len(steps), row), steps), run.card.settings.windows)
+    windows = cut(records, ends, run.card.settings.windows)
     snr_db = float(table["snr_db"])
     snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
     return RecordView(
@@ -125,6 +152,6 @@ def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> Re
         t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
         commit_s=float(table["t_commit"] - table["t_onset"]),
         classes=run.card.classes,
-        t_end=steps / records.uv_rate_hz - onset,
+        t_end=ends.step / records.uv_rate_hz - onset,
         probabilities=run.answer(windows).probabilities,
     )

@@ -6,16 +6,17 @@ states, and predicts between the cycles. The radar does not measure the speed ac
 learns it from the positions.
 
 Source of the defaults: long-range radars of the class of Continental's ARS 408 (250 m, 72 ms, 0.4 m, 0.1 km/h,
-azimuth 0.1 to 1 degree, depending on direction).
+azimuth 0.1 to 1 degree, depending on direction). ASI-BIP does not describe its radar; RADAR_PRESETS holds a reading.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.base.errors import InputError
@@ -30,6 +31,22 @@ from isac_cosim.isacsim.sensing.passages import Carrier
 from isac_cosim.isacsim.tracking.fusion import Fixes, checked
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings
 
+LONG_RANGE = "long_range"
+RADAR_PRESETS: Mapping[str, Mapping[str, float]] = {
+    LONG_RANGE: {},
+    "framework": {
+        "cycle_s": 0.0025,
+        "azimuth_sd_deg": 0.2,
+        "weather_loss_db": 0.0,
+        "weather_dropped": 0.0,
+        "weather_factor": 10.0,
+    },
+}
+"""Named radars: what differs from the defaults, which are a usual long-range radar. framework: one reading of ASI-BIP,
+which re-implements its baselines "within our uniform simulation framework": at the refresh rate of its sensing, 400 Hz,
+with deviations ten times as large where the echo loses 20 dB, and no cycle lost."""
+SIDE_DEG = 45.0
+"""Angle off boresight from which on the azimuth has the deviation to the side."""
 UNKNOWN_SPEED_MPS = 60.0
 """Standard deviation given to the speed across the line of sight, which no cycle measures."""
 
@@ -52,7 +69,19 @@ class RadarSettings(Settings):
     speed_sd_mps: float = Field(
         0.1 / 3.6, gt=0, le=1e3, description="Standard deviation of the radial speed of a strong echo."
     )
-    azimuth_sd_deg: float = Field(0.3, gt=0, le=180, description="Standard deviation of the azimuth of a strong echo.")
+    azimuth_sd_deg: float = Field(
+        0.1,
+        gt=0,
+        le=180,
+        description="Standard deviation of the azimuth of a strong echo on boresight, ahead or behind.",
+    )
+    azimuth_side_sd_deg: float = Field(
+        1.0,
+        gt=0,
+        le=180,
+        description=f"The same from {SIDE_DEG:g} degrees off boresight on; linear between. That of azimuth_sd_deg if "
+        "only that is given.",
+    )
     strong_snr_db: float = Field(
         25.0,
         ge=-60,
@@ -73,6 +102,9 @@ class RadarSettings(Settings):
         description="Which cycles `nlos` loses: random ones, one stretch, or those in which a vehicle is in between.",
     )
     weather_loss_db: float = Field(20.0, ge=0, le=300, description="Loss of the echo under `weather`.")
+    weather_factor: float = Field(
+        1.0, ge=1, le=1e3, description="Factor of the deviations under `weather`, besides what its SNR does to them."
+    )
     rain_mm_per_h: float = Field(0.0, ge=0, le=300, description="Rain, under any condition (ITU-R P.838-3).")
     height_m: float = Field(0.5, ge=0, le=20, description="Height of the radar above the road.")
     target_height_m: float = Field(0.8, ge=0, le=20, description="Height of the target's reflecting point.")
@@ -83,6 +115,14 @@ class RadarSettings(Settings):
         default_factory=lambda: TrackingSettings(jerk_density=1.0, run_in_s=2.0),
         description="The filter behind the radar.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _same_to_every_side(cls, content: Any) -> Any:
+        """Give the azimuth one deviation in every direction where only one is given, as earlier versions did."""
+        if isinstance(content, Mapping) and "azimuth_sd_deg" in content and "azimuth_side_sd_deg" not in content:
+            return {**content, "azimuth_side_sd_deg": content["azimuth_sd_deg"]}
+        return content
 
 
 @dataclass(frozen=True)
@@ -163,9 +203,11 @@ def scan(
     seen &= rng.random(len(at)) < settings.false_alarm ** (1 / (1 + snr))
     seen &= ~_lost(time_s[at], target, radar, settings, blockers, rng, whole)
     coarser = np.sqrt(np.maximum(10 ** (settings.strong_snr_db / 10) / snr, 1.0))
-    deviation = coarser * np.array(
-        [[settings.range_sd_m], [settings.speed_sd_mps], [np.radians(settings.azimuth_sd_deg)]]
-    )
+    if settings.condition == "weather":
+        coarser = coarser * settings.weather_factor
+    even = np.ones(len(at))
+    azimuth_sd = azimuth_deviation(true.bearing - heading, settings)
+    deviation = coarser * np.stack([settings.range_sd_m * even, settings.speed_sd_mps * even, azimuth_sd])
     noise = rng.standard_normal((3, len(at))) * deviation
     measured = Cycles(true.distance + noise[0], true.speed + noise[1], true.bearing + noise[2], drop)
     fixes = unseen(len(time_s))
@@ -174,6 +216,17 @@ def scan(
     in_record = time_s[at] >= 0
     share = float(seen[in_record].mean()) if in_record.any() else 0.0
     return Scan(checked(fixes.state, fixes.covariance, fixes.valid), float(10 * np.log10(snr).mean()), share)
+
+
+def azimuth_deviation(off_heading: Array, settings: RadarSettings) -> Array:
+    """Return the standard deviation of the azimuth of a strong echo, rad, (n,).
+
+    off_heading: angle from the UV's heading, rad, (n,). Radars all round look ahead and behind: the angle off boresight
+    is that from the nearer of both directions.
+    """
+    ahead, side = settings.azimuth_sd_deg, settings.azimuth_side_sd_deg
+    off_deg = np.degrees(np.arcsin(np.abs(np.sin(off_heading))))
+    return np.asarray(np.radians(ahead + (side - ahead) * np.minimum(off_deg / SIDE_DEG, 1.0)))
 
 
 def unseen(count: int) -> Fixes:

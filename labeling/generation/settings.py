@@ -205,18 +205,24 @@ desired speed and the middle of their lane, commanded brakes came at once, lane 
 was a lane, and no road was too sharp."""
 
 
+FORMER_WORLDS = frozenset({"kinematic-1"})
+"""Worlds of earlier versions, of which a bundled scenario had its sites elsewhere; stored studies hold their values."""
+
+
 def as_stored(study: Mapping[str, Any]) -> dict[str, Any]:
     """Return the dataset section of a study that a file holds, with what an earlier version did not store.
 
     A study that is stored has all settings of its version; those that it lacks are in `FORMER`, and its values have no
-    name if it has none for them. Maneuvers of version 0.2.0 were driven by fixed profiles, which no longer exist:
-    they are kept, for a message, unless there were none.
+    name if it has none for them, or that of a former world. Maneuvers of version 0.2.0 were driven by fixed profiles,
+    which no longer exist: they are kept, for a message, unless there were none.
     """
     filled = deepcopy(dict(study))
     if isinstance(filled.get("maneuvers"), dict) and "world" not in filled:
         filled["world"] = None
         if driven_by_profiles(filled) and not any(filled["maneuvers"].get(rate) for rate in LEFT_ALONE):
             filled |= {"world": NATURAL, "maneuvers": {}}
+    if filled.get("world") in FORMER_WORLDS:
+        filled["world"] = None
     for (*path, name), value in FORMER.items():
         section: Any = filled
         for key in path:

@@ -5,8 +5,9 @@ A folder of clips holds one `.npz` file per clip, without pickled objects:
     in      (T, W) float   features of the inside stream, one row per frame; 65 wide for Brain4Cars, the speed last
     out     (T, V) float   features of the outside stream at the same frames; 33 wide for Brain4Cars, the speed last
     label   ()     int     number of the class, from 0
+    background  () int     optional: number of the class that is no maneuver (driving straight on), -1 for none
 
-T can differ between clips, W and V cannot. Clips are read in the order of their file names.
+T can differ between clips, W and V cannot, nor can the background. Clips are read in the order of their file names.
 """
 
 from __future__ import annotations
@@ -26,16 +27,23 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.base.stored.arrays import read_arrays
 
 KEYS = ("in", "out", "label")
+BACKGROUND = "background"
+NO_BACKGROUND = -1
+"""In place of the number of a class, where every class is a maneuver."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """One clip: inner (T, W), outer (T, V) and the number of its class."""
+    """One clip: inner (T, W), outer (T, V) and the number of its class.
+
+    background: number of the class that is no maneuver, NO_BACKGROUND if there is none; None where its file is silent.
+    """
 
     name: str
     inner: Float32Array
     outer: Float32Array
     label: int
+    background: int | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +74,16 @@ def load_clips(folder: str | Path, n_classes: int) -> list[Clip]:
                 f"{file}: {clip_widths[0]} and {clip_widths[1]} features per frame, others have {widths[0]} and "
                 f"{widths[1]}; extract all clips alike"
             )
+        if clip.background != clips[0].background:
+            raise InputError(
+                f"{file}: background is {_spoken(clip.background)}, but {_spoken(clips[0].background)} in "
+                f"{files[0].name}; say the same in all clips"
+            )
     return clips
+
+
+def _spoken(background: int | None) -> str:
+    return "not given" if background is None else str(background)
 
 
 def read_clip(file: Path, n_classes: int) -> Clip:
@@ -83,7 +100,15 @@ def read_clip(file: Path, n_classes: int) -> Clip:
         raise InputError(f"{file}: {len(inner)} frames inside and {len(outer)} outside; give the same frames of both")
     if label.shape != () or label.dtype.kind not in "iu" or not 0 <= label < n_classes:
         raise InputError(f"{file}: label {label.tolist()} is not a class; give an integer from 0 to {n_classes - 1}")
-    return Clip(file.stem, inner, outer, int(label))
+    background = stored.get(BACKGROUND)
+    if background is not None and (
+        background.shape != () or background.dtype.kind not in "iu" or not NO_BACKGROUND <= background < n_classes
+    ):
+        raise InputError(
+            f"{file}: background {background.tolist()} is not a class; give an integer from 0 to {n_classes - 1}, or "
+            f"{NO_BACKGROUND} for none"
+        )
+    return Clip(file.stem, inner, outer, int(label), None if background is None else int(background))
 
 
 def batch(clips: list[Clip], length: int, *keys: str | int) -> ClipBatch:

@@ -22,6 +22,8 @@ from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import WindowShape
 
 Streams = Literal["both", "tv", "uv"]
+Rates = Literal["own", "slow", "fast"]
+"""own: each stream at its rate. slow: the TV resampled to the UV's rate. fast: the UV interpolated to the TV's."""
 
 
 class AsiBipSettings(Settings):
@@ -70,23 +72,33 @@ class AsiBip(WindowNetwork):
     """The network.
 
     tv_length, uv_length: samples per window of each stream. streams: "both" as in the paper; with one of them, the
-    branch of the other is left out.
+    branch of the other is left out. rates: "own" as in the paper; otherwise a stream is resampled to the rate of the
+    other one, and gets that one's patches and pools, so that there are as many tokens.
     """
 
     def __init__(
-        self, settings: AsiBipSettings, n_classes: int, tv_length: int, uv_length: int, streams: Streams = "both"
+        self,
+        settings: AsiBipSettings,
+        n_classes: int,
+        tv_length: int,
+        uv_length: int,
+        streams: Streams = "both",
+        rates: Rates = "own",
     ) -> None:
         super().__init__(n_classes)
         self.head = linear_head(settings.width, n_classes, settings.dropout)
         self.settings = settings
+        own = {
+            "tv": (tv_length, settings.tv_patch, settings.tv_pool),
+            "uv": (uv_length, settings.uv_patch, settings.uv_pool),
+        }
+        at_rate_of = {name: {"own": name, "slow": "uv", "fast": "tv"}[rates] for name in own}
+        self.lengths = tuple(own[at_rate_of[name]][0] for name in own)
         self.tv_branch, self.uv_branch = (
             Branch(settings, length, patch, pool // patch if settings.tokens == "pooled" else 1)
             if streams in ("both", name)
             else None
-            for name, length, patch, pool in (
-                ("tv", tv_length, settings.tv_patch, settings.tv_pool),
-                ("uv", uv_length, settings.uv_patch, settings.uv_pool),
-            )
+            for name, (length, patch, pool) in ((name, own[at_rate_of[name]]) for name in own)
         )
         self.statistics = (
             StatisticsBranch(2 if streams == "both" else 1, settings.feedforward, settings.width, settings.dropout)
@@ -114,6 +126,7 @@ class AsiBip(WindowNetwork):
         if self.statistics is not None:
             class_token = class_token + self.statistics(*self._streams(tv, uv))[:, None]
         branches = [branch for branch in (self.tv_branch, self.uv_branch) if branch is not None]
+        tv, uv = (resampled(x, length) for x, length in zip((tv, uv), self.lengths, strict=True))
         tokens = tokens_of(branches, self._streams(tv, uv))
         return torch.as_tensor(self.norm(self.encoder(torch.cat([class_token, *tokens], dim=1))))
 
@@ -130,10 +143,12 @@ class AsiBipPredictor(NetworkPredictor):
     settings_class: ClassVar[type[Settings] | None] = AsiBipSettings
     window_s = 10.3e-3
     streams: ClassVar[Streams] = "both"
+    rates: ClassVar[Rates] = "own"
 
     @classmethod
     def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
-        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, shape.tv_length, shape.uv_length, cls.streams)
+        lengths = shape.tv_length, shape.uv_length
+        return AsiBip(settings.of(AsiBipSettings), shape.n_classes, *lengths, cls.streams, cls.rates)
 
 
 class TvAlonePredictor(AsiBipPredictor):
@@ -152,6 +167,24 @@ class UvAlonePredictor(AsiBipPredictor):
     summary = "asi-bip with the stream of the UV alone"
     window_s = 2.5e-3
     streams = "uv"
+
+
+class SlowPredictor(AsiBipPredictor):
+    """A control of the asynchronous fusion: ASI-BIP with the TV's stream at the UV's rate."""
+
+    display_name = "ASI-BIP, slow"
+    summary = "asi-bip with the stream of the TV resampled to the rate of the UV: a control of the two rates"
+    window_s = 5.2e-3
+    rates = "slow"
+
+
+class FastPredictor(AsiBipPredictor):
+    """A control of the asynchronous fusion: ASI-BIP with the UV's stream at the TV's rate."""
+
+    display_name = "ASI-BIP, fast"
+    summary = "asi-bip with the stream of the UV interpolated to the rate of the TV: a control of the two rates"
+    window_s = 17e-3
+    rates = "fast"
 
 
 class ClassTokenEncoder(nn.Module):
@@ -240,6 +273,13 @@ def tokens_of(branches: Sequence[Branch], streams: Sequence[Tensor]) -> list[Ten
 def is_coarse(wanted: bool, device: torch.device) -> bool:
     """Return whether LSTMs are trained in bfloat16: elsewhere, PyTorch emulates it or refuses."""
     return wanted and device.type == "cpu" and has_bfloat16()
+
+
+def resampled(x: Tensor, length: int) -> Tensor:
+    """Return a stream (B, 6, T) interpolated linearly to `length` samples, the first and last of which stay."""
+    if x.shape[2] == length:
+        return x
+    return nn.functional.interpolate(x, length, mode="linear", align_corners=True)
 
 
 def patches(x: Tensor, size: int) -> Tensor:

@@ -18,6 +18,8 @@ from torch import Tensor, nn
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.networks.castformer_inspection import Inspection, inspected
 from isac_cosim.models.networks.castformer_modules import (
     Attention,
     CausalPatternExtraction,
@@ -255,9 +257,17 @@ class CastformerPredictor(NetworkPredictor):
     optimiser_defaults: ClassVar[Mapping[str, object]] = PAPER_OPTIMISER
     window_s = 2.4e-3
 
+    network: Castformer
+
     @classmethod
     def build(cls, settings: FitSettings, shape: WindowShape) -> WindowNetwork:
         return Castformer(settings.of(CastformerSettings), shape)
+
+    def inspect(self, windows: Windows) -> Inspection:
+        """Return what the modules do with windows, at their last frame."""
+        device = next(self.network.parameters()).device
+        tv, uv = (torch.from_numpy(stream).to(device) for stream in (windows.tv, windows.uv))
+        return inspected(self.network.core, lambda: self.network.classify(self.network.features(tv, uv)))
 
 
 def in_frames(x: Tensor, size: int, count: int) -> Tensor:

@@ -10,7 +10,13 @@ from pydantic import BaseModel, create_model
 from isac_cosim.base.registry import Registry
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.predictors.aligned import AlignedPredictor
-from isac_cosim.models.predictors.asi_bip import AsiBipPredictor, TvAlonePredictor, UvAlonePredictor
+from isac_cosim.models.predictors.asi_bip import (
+    AsiBipPredictor,
+    FastPredictor,
+    SlowPredictor,
+    TvAlonePredictor,
+    UvAlonePredictor,
+)
 from isac_cosim.models.predictors.castformer import CastformerPredictor
 from isac_cosim.models.predictors.embedding_trees import EmbeddingTreesPredictor
 from isac_cosim.models.predictors.ensemble import EnsemblePredictor
@@ -26,6 +32,8 @@ GROUP = "isac_cosim.predictors"
 OWN: Mapping[str, type[Predictor]] = {
     "asi-bip": AsiBipPredictor,
     "tv-alone": TvAlonePredictor,
+    "asi-bip-slow": SlowPredictor,
+    "asi-bip-fast": FastPredictor,
     "uv-alone": UvAlonePredictor,
     "aligned": AlignedPredictor,
     "castformer": CastformerPredictor,

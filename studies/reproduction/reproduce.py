@@ -15,9 +15,11 @@ from isac_cosim.base.settings import Settings, merged
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.report.parts import Part
+from isac_cosim.studies.clip_validation import background_of
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
 from isac_cosim.studies.reproduction.castformer import stages as castformer
+from isac_cosim.studies.reproduction.castformer.clips import clips_in
 from isac_cosim.studies.reproduction.castformer.report import castformer_parts
 from isac_cosim.studies.reproduction.experiments.pages import CLAIMS, write_pages
 from isac_cosim.studies.reproduction.experiments.sizes import (
@@ -29,7 +31,6 @@ from isac_cosim.studies.reproduction.experiments.sizes import (
 )
 from isac_cosim.studies.reproduction.experiments.stages import (
     Capacity,
-    Claim,
     Cost,
     Stage,
     chosen_stages,
@@ -38,6 +39,7 @@ from isac_cosim.studies.reproduction.experiments.stages import (
     identity_of,
     run_stages,
 )
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
 PAPERS = (asi_bip.PAPER, castformer.PAPER)
 
@@ -55,6 +57,7 @@ class Request:
 
     paper: one of PAPERS. size: name of the size. settings: the size itself. out: folder to write. stages: names or
     groups of the stages to run, all if None. clips: folder of feature files for CaSTFormer, None for windows.
+    background: the class of the clips that drives straight on, or `none`; None where their files say.
     """
 
     paper: str
@@ -63,12 +66,13 @@ class Request:
     out: Path
     stages: Sequence[str] | None = None
     clips: Path | None = None
+    background: str | None = None
 
     def reproduction(self, engine: Engine, feedback: Feedback) -> Reproduction:
         """Return the experiments of the paper."""
         if isinstance(self.settings, AsiBipSize):
             return asi_bip.AsiBipReproduction(self.settings, self.out, engine, feedback)
-        return castformer.CastformerReproduction(self.settings, self.out, engine, feedback, self.clips)
+        return castformer.CastformerReproduction(self.settings, self.out, engine, feedback, self.clips, self.background)
 
 
 class ReproductionResult(Settings):
@@ -86,15 +90,20 @@ def request(
     stages: Sequence[str] | None = None,
     clips: Path | None = None,
     epochs: int | None = None,
+    background: str | None = None,
 ) -> Request:
     """Return what to reproduce. Raises InputError for another paper, or for clips of a paper that has none.
 
-    epochs: of every network of the paper, in place of those of the size.
+    epochs: of every network of the paper, in place of those of the size. background: as in `Request`.
     """
     if paper not in PAPERS:
         raise InputError(f"{paper}: no such paper; {nearest(paper, PAPERS)}choose {' or '.join(PAPERS)}")
     if clips is not None and paper != castformer.PAPER:
         raise InputError(f"--clips applies to {castformer.PAPER} only; remove it")
+    if background is not None and clips is None:
+        raise InputError("--background names a class of the clips; give --clips FOLDER, or remove it")
+    if clips is not None:
+        background_of(clips_in(clips), background)
     size: SizeName = "quick" if quick else "full"
     sizes: Mapping[SizeName, AsiBipSize | CastformerSize] = ASI_BIP if paper == asi_bip.PAPER else CASTFORMER
     settings = sizes[size]
@@ -104,7 +113,7 @@ def request(
         if isinstance(settings, AsiBipSize):
             changed["literal_epochs"] = min(epochs, settings.literal_epochs)
         settings = type(settings).model_validate(changed)
-    return Request(paper, size, settings, out, stages, clips)
+    return Request(paper, size, settings, out, stages, clips, background)
 
 
 def expected_cost(wanted: Request, engine: Engine) -> Cost:
@@ -131,6 +140,7 @@ def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> R
     content: dict[str, Any] = wanted.settings.model_dump(mode="json")
     if wanted.clips is not None:
         content["clips"] = str(wanted.clips.resolve())
+        content["background"] = background_of(clips_in(wanted.clips), wanted.background)
     identity = identity_of(wanted.paper, wanted.size, content)
     with kept_running(engine) as workers:
         stages = wanted.reproduction(workers, feedback).stages()

@@ -1,7 +1,7 @@
 """Builds the straight_road scenario: `python build.py` writes every other file of this folder.
 
-A straight one-way road of 2.8 km with four lanes, and four sites around one point of it, 170 m up and down the road and
-60 m to either side. Each site faces that point.
+A straight one-way road of 2.8 km with four lanes, and four sites around one point of it, 150 and 190 m up and down the
+road and 60 m to either side, staggered so that they are no rectangle. Each site faces that point.
 """
 
 from pathlib import Path
@@ -18,12 +18,14 @@ START_M, END_M = -800.0, 2000.0
 """The ends of the road, m; the sites stand around 0."""
 ROAD = PlainRoad(bend_m=END_M, radius_m=1000.0, angle=0.0)
 CARRIAGEWAY = Carriageway(ROAD, speed=36.11, lanes=4, pieces=(("road", START_M, END_M, 4),))
-ALONG_M, ASIDE_M, HEIGHT_M = 170.0, 60.0, 15.0
+ALONG_M, STAGGER_M, ASIDE_M, HEIGHT_M = 170.0, 20.0, 60.0, 15.0
 
 
 def sites() -> list[Site]:
     """Return the four sites, which face the point in their middle."""
-    corners = [(x, y) for x in (-ALONG_M, ALONG_M) for y in (-ASIDE_M, ASIDE_M)]
+    corners = [
+        (along + np.sign(aside) * STAGGER_M, aside) for along in (-ALONG_M, ALONG_M) for aside in (-ASIDE_M, ASIDE_M)
+    ]
     return [
         Site(f"site{k}", x, y, HEIGHT_M, round(float(np.degrees(np.arctan2(-x, -y))) % 360.0, 1))
         for k, (x, y) in enumerate(corners)

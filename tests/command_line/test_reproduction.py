@@ -13,7 +13,7 @@ import cosim
 from isac_cosim.command_line.reproduction import reproduce_and_show
 from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.studies.reproduction import reproduce as reproduction
-from isac_cosim.studies.reproduction.experiments.stages import Claim
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 from isac_cosim.studies.reproduction.reproduce import ReproductionResult, request
 from tests.support.scripted import InlineEngine
 
@@ -34,7 +34,7 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
     assert list(cost["stages"])[-2:] == ["isac-grid-weather", "fig5"]
     assert cost["workers"] == 2
     assert cost["cpu_s"] > cost["seconds"] > max(cost["stages"].values())
-    assert "11 stages to run: about" in err
+    assert "16 stages to run: about" in err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -46,6 +46,7 @@ def test_a_dry_run_states_the_cost_and_writes_nothing(tmp_path: Path, capfd: pyt
         (["asi-bip", "--stages", "fig9"], "--stages fig9: no such stage; choose among data"),
         (["asi-bip", "--clips", "clips"], "--clips applies to castformer only"),
         (["castformer", "--clips", "nowhere"], "--clips nowhere: no such folder"),
+        (["castformer", "--background", "0"], "--background names a class of the clips; give --clips FOLDER"),
     ],
 )
 def test_wrong_arguments(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import t as student_t
 from sklearn.metrics import f1_score
 
-from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, lead_of_others, maneuver_f1, mean_f1
+from isac_cosim.evaluation.on_windows.maneuvers import maneuver_statistic
+from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, lead_of_others, mean_f1
 from isac_cosim.evaluation.statistics import Counts, difference, estimate, pooled, relative_gain, score, span
 
 RNG = np.random.default_rng(7)
@@ -90,7 +91,7 @@ def test_statistics_of_one_matrix() -> None:
     assert class_f1(1)(counts) == pytest.approx(f1[1])
     assert lead_of_others(1)(counts) == pytest.approx(min(f1[0], f1[2]) - f1[1])
     precision, recall = np.mean([8 / 9, 6 / 8, 10 / 13]), np.mean([0.8, 0.6, 1.0])
-    assert maneuver_f1(counts) == pytest.approx(2 * precision * recall / (precision + recall))
+    assert maneuver_statistic()(counts) == pytest.approx(2 * precision * recall / (precision + recall))
 
 
 def test_statistics_of_several_matrices() -> None:

@@ -4,11 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.models.data.clips import Clip
 from isac_cosim.models.predictors.castformer import CastformerSettings
-from isac_cosim.studies.clip_validation import ClipSettings, cross_validate, folds, predict_fold, standardised
+from isac_cosim.studies.clip_validation import (
+    ClipSettings,
+    background_of,
+    cross_validate,
+    folds,
+    predict_fold,
+    standardised,
+)
 
 SMALL = ClipSettings(
     castformer=CastformerSettings(width=16, heads=4, encoder_layers=1, dropout=0, intent_source="out"),
@@ -87,3 +95,27 @@ def test_a_training_on_clips_that_diverges_ends_in_one_line() -> None:
         RunError, match=r"clips: a loss in epoch \d of fold 1 is (nan|inf), .* lower learning_rate, now 1e\+30"
     ):
         predict_fold(clips(20)[:15], clips(20)[15:], wild, 0)
+
+
+def test_the_class_that_drives_straight_on_is_never_silently_absent() -> None:
+    silent = clips(2)
+    with pytest.raises(InputError, match=r"do not say which class drives straight on.*--background none"):
+        background_of(silent, None)
+    with pytest.raises(ValidationError, match="background"):
+        ClipSettings()  # type: ignore[call-arg]
+    assert background_of(silent, "2") == 2
+    assert background_of(silent, "none") is None
+    stored = [replace(clip, background=4) for clip in silent]
+    assert background_of(stored, None) == background_of(stored, "4") == 4
+    assert background_of([replace(silent[0], background=-1)], None) is None
+
+
+@pytest.mark.parametrize("stated", ["5", "-1", "straight", "", "1.0", "\u0663"])
+def test_a_background_that_is_no_class_is_refused(stated: str) -> None:
+    with pytest.raises(InputError, match="give a class from 0 to 4, or none"):
+        background_of(clips(1), stated)
+
+
+def test_a_background_against_the_files_is_refused() -> None:
+    with pytest.raises(InputError, match="--background 1: the files of the clips say 4"):
+        background_of([replace(clip, background=4) for clip in clips(1)], "1")

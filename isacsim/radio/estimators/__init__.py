@@ -7,7 +7,7 @@ package of its own, an entry point of GROUP.
 from isac_cosim.base.registry import Registry
 from isac_cosim.isacsim.radio.estimation import Estimator
 from isac_cosim.isacsim.radio.estimators.candan import Candan
-from isac_cosim.isacsim.radio.estimators.grid import Grid, PaddedGrid
+from isac_cosim.isacsim.radio.estimators.grid import Grid, PaddedGrid, PaddedParabola
 from isac_cosim.isacsim.radio.estimators.maximum_likelihood import MaximumLikelihood
 
 GROUP = "isac_cosim.estimators"
@@ -18,6 +18,7 @@ ESTIMATORS: Registry[Estimator] = Registry(
         "candan": Candan(),
         "grid": Grid(),
         "padded_grid": PaddedGrid(),
+        "padded_parabola": PaddedParabola(),
     },
     GROUP,
 )

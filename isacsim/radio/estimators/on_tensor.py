@@ -27,11 +27,26 @@ def grid(echo: torch.Tensor) -> Found:
 
 
 def padded_grid(echo: torch.Tensor) -> Found:
-    """Take the strongest cell of the transform padded twofold along each axis (the grid method of the paper)."""
+    """Take the strongest cell of the transform padded twofold along each axis."""
     counts = echo.shape[1:]
     bins = torch.fft.fftn(echo, s=[2 * count for count in counts], dim=(1, 2, 3))
     index, power = _strongest(bins)
     return _around_zero(index.double() / 2, counts), power / echo[0].numel()
+
+
+def padded_parabola(echo: torch.Tensor) -> Found:
+    """Refine the strongest cell of the padded transform by a parabola through it and its neighbours, on each axis."""
+    counts = echo.shape[1:]
+    bins = torch.fft.fftn(echo, s=[2 * count for count in counts], dim=(1, 2, 3))
+    index, power = _strongest(bins)
+    rows, sizes = torch.arange(len(bins), device=bins.device), torch.tensor(bins.shape[1:], device=bins.device)
+    offset = torch.empty(index.shape, dtype=torch.float64, device=bins.device)
+    for axis in range(3):
+        unit = torch.zeros(3, dtype=index.dtype, device=bins.device)
+        unit[axis] = 1
+        low, peak, high = (bins[(rows, *((index + k * unit) % sizes).T)].abs().double().log() for k in (-1, 0, 1))
+        offset[:, axis] = ((low - high) / (2 * (low - 2 * peak + high))).clamp(-0.5, 0.5)
+    return _around_zero(index.double() / 2, counts) + offset / 2, power / echo[0].numel()
 
 
 def candan(echo: torch.Tensor) -> Found:

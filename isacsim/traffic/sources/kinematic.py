@@ -30,7 +30,7 @@ from isac_cosim.isacsim.traffic.sources.kinematic_scenes import (
     Scene,
     SceneDraw,
 )
-from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import OVERLAP, KinematicSettings
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.isacsim.traffic.sources.simulated import digest_of, inputs_of
 
@@ -72,7 +72,7 @@ class KinematicSource(MotionSource):
 
     kinematics: KinematicSettings
     sections: ClassVar = {"kinematics": KinematicSettings}
-    worlds: ClassVar = {"kinematic-1": {}}
+    worlds: ClassVar = {"kinematic-2": {}, "overlap-1": {"kinematics": OVERLAP}}
     own_scenarios = (SCENARIO,)
 
     def load(self, where: str) -> Scenario:

@@ -5,7 +5,8 @@ Every range is drawn from evenly, anew for each scene. docs/kinematic.md lists t
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from isac_cosim.base.setting_fields import Range, sourced, within
 from isac_cosim.base.settings import Settings
@@ -175,6 +176,16 @@ class LimitSettings(Settings):
     )
     jerk_mps3: float = sourced(25.0, "largest jerk in the plane, m/s3", "what a passenger car can do", ge=1.0, le=100.0)
     draws: int = sourced(400, "draws of one scene before giving up", "chosen: one to ten are usual", ge=1, le=10_000)
+
+
+OVERLAP: Mapping[str, Mapping[str, Any]] = {
+    "response": {"share": 0.75, "braking_mps2": (2.0, 6.0)},
+    "hard_brake": {"peak_mps2": (3.0, 6.0)},
+    "overtake": {"closing_mps": (6.0, 12.0), "acceleration_mps2": (1.5, 3.0)},
+}
+"""What differs from the defaults in the world `overlap-1`: the opposite assumptions about two pairs of intentions. A
+driver may brake as hard before a swerve or a lane change as in a hard brake, so that the brake alone tells less; and
+overtakes are so fast that a window shows what they are. `response.share` is calibrated as the default is."""
 
 
 class KinematicSettings(Settings):

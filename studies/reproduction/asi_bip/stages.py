@@ -60,8 +60,10 @@ FAST: Mapping[str, tuple[dict[str, Any], float]] = {
 }
 """Ways to train faster: settings of the network, and the processor time of a training step relative to one without."""
 
-ESTIMATOR_FACTORS = {"grid": 2.3, "padded_grid": 4.1}
-"""Processor time of sensing with the paper's estimators, which search the whole DFT, relative to ours (21 records)."""
+CONTROLS = {"control-slow": "asi-bip-slow", "control-fast": "asi-bip-fast"}
+"""ASI-BIP with both streams at one rate: the predictor, by the stage's name."""
+ESTIMATOR_FACTORS = {"grid": 2.3, "padded_grid": 4.1, "padded_parabola": 4.2}
+"""Processor time of sensing with grid estimators, which search the whole DFT, relative to ours (21 records)."""
 SEARCH_FACTOR = 14.0
 """Processor time of sensing where noise can mislead our estimator's search, relative to higher SNR (208 records)."""
 
@@ -133,6 +135,17 @@ class AsiBipReproduction:
             training_stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
             training_stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
             training_stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
+            *(
+                training_stage(
+                    name,
+                    "aligned",
+                    f"asynchronous or aligned fusion: {model}, with both streams at one rate",
+                    seeds * self._training_s(model),
+                    seeds,
+                    partial(self._control, name, model),
+                )
+                for name, model in CONTROLS.items()
+            ),
             training_stage(
                 "literal", "literal", "every LSTM output as a token, or pooled", literal_s, 1, self._literal
             ),
@@ -200,6 +213,12 @@ class AsiBipReproduction:
         self.dataset(case)
         tasks = self._tasks("aligned", case, "aligned", self.size.training_seeds)
         return TrainingsResult(trainings=self._run(tasks, "aligned fusion"))
+
+    def _control(self, name: str, model: str) -> TrainingsResult:
+        case = self._isac()
+        self.dataset(case)
+        tasks = self._tasks(name, case, model, self.size.training_seeds)
+        return TrainingsResult(trainings=self._run(tasks, "fusion at one rate"))
 
     def _literal(self) -> TrainingsResult:
         case = self._isac()
@@ -321,5 +340,5 @@ class AsiBipReproduction:
         work = Workload(
             (1 - split.validation - split.test) * samples, split.validation * samples, split.test * samples, scale
         )
-        patched = model == "asi-bip" and "asi_bip" in self.size.training
+        patched = model.startswith("asi-bip") and "asi_bip" in self.size.training
         return PREDICTORS[model].cost_s(work, training) * (PATCH_FACTOR if patched else 1.0)

@@ -15,7 +15,7 @@ from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.on_windows.metrics import confusion
 from isac_cosim.models.data.clips import Clip, load_clips
 from isac_cosim.models.predictors.castformer import CastformerCore
-from isac_cosim.studies.clip_validation import ClipSettings, folds, predict_fold
+from isac_cosim.studies.clip_validation import CLASSES, ClipSettings, folds, predict_fold
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
 from isac_cosim.studies.reproduction.experiments.trainings import Scores
 
@@ -30,6 +30,9 @@ class ClipTraining:
     """One fold of clips: a network trained on whole clips and measured on clips that end early.
 
     folder: of the clips. castformer: settings of the network. folds, fold: number of folds, and of this one.
+    background: the class that is no maneuver, if there is one. classes: their number. held_out: names of the clips of
+    this fold; None for folds that hold each class evenly. training_seed: of weights, frames and batches; folds do not
+    depend on it.
     """
 
     name: str
@@ -39,13 +42,17 @@ class ClipTraining:
     folds: int
     fold: int
     epochs: int
+    background: int | None
+    classes: int = CLASSES
+    held_out: tuple[str, ...] | None = None
+    training_seed: int = 0
 
 
-def clips_in(folder: Path) -> list[Clip]:
-    """Return the clips in a folder, of the classes of Brain4Cars. Raises InputError where there are none."""
+def clips_in(folder: Path, classes: int = CLASSES) -> list[Clip]:
+    """Return the clips in a folder. Raises InputError where there are none."""
     if not folder.is_dir():
         raise InputError(f"--clips {folder}: no such folder; give the folder of the .npz feature files")
-    return load_clips(folder, ClipSettings().classes)
+    return load_clips(folder, classes)
 
 
 def shortened(clip: Clip, horizon_s: float) -> Clip:
@@ -57,10 +64,21 @@ def shortened(clip: Clip, horizon_s: float) -> Clip:
 @limited()
 def measure_clips(task: ClipTraining) -> Scores:
     """Train a network on the clips outside a fold, and measure it on those of the fold at every horizon."""
-    clips = clips_in(task.folder)
-    content = {"castformer": task.castformer, "folds": task.folds, "epochs": task.epochs}
+    clips = clips_in(task.folder, task.classes)
+    content = {
+        "castformer": task.castformer,
+        "folds": task.folds,
+        "epochs": task.epochs,
+        "background": task.background,
+        "classes": task.classes,
+    }
     settings = checked(ClipSettings, content, task.name)
-    train, test = folds(np.array([clip.label for clip in clips], dtype=np.int64), settings)[task.fold]
+    if task.held_out is None:
+        train, test = folds(np.array([clip.label for clip in clips], dtype=np.int64), settings)[task.fold]
+    else:
+        held_out_names = np.isin([clip.name for clip in clips], task.held_out)
+        train, test = np.flatnonzero(~held_out_names), np.flatnonzero(held_out_names)
+    settings = settings.model_copy(update={"seed": task.training_seed})
     held_out = [shortened(clips[i], horizon_s) for horizon_s in HORIZONS_S for i in test]
     began = time.process_time()
     predicted = predict_fold([clips[i] for i in train], held_out, settings, task.fold)

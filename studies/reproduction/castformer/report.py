@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from isac_cosim.evaluation.on_windows.metrics import maneuver_f1
+from isac_cosim.evaluation.on_windows.maneuvers import maneuver_statistic
 from isac_cosim.evaluation.report.parts import Part, Row
-from isac_cosim.evaluation.statistics import Trainings, class_mean, pooled
+from isac_cosim.evaluation.statistics import class_mean
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.clips import NO_BACKGROUND
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.claims import castformer_claims
-from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantsResult
+from isac_cosim.studies.reproduction.castformer.measured import MeasuredVariant, measured_of, with_repeats
+from isac_cosim.studies.reproduction.castformer.precision_recall import (
+    confusion_part,
+    maneuvers_part,
+    table_1,
+    table_2,
+)
+from isac_cosim.studies.reproduction.castformer.results import DataResult
 from isac_cosim.studies.reproduction.experiments import drawings
+from isac_cosim.studies.reproduction.experiments.counterparts import CASTFORMER, counterparts_part
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
 from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ABLATION,
@@ -25,8 +34,8 @@ from isac_cosim.studies.reproduction.experiments.paper_figures import (
     contradictions,
     end_of,
 )
-from isac_cosim.studies.reproduction.experiments.stages import Claim, result_of
-from isac_cosim.studies.reproduction.experiments.trainings import Scores, of_measure
+from isac_cosim.studies.reproduction.experiments.stages import result_of
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
 STAGES = {
     "horizon": "Table 3: observation that ends before the action",
@@ -40,43 +49,46 @@ STAGES = {
 """Tables with a column for each horizon, by stage, with their titles."""
 
 
-@dataclass(frozen=True)
-class MeasuredVariant:
-    """A network that was measured on every fold. name, title: as in `Variant`. scores: of the folds."""
-
-    name: str
-    title: str
-    scores: Sequence[Scores]
-
-    def at(self, horizon_s: int) -> Trainings:
-        """Return the confusion matrices at a horizon, by fold.
-
-        The fold is the unit of the intervals: it has a training of its own, so they cover trainings, too.
-        """
-        folds = of_measure(self.scores, str(horizon_s))
-        return [{f"fold {k}": pooled([fold]).tolist() for k, fold in enumerate(folds) if fold}]
-
-
-def measured_of(out: Path, stage: str) -> list[MeasuredVariant]:
-    """Return the networks that a stage measured, none where it was not run."""
-    result = result_of(out, stage, VariantsResult)
-    return [] if result is None else [MeasuredVariant(row.name, row.title, row.folds) for row in result.variants]
-
-
 def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
     """Return the parts of the page for the stages that were run, their figures drawn, and the claims."""
     (out / FIGURES).mkdir(exist_ok=True)
     measured = {stage: measured_of(out, stage) for stage in STAGES}
+    repeats = [
+        measured_of(out, file.stem) for file in sorted((out / "stages").glob(f"{variants.repeat_stage('*')}.json"))
+    ]
+    measured["ablation"] = with_repeats(measured["ablation"], repeats)
+    background = next((rows[0].background for rows in measured.values() if rows), None)
     claims = castformer_claims(
         {
             stage: {row.name: {h: row.at(h) for h in HORIZONS_S} for row in rows}
             for stage, rows in measured.items()
             if rows and stage != "motorway"
-        }
+        },
+        background,
     )
     tables = [_table(out, stage, rows) for stage, rows in measured.items() if rows]
-    parts = [claims_part(claims), _data(out), *tables, _compared(out), _contradictions()]
-    return [part for part in parts if part is not None], claims
+    complete = measured["horizon"]
+    parts = [
+        claims_part(claims),
+        _data(out),
+        table_1(complete),
+        table_2(complete),
+        confusion_part(complete, _class_names(out, complete), out),
+        *tables,
+        maneuvers_part(measured_of(out, "background") or complete),
+        _compared(out),
+        _contradictions(),
+    ]
+    shown = [part for part in parts if part is not None]
+    return [*shown, counterparts_part(CASTFORMER, shown)], claims
+
+
+def _class_names(out: Path, measured: Sequence[MeasuredVariant]) -> list[str]:
+    """Return the names of the classes of the confusion matrices: intentions, or the numbers of classes of clips."""
+    data = result_of(out, "data", DataResult)
+    if data is None or data.dataset is not None:
+        return [intention.text for intention in KNOWN]
+    return [f"class {k}" for k in range(len(data.by_class or []))]
 
 
 def paper_rows(stage: str) -> Mapping[str, Sequence[float]]:
@@ -100,8 +112,14 @@ def _data(out: Path) -> Part | None:
     if result is None:
         return None
     if result.dataset is None:
-        rows: list[Row] = [{"class": k, "clips": count} for k, count in enumerate(result.by_class or [])]
-        return Part("data", "Clips", f"{result.clips} feature files.", rows)
+        rows: list[Row] = [
+            {"class": k, "clips": count, "counts as": "background" if k == result.background else "maneuver"}
+            for k, count in enumerate(result.by_class or [])
+        ]
+        straight = "Every class counts as a maneuver, as the user says."
+        if result.background != NO_BACKGROUND:
+            straight = f"Class {result.background} drives straight on: the background of Eq. (13), no maneuver."
+        return Part("data", "Clips", f"{result.clips} feature files. {straight}", rows)
     rows = [{"intention": name, "samples": count} for name, count in result.dataset.by_intention.items() if count]
     text = (
         f"Source: {result.source}. The folds are of scenario seeds, so no traffic is on two sides. A window of "
@@ -113,10 +131,11 @@ def _data(out: Path) -> Part | None:
 
 def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
     paper, rows = paper_rows(stage), list[Row]()
+    f1 = maneuver_statistic("f1", measured[0].background)
     curves: dict[str, list[float]] = {}
     reference: dict[str, list[float]] = {}
     for row in measured:
-        scores = {h: class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S}
+        scores = {h: class_mean(f1, row.at(h)) for h in HORIZONS_S}
         cells: dict[str, Any] = {"network": row.title}
         for k, h in enumerate(HORIZONS_S):
             if row.name in paper:
@@ -126,11 +145,19 @@ def _table(out: Path, stage: str, measured: Sequence[MeasuredVariant]) -> Part:
         curves[row.title] = [np.nan if (value := scores[h].value) is None else value for h in HORIZONS_S]
         if row.name in paper:
             reference[row.title] = [score / 100 for score in paper[row.name]]
+    if stage == "horizon":
+        others = {method: scores for method, scores in HORIZON.items() if method != variants.COMPLETE.title}
+        rows += [
+            {"network": method}
+            | {f"paper: {end_of(h)}": score / 100 for h, score in zip(HORIZONS_S, scores, strict=True)}
+            for method, scores in others.items()
+        ]
     figure = f"{stage}.png"
     labels = (STAGES[stage], "observation ends this long before the action, s", "F1 of Eq. (13)")
     drawings.lines(curves, list(HORIZONS_S), out / FIGURES / figure, labels, reference)
     text = (
-        "F1 of macro precision and macro recall, Eq. (13), over all folds together. 95 % intervals are over the folds, "
+        "F1 of macro precision and macro recall, Eq. (13), over all folds together, every missed maneuver counted as "
+        "MP. 95 % intervals are over the folds, "
         "each with a training of its own. The paper's numbers are of Brain4Cars, so compare the order of the networks, "
         "not single numbers."
     )
@@ -142,6 +169,7 @@ def _compared(out: Path) -> Part | None:
     if not measured:
         return None
     rows: list[Row] = []
+    f1 = maneuver_statistic()
     for row in measured:
         window_ms = [fold.window_ms for fold in row.scores if fold.window_ms is not None]
         rows.append(
@@ -150,7 +178,7 @@ def _compared(out: Path) -> Part | None:
                 "parameters": row.scores[0].parameters,
                 "processor time of a training, s": float(np.mean([fold.cpu_s for fold in row.scores])),
                 "time of a prediction, ms": float(np.mean(window_ms)) if window_ms else None,
-                **{f"F1: {end_of(h)}": class_mean(maneuver_f1, row.at(h)) for h in HORIZONS_S},
+                **{f"F1: {end_of(h)}": class_mean(f1, row.at(h)) for h in HORIZONS_S},
             }
         )
     text = (
@@ -162,5 +190,5 @@ def _compared(out: Path) -> Part | None:
 
 def _contradictions() -> Part:
     rows: list[Row] = [{"contradiction": sentence} for sentence in contradictions()]
-    text = "Tables 3 and 4 print the complete network, and so does the first row of Table 5."
+    text = "Tables 3 and 4 print the network that is the first row of Table 5. The rest compares the text with tables."
     return Part("contradictions", "Where the paper contradicts itself", text, rows)

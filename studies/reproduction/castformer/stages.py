@@ -25,14 +25,22 @@ from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.models.data.clips import NO_BACKGROUND
 from isac_cosim.models.predictors.castformer import PAPER_OPTIMISER
 from isac_cosim.models.predictors.protocol import Workload
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
+from isac_cosim.studies.clip_validation import background_of
 from isac_cosim.studies.cost_estimate import INSTANTS
 from isac_cosim.studies.reproduction.asi_bip.stages import PATCH_FACTOR, STUDY
 from isac_cosim.studies.reproduction.castformer import variants
 from isac_cosim.studies.reproduction.castformer.clips import ClipTraining, clips_in, measure_clips
+from isac_cosim.studies.reproduction.castformer.motion_clips import (
+    BACKGROUND,
+    CLASSES,
+    driving_count,
+    write_clips,
+)
 from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantScores, VariantsResult
 from isac_cosim.studies.reproduction.castformer.variants import Variant
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
@@ -43,8 +51,8 @@ from isac_cosim.studies.reproduction.experiments.trainings import Measure, Windo
 from isac_cosim.studies.sweep import finished
 
 PAPER = "castformer"
-KINEMATIC, MOTORWAY = "kinematic", "motorway"
-"""Sources of the windows."""
+KINEMATIC, DRIVING, MOTORWAY = "kinematic", "driving", "motorway"
+"""Sources of the windows: maneuvers and plain driving of the kinematic source, and the bundled motorway."""
 SMALL_BATCH = 1.8
 """Processor time of a training step in batches of 16, relative to that of `Predictor.cost_s`, for batches of 32."""
 OVERHEAD_S = 4.0
@@ -58,7 +66,8 @@ class CastformerReproduction:
     """The stages of the reproduction, in a folder.
 
     engine: runs episodes and trainings. feedback: where progress is reported. clips: folder of feature files that take
-    the place of the windows, as those of Brain4Cars; None for windows.
+    the place of the windows, as those of Brain4Cars; None for windows. straight: the class that drives straight on, as
+    the user gives it; None to read it from the clips.
     """
 
     size: CastformerSize
@@ -66,6 +75,7 @@ class CastformerReproduction:
     engine: Engine
     feedback: Feedback
     clips: Path | None = None
+    straight: str | None = None
 
     def stages(self) -> list[Stage]:
         """Return all stages, in order. A network that several of them compare is trained by the first."""
@@ -85,6 +95,9 @@ class CastformerReproduction:
             new = [row for row in rows if row.name not in trained]
             trained |= {row.name for row in new}
             stages.append(self._stage(name, question, new, rows))
+        stages += [self._repeat_stage(seed) for seed in self.size.training_seeds[1:]]
+        if self.clips is None and self.size.background_share:
+            stages.append(self._background_stage())
         if self.clips is None and self.size.motorway is not None:
             data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
@@ -102,6 +115,14 @@ class CastformerReproduction:
         work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
         return Stage(name, name, question, cost_s, parallel, work, VariantsResult, check)
 
+    def _repeat_stage(self, seed: int) -> Stage:
+        """Return the stage that trains the networks of the main comparison once more."""
+        rows = variants.main_comparison()
+        cost_s = self.size.folds * sum(self.training_s(row, KINEMATIC) for row in rows)
+        name, question = variants.repeat_stage(seed), f"Table 4: its main comparison with training seed {seed}"
+        work = partial(self._measure, name, rows, KINEMATIC, seed)
+        return Stage(name, "ablation", question, cost_s, len(rows) * self.size.folds, work, VariantsResult)
+
     def _data_stage(self) -> Stage:
         if self.clips is not None:
             return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, DataResult)
@@ -114,56 +135,100 @@ class CastformerReproduction:
 
     def _clips_data(self) -> DataResult:
         labels = np.bincount([clip.label for clip in self._clips])
-        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist())
+        background = NO_BACKGROUND if self.background is None else self.background
+        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist(), background=background)
 
-    def _measure(self, stage: str, rows: Sequence[Variant], source: str) -> VariantsResult:
-        """Train and measure networks."""
+    def _background_stage(self) -> Stage:
+        samples = sum(estimate(self.dataset_study(source)).samples for source in (KINEMATIC, DRIVING))
+        cost_s = self._clip_training_s(samples) * self.size.folds + estimate(self.dataset_study(DRIVING)).cpu_s
+        question = "Eq. (13) with plain driving as a class"
+        work = self._measure_background
+        return Stage("background", "background", question, cost_s, self.size.folds, work, VariantsResult)
+
+    def _measure_background(self) -> VariantsResult:
+        """Train and measure CaSTFormer on clips of our own motion, of which some are of plain driving."""
+        folder = self.out / "work" / "clips"
+        names = write_clips([self.dataset(KINEMATIC), self.dataset(DRIVING)], folder)
+        folds = self.folds(KINEMATIC)
+        tasks = [
+            ClipTraining(
+                name=f"background, fold {k}",
+                scores_file=self.out / "work" / "scores" / "background" / f"fold-{k}.json",
+                folder=folder,
+                castformer=variants.COMPLETE.settings | self.size.training.get("castformer", {}),
+                folds=self.size.folds,
+                fold=k,
+                epochs=self.epochs,
+                background=BACKGROUND,
+                classes=CLASSES,
+                held_out=tuple(name for group in fold for name in names.get(group, ())),
+            )
+            for k, fold in enumerate(folds)
+        ]
+        scores = run_tasks(measure_clips, tasks, self.engine, self.feedback, "background")
+        complete = VariantScores(name=variants.COMPLETE.name, title=variants.COMPLETE.title, folds=scores)
+        return VariantsResult(source=KINEMATIC, variants=[complete], background=BACKGROUND)
+
+    def _measure(self, stage: str, rows: Sequence[Variant], source: str, seed: int | None = None) -> VariantsResult:
+        """Train and measure networks; seed: of the trainings, the first of the size if None."""
+        if seed is None:
+            seed = self.size.training_seeds[0]
         tasks: list[WindowTraining] | list[ClipTraining]
         if self.clips is not None:
-            tasks = [self._clip_task(row, fold) for row in rows for fold in range(self.size.folds)]
+            tasks = [self._clip_task(row, fold, seed) for row in rows for fold in range(self.size.folds)]
             scores = run_tasks(measure_clips, tasks, self.engine, self.feedback, stage)
         else:
             self.dataset(source)
             sides = self.sides(source)
-            tasks = [self._window_task(row, source, k, fold) for row in rows for k, fold in enumerate(sides)]
+            tasks = [self._window_task(row, source, k, fold, seed) for row in rows for k, fold in enumerate(sides)]
             scores = run_tasks(train_and_measure, tasks, self.engine, self.feedback, stage)
         folds = self.size.folds
         return VariantsResult(
             source=source if self.clips is None else "clips",
+            background=None if self.clips is None else self.background,
             variants=[
                 VariantScores(name=row.name, title=row.title, folds=scores[k * folds : (k + 1) * folds])
                 for k, row in enumerate(rows)
             ],
         )
 
-    def _window_task(self, row: Variant, source: str, fold: int, sides: dict[str, list[str]]) -> WindowTraining:
-        folder = self._dataset_folder(source)
+    def _window_task(
+        self, row: Variant, source: str, fold: int, sides: dict[str, list[str]], seed: int
+    ) -> WindowTraining:
+        folder, part = self._dataset_folder(source), self._part(fold, seed)
         return WindowTraining(
-            name=f"{source}, {row.name}, fold {fold}",
-            scores_file=self._scores_file(source, row, fold),
+            name=f"{source}, {row.name}, {part.replace('-', ' ')}",
+            scores_file=self._scores_file(source, row, part),
             dataset=folder,
             sides=sides,
-            training=self.training(row),
-            run=self.out / "work" / "runs" / source / row.name / f"fold-{fold}",
+            training=self.training(row, seed),
+            run=self.out / "work" / "runs" / source / row.name / part,
             measures=tuple(
                 Measure(name=str(h), dataset=folder, relative_to="commit", end_after_s=(-h, -h)) for h in HORIZONS_S
             ),
         )
 
-    def _clip_task(self, row: Variant, fold: int) -> ClipTraining:
+    def _clip_task(self, row: Variant, fold: int, seed: int) -> ClipTraining:
         assert self.clips is not None
+        part = self._part(fold, seed)
         return ClipTraining(
-            name=f"clips, {row.name}, fold {fold}",
-            scores_file=self._scores_file("clips", row, fold),
+            name=f"clips, {row.name}, {part.replace('-', ' ')}",
+            scores_file=self._scores_file("clips", row, part),
+            training_seed=seed,
             folder=self.clips,
             castformer=row.settings,
             folds=self.size.folds,
             fold=fold,
             epochs=self.epochs,
+            background=self.background,
         )
 
-    def _scores_file(self, source: str, row: Variant, fold: int) -> Path:
-        return self.out / "work" / "scores" / source / row.name / f"fold-{fold}.json"
+    def _part(self, fold: int, seed: int) -> str:
+        """Return the name of the trainings of a fold, without the seed for the first one."""
+        return f"fold-{fold}" if seed == self.size.training_seeds[0] else f"fold-{fold}-seed-{seed}"
+
+    def _scores_file(self, source: str, row: Variant, part: str) -> Path:
+        return self.out / "work" / "scores" / source / row.name / f"{part}.json"
 
     @property
     def epochs(self) -> int:
@@ -171,10 +236,11 @@ class CastformerReproduction:
         epochs: int = self.size.training.get("optimiser", {}).get("epochs", PAPER_OPTIMISER["epochs"])
         return epochs
 
-    def training(self, row: Variant) -> TrainSettings:
+    def training(self, row: Variant, seed: int = 0) -> TrainSettings:
         """Return the settings that a network is trained with: plain cross-entropy, no clipping, constant rate."""
         content = merged(
             {
+                "seed": seed,
                 "windows": {"relative_to": "commit", "end_after_s": self.size.trained_end_s},
                 "optimiser": {"clip_norm": 0.0, "threads": 1},
                 "loss": {"class_weights": False},
@@ -196,7 +262,12 @@ class CastformerReproduction:
         if source == MOTORWAY:
             return checked(DatasetStudy, {"scenarios": [MOTORWAY], **(self.size.motorway or {})}, MOTORWAY)
         content = read_toml(Path(str(importlib.resources.files("isac_cosim.studies") / STUDY)))["dataset"]
-        return checked(DatasetStudy, merged(content, self.size.dataset), STUDY)
+        content = merged(content, self.size.dataset)
+        if source == DRIVING:
+            count = driving_count(content["selection"]["per_class"], self.size.background_share)
+            alone = {"selection": {"following": count}, "kinematics": {"per_class": 0, "following_scenes": count}}
+            content = merged(content, alone)
+        return checked(DatasetStudy, content, STUDY)
 
     def dataset(self, source: str) -> Dataset:
         """Return a source's dataset, generated unless it is there."""
@@ -220,8 +291,20 @@ class CastformerReproduction:
         assert self.clips is not None
         return list(clips_in(self.clips))
 
+    @cached_property
+    def background(self) -> int | None:
+        """The class of the clips that drives straight on, None where every class is a maneuver."""
+        return background_of(self._clips, self.straight)
+
     def _dataset_folder(self, source: str) -> Path:
         return self.out / "work" / "datasets" / source
+
+    def _clip_training_s(self, samples: float) -> float:
+        """Return the expected processor time of training on clips of our own motion outside a fold, s."""
+        outside = (1 - 1 / self.size.folds) * samples
+        work = Workload(outside, 0.0, samples / self.size.folds * len(HORIZONS_S), 1.0)
+        training = self.training(variants.COMPLETE)
+        return SMALL_BATCH * PREDICTORS[PAPER].cost_s(work, training) + OVERHEAD_S
 
     def training_s(self, row: Variant, source: str) -> float:
         """Return the expected processor time of one training on one fold, s."""

@@ -57,6 +57,16 @@ def ablation() -> list[Variant]:
     return variants
 
 
+def repeat_stage(seed: int | str) -> str:
+    """Return the name of the stage that repeats the main comparison with another training seed; `*` stands for any."""
+    return f"repeat-{seed}"
+
+
+def main_comparison() -> list[Variant]:
+    """Return the variants of Table 4 that its claims are about: the baseline, each module alone, and all of them."""
+    return [row for row in ablation() if sum(row.settings.get(module, True) for module in MODULES) in (0, 1, 3)]
+
+
 def attention() -> list[Variant]:
     """Return the variants of Fig. 5: what RSF attends to."""
     return [

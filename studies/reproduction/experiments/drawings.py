@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, GREY, ORANGE, figure
+
+MARKS = "osD^v<>PX*"
+"""Marks of the curves of a figure, so that they are told apart without colours."""
 
 
 def lines(
@@ -26,8 +30,8 @@ def lines(
     with figure(path, 8, 4.2) as drawn:
         axes = drawn.subplots()
         axes.set_prop_cycle(BY_PREDICTOR)
-        for name, values in curves.items():
-            (line,) = axes.plot(at, values, marker="o", ms=4, label=name)
+        for mark, (name, values) in zip(cycle(MARKS), curves.items(), strict=False):
+            (line,) = axes.plot(at, values, marker=mark, ms=5, label=name)
             if reference and name in reference:
                 axes.plot(at, reference[name], ":", color=line.get_color(), lw=1.4, label=f"{name}, paper")
         title, x, y = labels

@@ -8,8 +8,11 @@ from pathlib import Path
 from isac_cosim.evaluation.report.page import write_page
 from isac_cosim.evaluation.report.parts import Part, Row, Shown, write_table
 from isac_cosim.evaluation.report.registry import parts_of
-from isac_cosim.studies.reproduction.experiments.stages import Claim, Identity
+from isac_cosim.studies.reproduction.experiments.stages import Identity
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim
 
+LEAST_P = 1e-4
+"""Smaller p-values are not told apart."""
 TABLES, FIGURES, CLAIMS = "tables", "figures", "claims"
 SMALL = "Size {}: these figures only show that every stage runs. They say nothing about the paper."
 
@@ -38,11 +41,20 @@ def claims_part(claims: Sequence[Claim]) -> Part:
             "ours": claim.measured,
             "paper": claim.paper,
             "holds if": claim.rule,
+            "p": _spoken(claim.p_value),
         }
         for claim in claims
     ]
     text = (
-        "The 95 % interval alone decides: a claim holds, or does not hold, where the whole interval says so; otherwise "
-        "it is undecided. Intervals cover the test seeds or folds, and the trainings where there are several."
+        "A claim holds, or does not hold, where the whole 95 % interval says so; otherwise it is undecided. So it is "
+        "where a network was trained only once, or where Holm's correction, for the several claims of one table or "
+        "figure, leaves nothing: p is the two-sided p-value before it. Intervals cover the test seeds or folds, and "
+        "the trainings where there are several."
     )
     return Part(CLAIMS, "What the paper claims", text, rows)
+
+
+def _spoken(p_value: float | None) -> str | float | None:
+    if p_value is not None and p_value < LEAST_P:
+        return f"< {LEAST_P:.4f}"
+    return None if p_value is None else round(p_value, 4)

@@ -16,6 +16,7 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.parsing import channel
 from isac_cosim.base.settings import checked
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.isacsim.sensing.onboard_radar import RADAR_PRESETS
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing, resense
 from isac_cosim.studies.reproduction.experiments.stage_results import DatasetFacts
@@ -27,6 +28,8 @@ WEATHER_LOSS_DB = 20.0
 """Loss of the echo in adverse weather. Source: ASI-BIP, Section IV-D, Case 5."""
 PAPER_CHAIN: Mapping[str, Any] = {"fusion": {"method": "eq5", "eq5_weights": "paper"}}
 """Fusion of the paper: Eq. (5), weighted least squares with the paper's weights."""
+FRAMEWORK = RADAR_PRESETS["framework"]
+"""One reading of the paper's radar: that it is "re-implemented within our uniform simulation framework"."""
 GENERATED = "isac"
 """The case whose dataset is generated."""
 
@@ -52,11 +55,28 @@ class SensingCase:
 TRAINED = (
     SensingCase("truth", "true motion", 1, "truth"),
     SensingCase("isac", "ISAC, our estimator and fusion", 2),
+    SensingCase(
+        "isac-padded-parabola",
+        "ISAC, padded grid and parabola, Eq. 5",
+        2,
+        sensing={**PAPER_CHAIN, "estimator": "padded_parabola"},
+    ),
     SensingCase("isac-padded-grid", "ISAC, padded grid, Eq. 5", 2, sensing={**PAPER_CHAIN, "estimator": "padded_grid"}),
     SensingCase("isac-grid", "ISAC, plain grid, Eq. 5", 2, sensing={**PAPER_CHAIN, "estimator": "grid"}),
     SensingCase("radar-clear", "onboard radar, clear", 3, "radar", radar={"condition": "clear"}),
     SensingCase("radar-nlos", "onboard radar, NLoS", 4, "radar", radar={"condition": "nlos", "pattern": "random"}),
     SensingCase("radar-weather", "onboard radar, adverse weather", 5, "radar", radar={"condition": "weather"}),
+    SensingCase("framework-clear", "radar at 400 Hz, clear", 3, "radar", radar=FRAMEWORK),
+    SensingCase(
+        "framework-nlos",
+        "radar at 400 Hz, NLoS",
+        4,
+        "radar",
+        radar={**FRAMEWORK, "condition": "nlos", "pattern": "random"},
+    ),
+    SensingCase(
+        "framework-weather", "radar at 400 Hz, adverse weather", 5, "radar", radar={**FRAMEWORK, "condition": "weather"}
+    ),
 )  # fmt: skip
 """Cases with a training of their own."""
 

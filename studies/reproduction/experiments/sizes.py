@@ -25,7 +25,8 @@ class AsiBipSize(Settings):
         (-30, -25, -20, -15, -10, -5, 0, 5, 10, 15, 20), min_length=2, description="test SNRs of the fifth figure, dB"
     )
     weather_chains: tuple[str, ...] = Field(
-        ("isac", "isac-padded-grid", "isac-grid"), description="ISAC cases that are measured in adverse weather"
+        ("isac", "isac-padded-parabola", "isac-padded-grid", "isac-grid"),
+        description="ISAC cases that are measured in adverse weather",
     )
     dataset: dict[str, Any] = Field(default_factory=dict, description="[dataset] keys that differ from the study's")
     training: dict[str, Any] = Field(default_factory=dict, description="[training] keys that differ from the study's")
@@ -37,6 +38,19 @@ class CastformerSize(Settings):
     dataset, training: as in `AsiBipSize`. motorway: `[dataset]` keys of the second source, None to leave it out.
     """
 
+    background_share: float = Field(
+        0.42,
+        ge=0,
+        lt=1,
+        description="share of plain driving among the clips of the stage `background`, which 0 leaves out; in "
+        "Brain4Cars 295 of 700",
+    )
+    training_seeds: tuple[int, ...] = Field(
+        (0, 1, 2),
+        min_length=1,
+        description="training seeds of the main comparison, T-Base against each module and all; the first is that of "
+        "every table",
+    )
     folds: int = Field(5, ge=2, description="parts of the scenario seeds, each tested once")
     alphas: tuple[float, ...] = Field((0.01, 0.05, 0.1, 0.2, 0.5, 1.0), description="weights of the intention's loss")
     compared: tuple[str, ...] = Field(
@@ -99,6 +113,7 @@ CASTFORMER: dict[SizeName, CastformerSize] = {
         motorway={"seeds": {"first": 1, "last": 25}, "selection": {"per_class": 10, "following": 0}, "record": RECORDS},
     ),
     "quick": CastformerSize(
+        training_seeds=(0, 1),
         folds=2,
         alphas=(0.1, 1.0),
         compared=("asi-bip", "trees"),

@@ -13,14 +13,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import claim, file_digest, json_text, replace_file, write_json
 from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.models.training.progress import Steps, spoken_time
 from isac_cosim.studies.reproduction.experiments.stage_results import StageResult
 
@@ -212,51 +211,3 @@ def _identify(folder: Path, identity: Identity) -> None:
 
 def _file(folder: Path, stage: str) -> Path:
     return folder / STAGES / f"{stage}.json"
-
-
-Verdict = Literal["holds", "does not hold", "undecided"]
-
-
-class Claim(Settings):
-    """A claim of a paper beside what was measured.
-
-    claim: in words. paper: the paper's figure. rule: what has to be so for the claim to hold. measured: our figure with
-    its interval; None where its stage was not run. verdict: `undecided` where the interval does not decide.
-    """
-
-    claim: str
-    paper: str
-    rule: str
-    measured: Estimate | None
-    verdict: Verdict
-
-
-def above(measured: Estimate | None, bound: float = 0.0) -> Verdict:
-    """Return whether a number is above a bound: `holds` or `does not hold` where the whole interval says so."""
-    if measured is None or measured.low is None or measured.high is None:
-        return "undecided"
-    if measured.low > bound:
-        return "holds"
-    return "does not hold" if measured.high <= bound else "undecided"
-
-
-def at_most(measured: Estimate | None, bound: float) -> Verdict:
-    """Return whether a number is at most a bound: `holds` or `does not hold` where the whole interval says so."""
-    opposite: dict[Verdict, Verdict] = {"holds": "does not hold", "does not hold": "holds", "undecided": "undecided"}
-    return opposite[above(measured, bound)]
-
-
-def within(measured: Estimate | None, bound: float) -> Verdict:
-    """Return whether a number lies between -bound and bound: equivalence, for claims that two scores are alike."""
-    if measured is None or measured.low is None or measured.high is None:
-        return "undecided"
-    if -bound <= measured.low and measured.high <= bound:
-        return "holds"
-    return "does not hold" if measured.low > bound or measured.high < -bound else "undecided"
-
-
-def all_of(verdicts: list[Verdict]) -> Verdict:
-    """Return the verdict of a claim with several parts: it holds where all hold, and not where one does not."""
-    if "does not hold" in verdicts:
-        return "does not hold"
-    return "undecided" if "undecided" in verdicts or not verdicts else "holds"

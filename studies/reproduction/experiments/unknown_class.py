@@ -34,9 +34,12 @@ class UnknownScores(Settings):
     auroc_without: the same without each of the test seeds in turn, by score; empty where a seed left out leaves nothing
     to separate, and in older files.
     roc: true-positive rates (known kept) at false-positive rates (following kept) evenly spaced from 0 to 1, by score.
+    auroc_by_intention, roc_by_intention: the same of each known intention against `following`, by the largest
+    probability; empty in older files.
     known_confidence, unknown_confidence: number of windows in each of the bins of the largest probability, from 0 to 1.
     threshold: confidence below which a window counts as unknown; 95 % of the known validation windows are above it.
     confusion: with that threshold; rows true and columns predicted, the last of both is the unknown class.
+    confusion_by_seed: the same by test seed; empty in older files.
     """
 
     n_known: Count
@@ -44,16 +47,24 @@ class UnknownScores(Settings):
     auroc: dict[OpenSetScore, Share]
     auroc_without: dict[OpenSetScore, list[Share]] = Field(default_factory=dict)
     roc: dict[OpenSetScore, Annotated[list[Share], Field(min_length=RATES, max_length=RATES)]]
+    auroc_by_intention: dict[str, Share] = Field(default_factory=dict)
+    roc_by_intention: dict[str, Annotated[list[Share], Field(min_length=RATES, max_length=RATES)]] = Field(
+        default_factory=dict
+    )
     known_confidence: Histogram
     unknown_confidence: Histogram
     threshold: float
     confusion: Counts
+    confusion_by_seed: dict[str, Counts] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
         if self.auroc.keys() != self.roc.keys() or not self.auroc_without.keys() <= self.roc.keys():
             raise ValueError("auroc, auroc_without and roc: are not of the same scores")
-        if not is_square(self.confusion):
+        if self.auroc_by_intention.keys() != self.roc_by_intention.keys():
+            raise ValueError("auroc_by_intention and roc_by_intention: are not of the same intentions")
+        matrices = [self.confusion, *self.confusion_by_seed.values()]
+        if any(not is_square(matrix) or len(matrix) != len(self.confusion) for matrix in matrices):
             raise ValueError("confusion: is no confusion matrix")
         return self
 
@@ -82,16 +93,29 @@ def unknown_scores(run: Run, predictions: Predictions, validation: Predictions) 
     label = np.where(unknown, n_classes, predictions.label)
     predicted = np.where(confidence < threshold, n_classes, predictions.predicted)
     assert int(Intention.FOLLOWING) == n_classes
+    of_intention = {name: confidence[known & (predictions.label == k)] for k, name in enumerate(run.card.classes)}
+    present = {name: value for name, value in of_intention.items() if len(value)}
     return UnknownScores(
         n_known=int(known.sum()),
         n_unknown=int(unknown.sum()),
         auroc={name: area for name, area in areas.items() if area is not None},
         auroc_without={name: _without_each_seed(value, predictions) for name, value in values.items()},
         roc={name: _rates(value[known], value[unknown]) for name, value in values.items()},
+        auroc_by_intention={
+            name: area
+            for name, value in present.items()
+            if (area := open_set.auroc(value, confidence[unknown])) is not None
+        },
+        roc_by_intention={name: _rates(value, confidence[unknown]) for name, value in present.items()},
         known_confidence=_histogram(confidence[known]),
         unknown_confidence=_histogram(confidence[unknown]),
         threshold=threshold,
         confusion=confusion(label[rows], predicted[rows], n_classes + 1).tolist(),
+        confusion_by_seed={
+            str(group): confusion(label[of_seed], predicted[of_seed], n_classes + 1).tolist()
+            for group in sorted(set(predictions.group))
+            if (of_seed := rows & (predictions.group == group)).any()
+        },
     )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sklearn.metrics import confusion_matrix, f1_score, precision_score, recall_score
+from sklearn.metrics import confusion_matrix, f1_score
 
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.score_results import Difference, Spread
@@ -154,30 +154,3 @@ def test_a_pair_is_scored_on_its_own_windows_alone() -> None:
     assert result.auroc == pytest.approx(4.5 / 6)
     alone = metrics.pair_confusion(logits[:3].astype(float), label[:3], CLASSES, (1, 3))
     assert alone.auroc is None
-
-
-def test_maneuver_scores_are_macro_precision_and_recall() -> None:
-    label, predicted = drawn()
-    result = metrics.maneuver_scores(metrics.confusion(label, predicted, 4))
-    precision = precision_score(label, predicted, average="macro")
-    recall = recall_score(label, predicted, average="macro")
-    assert result.precision == pytest.approx(precision)
-    assert result.recall == pytest.approx(recall)
-    assert result.f1 == pytest.approx(2 * precision * recall / (precision + recall))
-
-
-def test_the_background_is_no_maneuver_but_its_false_predictions_count() -> None:
-    label = np.array([0, 0, 0, 1, 1, 2, 2, 2])
-    predicted = np.array([0, 1, 2, 1, 1, 2, 0, 1])
-    result = metrics.maneuver_scores(metrics.confusion(label, predicted, 3), background=2)
-    # Maneuver 0: 1 hit of 2 predicted (one of them FPP), 2 missed; maneuver 1: 2 hits of 4 predicted, none missed.
-    assert result.precision == pytest.approx((1 / 2 + 2 / 4) / 2)
-    assert result.recall == pytest.approx((1 / 3 + 1) / 2)
-
-
-def test_maneuvers_that_are_not_there_or_never_predicted() -> None:
-    counts = metrics.confusion(np.array([0, 0, 1]), np.array([0, 0, 0]), 4)
-    result = metrics.maneuver_scores(counts)
-    assert (result.precision, result.recall, result.f1) == (pytest.approx((2 / 3) / 2), 0.5, pytest.approx(2 / 5))
-    assert metrics.maneuver_scores(np.zeros((2, 2), int)).f1 is None
-    assert metrics.maneuver_scores(np.array([[0, 1], [1, 0]])).f1 == 0.0

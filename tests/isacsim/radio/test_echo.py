@@ -94,7 +94,7 @@ def test_block_and_tensor_give_estimates_of_one_law(snr_db: int) -> None:
     assert stats.ks_2samp(slow.power, fast.power).pvalue > 1e-3
 
 
-@pytest.mark.parametrize("estimator", ["candan", "grid", "padded_grid"])
+@pytest.mark.parametrize("estimator", ["candan", "grid", "padded_grid", "padded_parabola"])
 def test_block_and_tensor_agree_for_the_coarser_estimators(estimator: str) -> None:
     cells, fast_cells = anywhere(250, 9), anywhere(5000, 10)
     slow = observe_tensor(cells, np.full(250, 1.0), ESTIMATORS[estimator], WAVEFORM, 11)

@@ -16,6 +16,7 @@ from isac_cosim.isacsim.radio.echo_tensor import observe_tensor
 from isac_cosim.isacsim.radio.estimation import Estimates
 from isac_cosim.isacsim.radio.estimators import ESTIMATORS
 from isac_cosim.isacsim.radio.estimators.candan import candan_offset
+from isac_cosim.isacsim.radio.estimators.grid import vertex
 from isac_cosim.isacsim.radio.estimators.maximum_likelihood import maximum_likelihood
 from isac_cosim.isacsim.radio.estimators.on_tensor import score
 from isac_cosim.isacsim.radio.waveform import Waveform, centred, steering
@@ -127,6 +128,23 @@ def test_candan_is_twice_the_bound_at_every_snr() -> None:
         assert np.sqrt(np.mean(error**2, axis=0)) / cell_bound(np.array(snr), WAVEFORM) == pytest.approx(2.15, rel=0.07)
 
 
+def test_a_parabola_leaves_a_hundredth_of_a_cell_at_every_snr() -> None:
+    """So its error over the bound grows with the SNR: 4 times at 0 dB."""
+    rng = np.random.default_rng(6)
+    cells = np.array([1.0, -40.0, 5.0]) + rng.random((4000, 3))
+    for snr, over_bound in ((1.0, 4.1), (100.0, 40.0)):
+        error = ESTIMATORS["padded_parabola"].observe(cells, np.full(4000, snr), WAVEFORM, rng).cells - cells
+        rms = np.sqrt(np.mean(error**2, axis=0))
+        assert rms / cell_bound(np.array(snr), WAVEFORM) == pytest.approx(over_bound, rel=0.06)
+        assert rms == pytest.approx(0.0075, rel=0.1)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.1, 10), st.floats(-5, 5))
+def test_the_vertex_of_a_parabola_is_exact(at: float, bend: float, height: float) -> None:
+    low, peak, high = (np.array(height - bend * (k - at) ** 2) for k in (-1, 0, 1))
+    assert vertex(low, peak, high) == pytest.approx(at, abs=1e-9)
+
+
 @settings(max_examples=50, deadline=None)
 @given(offset=st.floats(-0.5, 0.5), count=st.sampled_from([8, 42, 128]))
 def test_candan_of_a_clean_tone_is_exact(offset: float, count: int) -> None:
@@ -191,7 +209,7 @@ def test_the_receivers_deviation_is_its_error() -> None:
     count = 5000
     rng = np.random.default_rng(8)
     cells = np.array([1.0, -40.0, 5.0]) + rng.random((count, 3))
-    for estimator in ("ml", "candan", "grid", "padded_grid"):
+    for estimator in ("ml", "candan", "grid", "padded_grid", "padded_parabola"):
         estimates = ESTIMATORS[estimator].observe(cells, np.full(count, 0.03), WAVEFORM, rng)
         normalised = (estimates.cells - cells) / ESTIMATORS[estimator].deviation(estimates.power, WAVEFORM)
         assert np.sqrt(np.mean(normalised**2)) == pytest.approx(1, abs=0.1)

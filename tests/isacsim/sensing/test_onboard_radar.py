@@ -8,10 +8,12 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.radio.blockage import TRUCK_HEIGHT_M, Blockers
 from isac_cosim.isacsim.sensing.onboard_radar import (
+    RADAR_PRESETS,
     UNKNOWN_SPEED_MPS,
     Cycles,
     Pose,
     RadarSettings,
+    azimuth_deviation,
     scan,
 )
 from isac_cosim.isacsim.sensing.passages import Carrier, Passage, WatchedTraffic
@@ -64,6 +66,46 @@ def test_partial_sight_drops_three_quarters(pattern: str) -> None:
         assert max(longest) < 2
     else:
         assert min(longest) > 0.75 * 5 - 0.2
+
+
+def test_the_azimuth_is_best_ahead_and_behind() -> None:
+    settings = RadarSettings()
+    off = np.radians([0, 22.5, 45, 90, 157.5, 180, -22.5])
+    expected = [0.1, 0.55, 1.0, 1.0, 0.55, 0.1, 0.55]
+    np.testing.assert_allclose(np.degrees(azimuth_deviation(off, settings)), expected, atol=1e-9)
+    given = RadarSettings.model_validate({"azimuth_sd_deg": 0.3})
+    np.testing.assert_allclose(np.degrees(azimuth_deviation(off, given)), 0.3, atol=1e-9)
+
+
+def test_a_target_to_the_side_is_placed_less_well() -> None:
+    """Errors of fixes across the line of sight, of a TV 30 m ahead and of one 30 m to the side, over their distance."""
+    spread = {}
+    for name, place in (("ahead", (30.0, 0.0)), ("side", (0.0, 30.0))):
+        truth, carriers = scene()
+        still = np.zeros_like(truth)
+        for k in range(RECORDS):
+            still[k, :2] = carriers[0].state[:2].repeat(4, axis=1) + np.array(place)[:, None]
+            still[k, 2] = 30.0
+        # Strong echoes, so that the deviations are those of the settings.
+        settings = RadarSettings(strong_snr_db=0.0)
+        records = sense_onboard(still, carriers, settings, KEYS)
+        across = 1 if name == "ahead" else 0
+        fixes = np.stack([record.fixes for record in records])
+        changed = np.diff(fixes[:, 0], axis=1) != 0
+        error = (fixes - still[:, :4])[:, across, 1:][changed]
+        spread[name] = np.degrees(np.median(np.abs(error)) / 0.6745 / 30.0)
+    assert spread["ahead"] == pytest.approx(0.1, rel=0.25)
+    assert spread["side"] == pytest.approx(1.0, rel=0.25)
+
+
+def test_the_framework_radar_in_weather_errs_ten_times_as_much() -> None:
+    truth, carriers = scene()
+    preset = RADAR_PRESETS["framework"]
+    chosen = [RadarSettings.model_validate({**preset, "condition": name}) for name in ("clear", "weather")]
+    clear, weather = (sense_onboard(truth, carriers, settings, KEYS) for settings in chosen)
+    assert min(record.detected for record in weather) > 0.95
+    errors = [np.stack([record.fixes for record in records]) - truth[:, :4] for records in (clear, weather)]
+    assert errors[1][:, 0].std() == pytest.approx(10 * errors[0][:, 0].std(), rel=0.1)
 
 
 def test_weather_takes_20_db_and_cycles() -> None:
@@ -203,7 +245,8 @@ def test_the_fixes_say_how_good_they_are() -> None:
         values.append(np.einsum("na,nab,nb->n", error, np.linalg.inv(covariance), error))
         places.append(np.einsum("na,nab,nb->n", error[:, :2], np.linalg.inv(covariance[:, :2, :2]), error[:, :2]))
     assert np.concatenate(places).mean() == pytest.approx(2, rel=0.06)
-    assert np.concatenate(values).mean() == pytest.approx(3, rel=0.06)
+    # A degree, as to the side, turns the UV's speed by more than the first order of the covariance says.
+    assert np.concatenate(values).mean() == pytest.approx(3, rel=0.1)
 
 
 def test_errors_of_the_uvs_own_position_reach_the_fixes() -> None:

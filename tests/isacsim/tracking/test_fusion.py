@@ -10,7 +10,8 @@ from scipy import stats
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.radio.bounds import measured_bound
 from isac_cosim.isacsim.radio.waveform import Waveform
-from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.scenarios.scenario import Site, load
+from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.tracking.fusion import Fixes, fuse, position_bound, single_site
 from isac_cosim.isacsim.tracking.fusion_methods import FUSION_METHODS, FusionSettings
 from isac_cosim.isacsim.tracking.fusion_tdoa_aoa import fuse_eq5
@@ -79,6 +80,42 @@ def test_the_papers_weights_cost_an_order_of_magnitude() -> None:
     best = rms(fuse(measured, deviation, used, panels, FusionSettings()))
     assert paper > 10 * best
     assert best < right < 3 * best
+
+
+def median_error_m(sites: list[Site], kept: int, **settings_: str) -> float:
+    """Median error of positions near the middle of a scenario's sites at 5 dB, by some of them."""
+    count = 3000
+    rng = np.random.default_rng(5)
+    state = rng.uniform([-60, 0, 16, -2], [60, 14.4, 32, 2], (count, 4))
+    panels = Panels.of(sites, 0.8).take(np.tile(np.arange(kept), (count, 1)))
+    deviation = np.broadcast_to(measured_bound(np.array(10**0.5), WAVEFORM), (count, kept, 3))
+    measured = panels.measured(state) + deviation * rng.normal(size=deviation.shape)
+    fused = fuse_eq5 if settings_ else fuse
+    fixes = fused(measured, deviation, np.ones((count, kept), dtype=bool), panels, FusionSettings(**settings_))
+    return float(np.median(np.hypot(*(fixes.state - state)[:, :2].T)))
+
+
+def test_sites_at_the_corners_of_a_rectangle_make_eq5_nearly_singular() -> None:
+    staggered, rectangle = (list(load(name).sites) for name in ("straight_road", "straight_road_rectangle"))
+    assert median_error_m(rectangle, 4, method="eq5") > 1.0
+    assert median_error_m(staggered, 4, method="eq5") < 0.07
+    # Three of the rectangle's sites do better than all four, and so do weights by covariance.
+    assert median_error_m(rectangle, 3, method="eq5") < 0.1
+    assert median_error_m(rectangle, 4, method="eq5", eq5_weights="covariance") < 0.05
+    for sites in (staggered, rectangle):
+        assert median_error_m(sites, 4) < 0.03
+
+
+@pytest.mark.parametrize(("name", "reach_m"), [("straight_road", 135.0), ("straight_road_rectangle", 150.0)])
+def test_all_sites_of_the_straight_roads_see_the_stretch_between_them(name: str, reach_m: float) -> None:
+    scenario, view = load(name), SensingSettings().view
+    across = [lane.shape[0, 1] for lane in scenario.lanes if lane.edge == "road"]
+    for site in scenario.sites:
+        for y in across:
+            along = np.linspace(-reach_m, reach_m, 200)
+            bearing = np.degrees(np.arctan2(along - site.x, y - site.y)) - site.azimuth_deg
+            assert np.hypot(along - site.x, y - site.y).max() < view.range_m
+            assert np.abs((bearing + 180) % 360 - 180).max() < view.half_width_deg
 
 
 def test_exact_measurements_give_the_exact_state() -> None:

@@ -14,6 +14,7 @@ from isac_cosim.base.parsing import channel
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.command_line.arguments import SenseArguments, resense_settings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
+from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
 from isac_cosim.labeling.dataset.dataset import Dataset, Shard, ShardIndex
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.dataset.shard import Episode, read_samples
@@ -269,6 +270,17 @@ def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> Non
     assert error[:, 4:].std() == pytest.approx(0.1, rel=0.05)
     np.testing.assert_allclose([carrier.state for carrier in carriers], truth, atol=2e-4)
     assert {(carrier.position_sd_m, carrier.speed_sd_mps) for carrier in carriers} == {(0.02, 0.05)}
+
+
+def test_the_framework_radar_is_chosen_beside_its_condition(dataset: Dataset) -> None:
+    arguments = SenseArguments("radar", radar="weather", radar_preset="framework")
+    radar = resense_settings(dataset, arguments).radar
+    assert (radar.condition, radar.cycle_s, radar.weather_factor) == ("weather", 0.0025, 10.0)
+    assert resense_settings(dataset, SenseArguments("radar")).radar == RadarSettings()
+    with pytest.raises(InputError, match="--radar-preset frame: no such radar; choose one of long_range, framework"):
+        resense_settings(dataset, SenseArguments("radar", radar_preset="frame"))
+    with pytest.raises(InputError, match="--radar-preset applies to the onboard radar only"):
+        resense_settings(dataset, SenseArguments("isac", radar_preset="framework"))
 
 
 def test_an_unknown_sensor_is_refused_by_name(dataset: Dataset) -> None:

@@ -12,10 +12,11 @@ import isac_cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
+from isac_cosim.isacsim.traffic.sources.kinematic_settings import KinematicSettings
 from isac_cosim.isacsim.traffic.sources.registry import OWN, motion_source
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
-from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.settings import DatasetStudy, as_stored
 
 DOCS = Path(isac_cosim.__file__).parents[1] / "docs"
 WORLDS = [(name, world) for name, source in OWN.items() for world in source.worlds]
@@ -77,6 +78,35 @@ def test_an_overridden_value_makes_another_dataset() -> None:
         scenarios = read_scenarios(given)
         prints.add(describe(given, scenarios, motion_source(given)).fingerprint)
     assert len(prints) == 2
+
+
+def test_the_overlap_world_turns_two_assumptions_round() -> None:
+    """The first response may be as strong as a hard brake; an overtake shows its speed within the window."""
+    worlds = ("kinematic-2", "overlap-1")
+    usual, overlap = (study(source="kinematic", world=name).of(KinematicSettings) for name in worlds)
+    assert usual.response.braking_mps2[1] < usual.hard_brake.peak_mps2[0]
+    assert overlap.response.braking_mps2[0] < overlap.hard_brake.peak_mps2[0]
+    assert overlap.response.braking_mps2[1] >= overlap.hard_brake.peak_mps2[1]
+    assert usual.overtake.acceleration_mps2[0] < usual.lane_change.acceleration_mps2[1]
+    assert overlap.overtake.acceleration_mps2[0] > overlap.lane_change.acceleration_mps2[1]
+    changed = {name for name, value in overlap if value != getattr(usual, name)}
+    assert changed == {"response", "hard_brake", "overtake"}
+
+
+def test_scenes_of_the_overlap_world_are_drawn() -> None:
+    settings = study(source="kinematic", world="overlap-1", kinematics={"per_class": 4, "following_scenes": 1})
+    source = motion_source(settings)
+    recording = source.record(source.load("straight_road"), 1)
+    assert len(recording.maneuvers) == 25
+
+
+def test_a_stored_study_of_a_former_world_is_read() -> None:
+    stored = {**study(source="kinematic").model_dump(mode="json"), "world": "kinematic-1"}
+    read = DatasetStudy.model_validate(as_stored(stored))
+    assert read.world is None
+    assert read.source_settings() == study(source="kinematic").source_settings()
+    with pytest.raises(InputError, match="source kinematic has no world 'kinematic-1'; choose one of kinematic-2"):
+        study(source="kinematic", world="kinematic-1")
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,8 @@ def test_random_frames_depend_on_the_keys_and_the_clip_alone(tmp_path: Path) -> 
         ({"out": np.zeros((3, 33))}, "same frames"),
         ({"in": np.array([object()], dtype=object)}, "pickled"),
         ({"in": None}, "missing"),
+        ({"background": 5}, "background 5 is not a class; give an integer from 0 to 4, or -1 for none"),
+        ({"background": 0.0}, "background 0.0 is not a class"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, changed: dict[str, object], message: str) -> None:
@@ -84,6 +86,15 @@ def test_folders_without_clips_and_clips_of_other_widths_are_refused(tmp_path: P
         load_clips(tmp_path, 5)
     (tmp_path / "a.npz").write_text("no zip")
     with pytest.raises(InputError, match="not readable"):
+        load_clips(tmp_path, 5)
+
+
+def test_files_may_name_the_class_that_drives_straight_on(tmp_path: Path) -> None:
+    content = {"in": np.zeros((4, 65)), "out": np.zeros((4, 33)), "label": 1}
+    np.savez(tmp_path / "a.npz", **content, background=3)  # type: ignore[arg-type]
+    assert load_clips(tmp_path, 5)[0].background == 3
+    np.savez(tmp_path / "b.npz", **content)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"b\.npz: background is not given, but 3 in a\.npz; say the same"):
         load_clips(tmp_path, 5)
 
 

@@ -9,7 +9,15 @@ from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.lstms import has_bfloat16
 from isac_cosim.models.networks.statistics_branch import window_statistics
 from isac_cosim.models.predictors import asi_bip
-from isac_cosim.models.predictors.asi_bip import AsiBip, AsiBipSettings, Branch, ClassTokenEncoder, patches, tokens_of
+from isac_cosim.models.predictors.asi_bip import (
+    AsiBip,
+    AsiBipSettings,
+    Branch,
+    ClassTokenEncoder,
+    patches,
+    resampled,
+    tokens_of,
+)
 
 SMALL = AsiBipSettings(hidden=6, width=16, heads=4, feedforward=20)
 
@@ -226,3 +234,31 @@ def in_both_precisions() -> list[AsiBip]:
     )
     coarse.load_state_dict(plain.state_dict())
     return [plain, coarse]
+
+
+def test_at_one_rate_there_are_as_many_tokens_and_parameters() -> None:
+    own = AsiBip(SMALL, 6, 880, 220)
+    for rates in ("slow", "fast"):
+        torch.manual_seed(1)
+        net = AsiBip(SMALL, 6, 880, 220, rates=rates).eval()
+        assert net.parameter_count == own.parameter_count
+        assert count_tokens(net, 880, 220) == 1 + 44 + 44
+
+
+def test_the_controls_see_streams_of_one_rate() -> None:
+    seen: list[tuple[int, ...]] = []
+    expected = {"own": [80, 20], "slow": [20, 20], "fast": [80, 80]}
+    for rates, lengths in expected.items():
+        net = AsiBip(SMALL, 6, 80, 20, rates=rates).eval()  # type: ignore[arg-type]
+        for branch in (net.tv_branch, net.uv_branch):
+            assert branch is not None
+            branch.register_forward_pre_hook(lambda _, given: seen.append(given[0].shape))
+        seen.clear()
+        net(torch.randn(2, 6, 80), torch.randn(2, 6, 20))
+        assert [shape[0] for shape in seen] == lengths
+
+
+def test_resampling_is_linear_and_keeps_both_ends() -> None:
+    line = torch.linspace(3.0, 7.0, 80).expand(1, 6, 80)
+    for length in (20, 80, 317):
+        assert torch.allclose(resampled(line, length), torch.linspace(3.0, 7.0, length).expand(1, 6, length), atol=1e-5)

@@ -41,6 +41,7 @@ def asi_bip(**changes: Any) -> AsiBipSize:
 def castformer(**changes: Any) -> CastformerSize:
     """Return a size of which every stage takes about a second."""
     content: dict[str, Any] = {
+        "training_seeds": (0, 1),
         "folds": 2,
         "alphas": (0.1,),
         "compared": ("trees",),

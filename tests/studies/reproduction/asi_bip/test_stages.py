@@ -40,15 +40,19 @@ def test_a_size_replaces_single_keys() -> None:
     }
 
 
-@pytest.mark.parametrize(("size", "chains"), [("full", ["isac", "isac-padded-grid", "isac-grid"]), ("quick", ["isac"])])
+@pytest.mark.parametrize(
+    ("size", "chains"),
+    [("full", ["isac", "isac-padded-parabola", "isac-padded-grid", "isac-grid"]), ("quick", ["isac"])],
+)
 def test_the_stages(size: SizeName, chains: list[str], tmp_path: Path) -> None:
     reproduction = AsiBipReproduction(ASI_BIP[size], tmp_path, InlineEngine(), SILENT)
     stages = reproduction.stages()
     assert [stage.name for stage in stages if stage.group == "table1"] == [
-        "truth", "isac", "isac-padded-grid", "isac-grid", "radar-clear", "radar-nlos", "radar-weather",
+        "truth", "isac", "isac-padded-parabola", "isac-padded-grid", "isac-grid",
+        "radar-clear", "radar-nlos", "radar-weather", "framework-clear", "framework-nlos", "framework-weather",
         *(f"{chain}-weather" for chain in chains),
     ]  # fmt: skip
     assert {stage.name for stage in stages if stage.group != "table1"} == {
-        "data", "fig3", "fig4", "fig5", "aligned", "literal", "fast",
+        "data", "fig3", "fig4", "fig5", "aligned", "control-slow", "control-fast", "literal", "fast",
     }  # fmt: skip
     assert all(stage.cost_s > 0 for stage in stages)

@@ -47,6 +47,8 @@ def case(name: str) -> SensingCase:
 
 def test_the_papers_chain(dataset: Dataset) -> None:
     assert changes(dataset, case("isac-grid")) == {"estimator": "grid", "fusion.method": "eq5"}
+    parabola = {"estimator": "padded_parabola", "fusion.method": "eq5"}
+    assert changes(dataset, case("isac-padded-parabola")) == parabola
     assert changes(dataset, case("isac-padded-grid")) == {"estimator": "padded_grid", "fusion.method": "eq5"}
     assert resense_settings(dataset, case("isac-grid")).sensing.fusion.eq5_weights == "paper"
 
@@ -66,7 +68,12 @@ def test_a_test_snr_replaces_the_channel(dataset: Dataset) -> None:
 
 def test_radar_and_truth(dataset: Dataset) -> None:
     conditions = {case.name: resense_settings(dataset, case).radar.condition for case in TRAINED if case.radar}
-    assert conditions == {"radar-clear": "clear", "radar-nlos": "nlos", "radar-weather": "weather"}
+    assert conditions == {
+        "radar-clear": "clear", "radar-nlos": "nlos", "radar-weather": "weather",
+        "framework-clear": "clear", "framework-nlos": "nlos", "framework-weather": "weather",
+    }  # fmt: skip
+    framework = resense_settings(dataset, case("framework-weather")).radar
+    assert (framework.cycle_s, framework.azimuth_sd_deg, framework.weather_factor) == (0.0025, 0.2, 10.0)
     assert resense_settings(dataset, case("truth")).sensor == "truth"
     assert {case.paper_case for case in TRAINED} == {1, 2, 3, 4, 5}
 
