@@ -29,6 +29,11 @@ CAR_KINDS = (
 """SUMO vehicle classes of cars. All other classes are taken for CAR_HEIGHT_M high, too, for want of a better value."""
 
 
+def height_m(kind: str) -> float:
+    """Return how high the vehicles of a SUMO vehicle class are, m."""
+    return TRUCK_HEIGHT_M if kind in HIGH_KINDS else CAR_HEIGHT_M
+
+
 @dataclass(frozen=True)
 class Blockers:
     """The other vehicles of one record; column k of every array is begin_s + k * step_s after the record's start.
@@ -61,7 +66,7 @@ class Blockers:
             heading,
             length_m=np.array([track.length_m for track in tracks]),
             width_m=np.array([track.width_m for track in tracks]),
-            height_m=np.array([TRUCK_HEIGHT_M if track.kind in HIGH_KINDS else CAR_HEIGHT_M for track in tracks]),
+            height_m=np.array([height_m(track.kind) for track in tracks]),
             begin_s=begin_s,
         )
 
@@ -139,11 +144,11 @@ def _column(blockers: Blockers, time_s: Array) -> IntArray:
     return np.clip(np.round((time_s - blockers.begin_s) / blockers.step_s).astype(np.int64), 0, blockers.x.shape[1] - 1)
 
 
-def mean_loss_db(distance_m: Array, low_m: Array, top_m: Array, blocker_m: float) -> tuple[Array, Array]:
+def mean_loss_db(distance_m: Array, low_m: Array, top_m: Array, blocker_m: Array | float) -> tuple[Array, Array]:
     """Mean and standard deviation of one vehicle's loss, one way, dB; both 0 if both ends are above the vehicle.
 
     distance_m: between the ends of the path, (...). low_m, top_m: heights of the lower and the higher end, m, (...).
-    blocker_m: height of the vehicle, m. Source: 3GPP TR 37.885, 6.2.1, NLOSv.
+    blocker_m: height of the vehicle, m, (...). Source: 3GPP TR 37.885, 6.2.1, NLOSv.
     """
     grows = np.maximum(0.0, 15 * np.log10(distance_m) - 41)
     buried = top_m < blocker_m
@@ -161,9 +166,20 @@ def _ends(panels: Panels) -> tuple[Array, Array]:
 
 def _between(blockers: Blockers, vehicle: int, row: IntArray, position: Array, panels: Panels) -> BoolArray:
     """Whether a vehicle's box cuts the line from each panel to the target, (S, I)."""
-    heading = blockers.heading[vehicle, row][:, None, :]
-    centre_x = blockers.x[vehicle, row][:, None] - heading[..., 0] * blockers.length_m[vehicle] / 2
-    centre_y = blockers.y[vehicle, row][:, None] - heading[..., 1] * blockers.length_m[vehicle] / 2
+    front = np.stack([blockers.x[vehicle, row], blockers.y[vehicle, row]], axis=1)
+    size = np.array([[of[vehicle] for of in (blockers.length_m, blockers.width_m, blockers.height_m)]])
+    return cuts(front, blockers.heading[vehicle, row], size, position, panels)
+
+
+def cuts(front: Array, heading: Array, size: Array, position: Array, panels: Panels) -> BoolArray:
+    """Whether a vehicle's box cuts the line from each panel to a target, (S, I).
+
+    front: of the vehicle's front bumper's centre, m, (S, 2). heading: unit vector, (S, 2). size: length, width and
+    height, m, (S, 3) or (1, 3). position: of the target, m, (S, 2).
+    """
+    heading = heading[:, None, :]
+    centre_x = front[:, :1] - heading[..., 0] * size[:, :1] / 2
+    centre_y = front[:, 1:] - heading[..., 1] * size[:, :1] / 2
 
     def in_its_frame(x: Array, y: Array) -> tuple[Array, Array]:
         along = (x - centre_x) * heading[..., 0] + (y - centre_y) * heading[..., 1]
@@ -172,10 +188,9 @@ def _between(blockers: Blockers, vehicle: int, row: IntArray, position: Array, p
 
     start = in_its_frame(panels.x, panels.y)
     end = in_its_frame(position[:, :1], position[:, 1:])
-    enter, leave = np.zeros(panels.x.shape), np.ones(panels.x.shape)
-    for first, last, half in zip(
-        start, end, (blockers.length_m[vehicle] / 2, blockers.width_m[vehicle] / 2), strict=True
-    ):
+    shape = np.broadcast_shapes(start[0].shape, end[0].shape)
+    enter, leave = np.zeros(shape), np.ones(shape)
+    for first, last, half in zip(start, end, (size[:, :1] / 2, size[:, 1:2] / 2), strict=True):
         step = np.where(np.abs(last - first) < 1e-9, 1e-9, last - first)
         one, other = (-half - first) / step, (half - first) / step
         enter = np.maximum(enter, np.minimum(one, other))
@@ -184,4 +199,4 @@ def _between(blockers: Blockers, vehicle: int, row: IntArray, position: Array, p
     height = panels.target_height_m + panels.height_m * (1 - leave)
     rising = panels.height_m < 0
     height = np.where(rising, panels.target_height_m + panels.height_m * (1 - enter), height)
-    return np.asarray((enter < leave) & (height < blockers.height_m[vehicle]))
+    return np.asarray((enter < leave) & (height < size[:, 2:]))

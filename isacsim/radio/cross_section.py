@@ -60,3 +60,30 @@ def random_mean_db(deviation_db: float) -> float:
     -1.34
     """
     return float(-np.log(10) / 20 * deviation_db**2)
+
+
+POINT_AZIMUTH_DEG = np.array([0.0, 180.0, 90.0, 270.0])
+POINT_WIDTH_DEG = np.array([40.54, 36.32, 26.90, 26.90])
+POINT_ZENITH_DEG = np.array([71.75, 79.65, 79.70, 79.70, 0.0])
+POINT_ZENITH_WIDTH_DEG = np.array([29.13, 36.73, 44.42, 44.42, 18.13])
+POINT_PEAK_DBSM = np.array([14.99, 13.90, 20.60, 20.60, 21.12])
+POINT_DEPTH_DB = np.array([14.91, 13.82, 20.52, 20.52, 21.05])
+"""Table 7.9.2.1-5, a vehicle as five scattering points: front, back, left, right, roof. The roof's lobe is the same all
+around."""
+
+
+def points_dbsm(azimuth_rad: Array, zenith_rad: Array) -> Array:
+    """Mean cross-section of each of a vehicle's five scattering points, dBsm, (..., 5).
+
+    azimuth_rad, zenith_rad: of the direction from each point to the panel, as in `aspect_dbsm`, (..., 5). The pattern
+    is that of `aspect_dbsm` with one set of parameters a point, at all angles.
+
+    >>> points_dbsm(np.zeros(5), np.full(5, np.pi / 2)).round(2).tolist()
+    [10.28, 0.08, 0.08, 0.08, 0.07]
+    """
+    azimuth, zenith = np.degrees(azimuth_rad), np.degrees(zenith_rad)
+    across = np.zeros(np.broadcast_shapes(azimuth.shape, zenith.shape))
+    turned = (azimuth[..., :4] - POINT_AZIMUTH_DEG + 180) % 360 - 180
+    across[..., :4] = np.minimum(12 * (turned / POINT_WIDTH_DEG) ** 2, POINT_DEPTH_DB[:4])
+    upward = np.minimum(12 * ((zenith - POINT_ZENITH_DEG) / POINT_ZENITH_WIDTH_DEG) ** 2, POINT_DEPTH_DB)
+    return np.asarray(POINT_PEAK_DBSM - np.minimum(across + upward, POINT_DEPTH_DB))

@@ -39,17 +39,17 @@ def associate(
     view: BoolArray,
     ambiguity_mps: float,
 ) -> Pairs:
-    """Assign the detections of all panels to tracks, at most one of each panel to each track.
+    """Assign the detections of all panels to tracks: one of each panel to each track, and further ones of its body.
 
-    predicted: sine, range (m), radial velocity (m/s) of T tracks at I panels, (T, I, 3). variance: of a detection about
-    them, (T, I, 3). view: which tracks are looked for where, (T, I). ambiguity_mps: radial velocities that differ by
-    whole multiples of it look the same.
+    predicted: sine, range (m), radial velocity (m/s) of T tracks' J points at I panels, (T, I, J, 3). variance: of a
+    detection about the nearest, (T, I, 3). view: which tracks are looked for where, (T, I). ambiguity_mps: radial
+    velocities that differ by whole multiples of it look the same.
     """
     cost = [
         np.where(view[:, panel], _distance(of.measured, predicted[:, panel], variance[:, panel], ambiguity_mps), np.inf)
         for panel, of in enumerate(detections)
     ]
-    return _assigned([np.where(part < GATE, part, _REFUSED) for part in cost])
+    return _assigned([np.where(part < GATE, part, _REFUSED) for part in cost], predicted.shape[2] > 1)
 
 
 def associate_truly(
@@ -57,15 +57,15 @@ def associate_truly(
 ) -> Pairs:
     """Assign the detections of all panels to the vehicles where they truly are; `track` is the vehicle's number.
 
-    true: sine, range (m), radial velocity (m/s) of V vehicles at I panels, (V, I, 3). view: who is seen where, (V, I).
-    per_unit: cells per unit of the three, (3,).
+    true: sine, range (m), radial velocity (m/s) of V vehicles' J points at I panels, (V, I, J, 3). view: who is seen
+    where, (V, I). per_unit: cells per unit of the three, (3,).
     """
     parts = []
     for panel, of in enumerate(detections):
-        apart = wrapped(of.measured[:, None] - true[:, panel], ambiguity_mps) * per_unit
-        near = view[:, panel] & (np.abs(apart) < TRUE_GATE_CELLS).all(axis=-1)
-        parts.append(np.where(near, (apart**2).sum(axis=-1), _REFUSED))
-    return _assigned(parts)
+        apart = wrapped(of.measured[:, None, None] - true[:, panel], ambiguity_mps) * per_unit
+        near = view[:, panel, None] & (np.abs(apart) < TRUE_GATE_CELLS).all(axis=-1)
+        parts.append(np.where(near, (apart**2).sum(axis=-1), _REFUSED).min(axis=-1))
+    return _assigned(parts, true.shape[2] > 1)
 
 
 def wrapped(difference: Array, ambiguity_mps: float) -> Array:
@@ -76,13 +76,16 @@ def wrapped(difference: Array, ambiguity_mps: float) -> Array:
 
 
 def _distance(measured: Array, predicted: Array, variance: Array, ambiguity_mps: float) -> Array:
-    """Return normalised squared distances of D detections from T tracks, (D, T)."""
-    apart = wrapped(measured[:, None] - predicted, ambiguity_mps)
-    return np.asarray((apart**2 / variance).sum(axis=-1))
+    """Return normalised squared distances of D detections from the nearest points of T tracks, (D, T)."""
+    apart = wrapped(measured[:, None, None] - predicted, ambiguity_mps)
+    return np.asarray((apart**2 / variance[:, None]).sum(axis=-1).min(axis=-1))
 
 
-def _assigned(costs: Sequence[Array]) -> Pairs:
-    """Assign the rows of each panel's costs, (D, T), to the columns where the cost is not refused."""
+def _assigned(costs: Sequence[Array], several: bool) -> Pairs:
+    """Assign the rows of each panel's costs, (D, T), to the columns where the cost is not refused.
+
+    several: whether rows that are left go to the columns where they cost least.
+    """
     track, panels, detection, free = [], [], [], []
     for panel, cost in enumerate(costs):
         count = len(cost)
@@ -93,6 +96,10 @@ def _assigned(costs: Sequence[Array]) -> Pairs:
         rows, chosen = linear_sum_assignment(cost[:, columns])
         good = cost[rows, columns[chosen]] < _REFUSED
         rows, chosen = rows[good], columns[chosen[good]]
+        if several and cost.shape[1]:
+            more = np.setdiff1d(np.flatnonzero(cost.min(axis=1) < _REFUSED), rows)
+            rows = np.concatenate([rows, more])
+            chosen = np.concatenate([chosen, cost[more].argmin(axis=1)])
         track.append(chosen)
         panels.append(np.full(len(rows), panel))
         detection.append(rows)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.isacsim.radio.waveform import Waveform
-from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Tapers, kernel
+from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Echoes, Tapers, kernel
 
 MARGIN_DB = 10.0
 """A peak counts if it stands so far above the sum of the stronger peaks' sidelobes, dB."""
@@ -46,6 +46,23 @@ class Detections:
 
 
 @dataclass(frozen=True)
+class KnownPeaks:
+    """Peaks of what is no vehicle. place: Doppler, range and angle cell, (K, 3). power: over the noise, (K,)."""
+
+    place: IntArray
+    power: Array
+
+    @classmethod
+    def of(cls, echoes: Echoes, grid: CellGrid) -> KnownPeaks:
+        """Return the peaks of scattering points, as strong as they are on average."""
+        count, _, antennas = grid.shape
+        cells = np.rint(echoes.measured * grid.per_unit).astype(np.int64) + np.array([antennas // 2, 0, count // 2])
+        weights = (grid.tapers.angle, grid.tapers.range, grid.tapers.doppler)
+        gain = float(np.prod([t0**2 for t0, _ in weights])) / grid.tapers.noise
+        return cls(cells[:, ::-1], np.abs(echoes.amplitude) ** 2 * grid.waveform.size * gain)
+
+
+@dataclass(frozen=True)
 class _Axis:
     """One axis of a lone point's peak. count: cells.
 
@@ -66,13 +83,22 @@ def threshold(grid: CellGrid, false_alarm: float) -> float:
     return float(np.log(grid.size / false_alarm))
 
 
-def detect(drawn: DrawnCells, grid: CellGrid, false_alarm: float, rng: np.random.Generator) -> Detections:
-    """Find the peaks in the cells that were drawn, and draw those of noise alone in the others."""
+def detect(
+    drawn: DrawnCells,
+    grid: CellGrid,
+    false_alarm: float,
+    rng: np.random.Generator,
+    known: KnownPeaks | None = None,
+) -> Detections:
+    """Find the peaks in the cells that were drawn, and draw those of noise alone in the others.
+
+    known: peaks that count no more than their sidelobes do.
+    """
     level = threshold(grid, false_alarm)
     place, power = _peaks(drawn, grid, level)
     order = np.argsort(-power, kind="stable")
     place, power = place[order], power[order]
-    kept = _above_sidelobes(place, power, grid)
+    kept = _above_sidelobes(place, power, grid, known)
     place, power = place[kept], power[kept]
     cells, deviation = _between_cells(drawn, place, grid)
     elsewhere = 1.0 - len(drawn.doppler) / (grid.shape[0] * grid.shape[1])
@@ -106,25 +132,30 @@ def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, A
     return place[highest], here[highest].astype(np.float64)
 
 
-def _above_sidelobes(place: IntArray, power: Array, grid: CellGrid) -> BoolArray:
-    """Return which peaks, strongest first, stand above the sidelobes of the stronger ones that do, (K,)."""
+def _above_sidelobes(place: IntArray, power: Array, grid: CellGrid, known: KnownPeaks | None) -> BoolArray:
+    """Return which peaks, strongest first, stand above the sidelobes of the stronger ones and of those known, (K,)."""
     kept = np.zeros(len(place), dtype=bool)
     if not len(place):
         return kept
-    level_db = np.zeros((len(place), len(place)))
-    for axis, of in enumerate(_axes(grid)):
-        apart = np.abs(place[:, None, axis] - place[:, axis])
-        if axis != 1:
-            apart = np.minimum(apart, of.count - apart)
-        level_db += of.sidelobe_db[apart]
-    reached = power * 10 ** (np.maximum(level_db, SIDELOBE_FLOOR_DB) / 10)
+    reached = _reached(place, place, power, grid)
+    covered = np.zeros(len(place)) if known is None else _reached(place, known.place, known.power, grid).sum(axis=1)
     margin = 10 ** (MARGIN_DB / 10)
-    covered = np.zeros(len(place))
     for number in range(len(place)):
         if power[number] >= margin * covered[number]:
             kept[number] = True
             covered += reached[:, number]
     return kept
+
+
+def _reached(place: IntArray, peak: IntArray, power: Array, grid: CellGrid) -> Array:
+    """Return the power that peaks have in places at most, (K, N). place: (K, 3). peak, power: of N, (N, 3), (N,)."""
+    level_db = np.zeros((len(place), len(peak)))
+    for axis, of in enumerate(_axes(grid)):
+        apart = np.abs(place[:, None, axis] - peak[:, axis])
+        if axis != 1:
+            apart = np.minimum(apart, of.count - apart)
+        level_db += of.sidelobe_db[apart]
+    return np.asarray(power * 10 ** (np.maximum(level_db, SIDELOBE_FLOOR_DB) / 10))
 
 
 def _between_cells(drawn: DrawnCells, place: IntArray, grid: CellGrid) -> tuple[Array, Array]:

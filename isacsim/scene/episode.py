@@ -12,11 +12,13 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Site
+from isac_cosim.isacsim.scene.background import Background
 from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
 from isac_cosim.isacsim.scene.detection import Detections, detect
+from isac_cosim.isacsim.scene.lifetime import Tracks
 from isac_cosim.isacsim.scene.scores import Scoring
 from isac_cosim.isacsim.scene.settings import SceneSetup
-from isac_cosim.isacsim.scene.tracker import SceneTracker, Tracks
+from isac_cosim.isacsim.scene.tracker import SceneTracker
 from isac_cosim.isacsim.scene.tracks import SceneTracks, TrackedInstant
 from isac_cosim.isacsim.scene.vehicles import EchoSource, Present, instants, mast_of, seen
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -49,6 +51,7 @@ class SceneSensing:
         self._mast = mast_of(self._panels)
         self._grid = CellGrid.of(setup.numerology.waveform, setup.range_m)
         self._source = EchoSource(setup, self._panels, scenario, seed)
+        self._background = Background(setup, self._panels, self._grid, self._source, scenario)
         self._tracker = SceneTracker(setup, self._panels, lanes)
         self._scoring = Scoring(1 / setup.scene.fixes_hz)
         self._tracks = SceneTracks(setup.scene.fixes_hz)
@@ -68,7 +71,7 @@ class SceneSensing:
         vehicle = self._scored(present, counted, view)
         instant = TrackedInstant(
             counted.number,
-            counted.state,
+            counted.state[:, :6],
             np.sqrt(counted.covariance[:, 0, 0] + counted.covariance[:, 1, 1]),
             counted.looked,
             counted.found,
@@ -81,26 +84,28 @@ class SceneSensing:
     def sensed(self, fix: int, present: Present) -> tuple[list[Detections], Array, BoolArray]:
         """Return what each panel finds at an instant, what it should measure of the vehicles, and whom it sees.
 
-        The last two are (V, I, 3), as `Panels.measured` returns it, and (V, I).
+        The last two are (V, I, J, 3), as `bodies.look` returns it, and (V, I).
         """
         echoes, measured, view = self._source.echoes(present)
         return [self._detected(fix, panel, of) for panel, of in enumerate(echoes)], measured, view
 
     def _detected(self, fix: int, panel: int, echoes: Echoes) -> Detections:
         rng = stream("scene", *self._key, panel, fix)
-        return detect(draw(echoes, self._grid, rng), self._grid, self._setup.false_alarm, rng)
+        drawn = draw(self._background.added(panel, echoes, rng), self._grid, rng)
+        return detect(drawn, self._grid, self._setup.false_alarm, rng, self._background.known(panel))
 
     def _scored(self, present: Present, counted: Tracks, view: BoolArray) -> tuple[str | None, ...]:
         """Add the instant to the scores, and return the vehicle of each track."""
         setup = self._setup
+        middle = present.middle if setup.scene.bodies == "bodies" else present.state[:, :2]
         tracked = seen(counted.state[:, :2], self._panels, setup.range_m, setup.half_width_deg)
         vehicle, track = self._scoring.add(
             present.names,
-            present.state[:, :4],
+            np.concatenate([middle, present.state[:, 2:4]], axis=1),
             self._covered(view),
             counted.number,
-            counted.state[:, :2],
-            counted.covariance[:, :2, :2],
+            counted.middle,
+            counted.middle_covariance(),
             self._covered(tracked),
         )
         owner: list[str | None] = [None] * len(counted)

@@ -41,6 +41,25 @@ class SceneSettings(Settings):
         description="How detections find their vehicles: by the network's own tracks, or, to compare with, by the "
         "vehicles' true motion.",
     )
+    bodies: Literal["points", "bodies"] = Field(
+        "points",
+        description="What echoes of a vehicle. points: one at its front bumper, with nothing else around. bodies: "
+        "five of its body (3GPP TR 38.901), which hide what is behind them and stand before a background.",
+    )
+    blockage: bool = Field(True, description="Whether bodies hide what is behind them (3GPP TR 37.885).")
+    background_points: int = Field(
+        10,
+        ge=0,
+        le=200,
+        description="With bodies, what stands beside the road and echoes: so many points in each panel's view.",
+    )
+    background_dbsm: float = Field(10.0, ge=-50, le=60, description="Mean cross-section of each of them, dBsm.")
+    residual_db: float = Field(
+        -40.0,
+        ge=-200,
+        le=0,
+        description="What is left of the background's echoes once the background, learned over minutes, is subtracted.",
+    )
     numerology: NumerologyName = Field(
         "nr100",
         description="Waveform and power. nr100: 100 MHz, 40 symbols one a slot, 16 antennas, 46 dBm. paper: 3.84 MHz, "

@@ -5,23 +5,42 @@ track's detections enter together, in the information form of the extended Kalma
 
     J = sum H' R^-1 H,  g = sum H' R^-1 (z - h(x)),  K = P_m (1 + J P_mm)^-1,  x <- x + K g,  P <- P - K J P_m'
 
-where P_m are the columns of position and velocity. The model of the motion is that of `isacsim.tracking.kalman`.
+where P_m are the columns of position, velocity and length. The model of the motion is that of
+`isacsim.tracking.kalman`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scene.association import Pairs, associate, associate_truly, wrapped
 from isac_cosim.isacsim.scene.detection import Detections
-from isac_cosim.isacsim.scene.initiation import Birth, births
+from isac_cosim.isacsim.scene.extent import (
+    ASTRAY,
+    FLOOR,
+    LASTS,
+    LENGTH_SD_M,
+    LONG_M,
+    LONGEST_M,
+    SHORTEST_M,
+    SLOW_MPS,
+    SLOWEST_MPS,
+    Expected,
+    astray,
+    ends_put_right,
+    expected,
+    matched,
+    off_point,
+    rows_at,
+)
+from isac_cosim.isacsim.scene.lifetime import STANDING_MPS, WITHIN_FOR, Tracks, births, without_doubles
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.vehicles import seen
@@ -32,6 +51,8 @@ CONFIRMED_HITS = 6
 """Instants with a detection after which a track counts."""
 TENTATIVE_MISSES, LONGEST_GAP_S = 2, 0.6
 """A track that does not count yet ends after more instants without a detection; one that counts, after this time, s."""
+LONGEST_HOLD_S = 120.0
+"""One that counts and stands ends after this time, s."""
 WIDEST_M = 8.0
 """A track that counts and whose position is less certain than this has lost its vehicle, m."""
 APART_CELLS = np.array([0.0, 1.35, 1.75, 2.25, 2.75, 3.5, 5.0, 8.0])
@@ -41,65 +62,12 @@ distance between the two, cells along the axis on which it is largest: two to
 three times the errors that `benchmarks.findings.sensing.scene_crowding` measures, because they outlast an instant."""
 NEIGHBOURS_M = 60.0
 """Vehicles farther apart than this do not share a cell, m: an angle cell is 44 m wide at 350 m."""
-TWIN_ALONG_M, TWIN_ACROSS_M = 1.5, 1.3
-"""Two tracks nearer than this are of one vehicle."""
-TWIN_STEPS, TENTATIVE_TWIN_STEPS = 6, 1
-"""Instants after which the younger of two such tracks ends, where it counts already, and where it does not."""
+CLEAR_CELLS = 0.1
+"""A detection tells an end where other vehicles move it by less, cells."""
+MEASURED = [0, 1, 2, 3, 6]
+"""Components of the state that detections tell: position, velocity and length."""
 OFF_ROAD_EVERY = 10
 """Instants between looks at whether tracks are on the road."""
-
-
-@dataclass(frozen=True)
-class Tracks:
-    """T tracks at one instant, the oldest first; all arrays (T, ...).
-
-    number: unlike for every track. state: x, y, vx, vy, ax, ay, m, m/s, m/s2, (T, 6). covariance: (T, 6, 6).
-    hits, misses: instants with a detection in all, and without one in a row. confirmed: whether it counts. twin:
-    instants for which it has been on top of an older one. looked, found: how many panels look for it, and found it at
-    the latest instant. level: mean power of what they found over the noise after processing, NaN without.
-    """
-
-    number: IntArray
-    state: Array
-    covariance: Array
-    hits: IntArray
-    misses: IntArray
-    confirmed: BoolArray
-    twin: IntArray
-    looked: IntArray
-    found: IntArray
-    level: Array
-
-    @staticmethod
-    def none() -> Tracks:
-        """No track."""
-        whole = np.empty(0, np.int64)
-        return Tracks(
-            whole, np.empty((0, 6)), np.empty((0, 6, 6)), whole, whole, np.empty(0, bool), whole, whole, whole,
-            np.empty(0),
-        )  # fmt: skip
-
-    def __len__(self) -> int:
-        return len(self.number)
-
-    def take(self, kept: BoolArray) -> Tracks:
-        """Return some of the tracks."""
-        return Tracks(**{name: getattr(self, name)[kept] for name in self.__dataclass_fields__})
-
-    def with_born(self, born: Sequence[Birth], first_number: int) -> Tracks:
-        """Return the tracks and new ones."""
-        if not born:
-            return self
-        count = len(born)
-        zeros = np.zeros(count, np.int64)
-        fresh = Tracks(
-            first_number + np.arange(count), np.stack([of.state for of in born]),
-            np.stack([of.covariance for of in born]), zeros + 1, zeros, np.zeros(count, bool), zeros, zeros + 1,
-            zeros + 1, np.array([of.power for of in born]),
-        )  # fmt: skip
-        return Tracks(
-            **{name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in self.__dataclass_fields__}
-        )
 
 
 class SceneTracker:
@@ -114,9 +82,13 @@ class SceneTracker:
         self._per_unit = np.abs(waveform.cells_per_unit)
         self._ambiguity_mps = waveform.symbols / self._per_unit[2]
         step_s = 1 / setup.scene.fixes_hz
-        self._move = transition(step_s)
-        self._noise = process_noise(step_s, setup.tracking.jerk_density)
+        self._bodies = setup.scene.bodies == "bodies"
+        self._move, self._noise = np.eye(7), np.zeros((7, 7))
+        self._move[:6, :6] = transition(step_s)
+        self._noise[:6, :6] = process_noise(step_s, setup.tracking.jerk_density)
+        self._noise[6, 6] = step_s * LENGTH_SD_M**2 * self._bodies
         self._longest_gap = max(1, round(LONGEST_GAP_S * setup.scene.fixes_hz))
+        self._longest_hold = round(LONGEST_HOLD_S * setup.scene.fixes_hz)
         self._born = 0
         self._steps = 0
         self._of_vehicle: dict[str, int] = {}
@@ -127,22 +99,24 @@ class SceneTracker:
     ) -> Tracks:
         """Go on by one instant and return the tracks.
 
-        detections: of each panel. true: names of the vehicles, what the panels should measure of them, (V, I, 3), and
-        who is seen where, (V, I), if the truth associates.
+        detections: of each panel. true: names of the vehicles, what the panels should measure of them, (V, I, J, 3),
+        and who is seen where, (V, I), if the truth associates.
         """
         tracks = self._predicted()
-        predicted = self._panels.measured(tracks.state[:, :4])
-        rows = jacobian(tracks.state[:, :4], predicted, self._panels)
-        spread = self._spread(tracks, predicted)
+        of = expected(tracks.state, tracks.ahead, self._panels, self._bodies)
+        spread = self._spread(tracks, of.measured)
         view = seen(tracks.state[:, :2], self._panels, self._setup.range_m, self._setup.half_width_deg)
         if true is None:
-            own = (rows @ tracks.covariance[:, None, :4, :4] * rows).sum(axis=-1)
-            pairs = associate(detections, predicted, own + spread**2, view, self._ambiguity_mps)
+            pairs = associate(detections, of.measured, self._variance(tracks, of, spread), view, self._ambiguity_mps)
             owners: list[str | None] = [None] * len(pairs.free)
         else:
             pairs, owners = self._truly(detections, tracks, true)
-        tracks = self._updated(tracks, pairs, detections, predicted, rows, spread, view)
-        born = self._births(tracks, pairs.free, owners, detections)
+        tracks = self._updated(tracks, pairs, detections, of, spread, view)
+        born, within = births(
+            pairs.free, owners, detections, tracks, self._panels, self._road, self._ambiguity_mps, self._per_unit,
+            self._bodies,
+        )  # fmt: skip
+        tracks = replace(tracks, within=tracks.within + (within - tracks.within) / WITHIN_FOR)
         self.tracks = self._kept(tracks.with_born([birth for birth, _ in born], self._born))
         for k, (_, owner) in enumerate(born):
             if owner is not None:
@@ -154,19 +128,37 @@ class SceneTracker:
     def _predicted(self) -> Tracks:
         tracks = self.tracks
         state = tracks.state @ self._move.T
-        return replace(tracks, state=state, covariance=self._move @ tracks.covariance @ self._move.T + self._noise)
+        covariance = self._move @ tracks.covariance @ self._move.T + self._noise
+        held = tracks.standing & tracks.confirmed & (tracks.misses > 0)
+        if held.any():
+            state[held, 2:6] = 0.0
+            covariance[held] = tracks.covariance[held]
+        return replace(tracks, state=state, covariance=covariance)
 
-    def _spread(self, tracks: Tracks, predicted: Array) -> Array:
+    def _variance(self, tracks: Tracks, of: Expected, spread: Array) -> Array:
+        """Return the variance of detections about the points that they are of, (T, I, 3)."""
+        middle = np.concatenate([tracks.middle, tracks.state[:, 2:4]], axis=1)
+        rows = jacobian(middle, of.middle, self._panels)
+        covariance = tracks.covariance[:, None, :4, :4].copy()
+        covariance[:, :, :2, :2] = tracks.middle_covariance()[:, None]
+        variance = (rows @ covariance * rows).sum(axis=-1) + spread**2
+        if self._bodies:
+            variance += off_point(of.middle[..., 1], ASTRAY) ** 2
+        return np.asarray(variance)
+
+    def _spread(self, tracks: Tracks, points: Array) -> Array:
         """Return the deviation that other vehicles cause, by how near the nearest one is in cells, (T, I, 3)."""
-        cells = predicted * self._per_unit
-        nearest = np.full(predicted.shape[:2], np.inf)
+        cells = points * self._per_unit
+        low, high = cells.min(axis=2), cells.max(axis=2)
+        nearest = np.full(low.shape[:2], np.inf)
         if len(tracks) > 1:
             near = cKDTree(tracks.state[:, :2]).query_pairs(NEIGHBOURS_M, output_type="ndarray")
-            apart = np.abs(cells[near[:, 0]] - cells[near[:, 1]]).max(axis=-1)
-            for one, other in ((0, 1), (1, 0)):
+            one, two = near.T
+            apart = np.maximum(low[one] - high[two], low[two] - high[one]).max(axis=-1)
+            for this, other in ((one, two), (two, one)):
                 # A track that does not count yet may be of nothing.
-                counts = tracks.confirmed[near[:, other]]
-                np.minimum.at(nearest, near[counts, one], apart[counts])
+                counts = tracks.confirmed[other]
+                np.minimum.at(nearest, this[counts], apart[counts])
         sd = np.exp(np.interp(nearest, APART_CELLS, np.log(CROWDED_CELLS)))
         return np.asarray(sd[..., None] / self._per_unit)
 
@@ -190,63 +182,76 @@ class SceneTracker:
         tracks: Tracks,
         pairs: Pairs,
         detections: Sequence[Detections],
-        predicted: Array,
-        rows: Array,
+        of: Expected,
         spread: Array,
         view: BoolArray,
     ) -> Tracks:
         """Return the tracks with their detections."""
         count = len(tracks)
-        found = np.bincount(pairs.track, minlength=count)
-        looked = np.maximum(view.sum(axis=1), found)
+        has = np.zeros(view.shape, dtype=bool)
+        has[pairs.track, pairs.panel] = True
+        found = has.sum(axis=1)
+        looked = (view | has).sum(axis=1)
         level = np.full(count, np.nan)
-        state, covariance = tracks.state, tracks.covariance
+        state, covariance, off = tracks.state, tracks.covariance, tracks.astray_m
         if len(pairs.track):
-            first = np.concatenate([[0], np.cumsum([len(of) for of in detections])])[pairs.panel] + pairs.detection
-            measured = np.concatenate([of.measured for of in detections])[first]
-            noise = np.concatenate([of.deviation for of in detections])[first]
-            power = np.concatenate([of.power for of in detections])[first]
+            first = np.concatenate([[0], np.cumsum([len(one) for one in detections])])[pairs.panel] + pairs.detection
+            measured, noise = (
+                np.concatenate([getattr(one, name) for one in detections])[first] for name in ("measured", "deviation")
+            )
+            power = np.concatenate([one.power for one in detections])[first]
             at = pairs.track, pairs.panel
-            surprise = wrapped(measured - predicted[at], self._ambiguity_mps)
-            weight = 1 / (noise**2 + spread[at] ** 2)
-            row = rows[at]
-            weighted = row * weight[..., None]
-            information, gradient = np.zeros((count, 4, 4)), np.zeros((count, 4))
-            np.add.at(information, pairs.track, weighted.transpose(0, 2, 1) @ row)
-            np.add.at(gradient, pairs.track, (weighted * surprise[..., None]).sum(axis=1))
-            of_motion = covariance[:, :, :4]
-            gain = of_motion @ np.linalg.inv(np.eye(4) + information @ covariance[:, :4, :4])
+            plain = noise**2 + spread[at] ** 2
+            surprise = wrapped(measured[:, None] - of.measured[at], self._ambiguity_mps)
+            if self._bodies:
+                variance = self._variance(tracks, of, spread)[at]
+                mean, apart, behind = matched(surprise, variance, of.measured[at], of.share[at], of.behind)
+                floor = off_point(mean[:, 1], FLOOR)
+                clear = spread[at][:, 1] < CLEAR_CELLS / self._per_unit[1]
+                ends = pairs.track[clear], pairs.panel[clear]
+                off = astray(surprise[clear], power[clear], of.share[ends], ends, of, self._panels, tracks.middle, off)
+                speed = np.hypot(tracks.state[pairs.track, 2], tracks.state[pairs.track, 3])
+                lasts = LASTS * np.maximum(1.0, SLOW_MPS / np.maximum(speed, SLOWEST_MPS))[:, None]
+                # Whatever answers, the velocity of a vehicle that stands is zero.
+                floor = np.concatenate([lasts * floor[:, :2] ** 2, LASTS * floor[:, 2:] ** 2], axis=1)
+                uncertain = lasts[..., None] * apart + (floor + plain)[..., None] * np.eye(3)
+                weight = np.linalg.inv(uncertain)
+            else:
+                mean, behind = of.middle[at], np.zeros(len(measured))
+                weight = np.eye(3) / plain[..., None]
+            surprise = wrapped(measured - mean, self._ambiguity_mps)
+            row = rows_at(mean, behind, *at, tracks.state, of, self._panels)
+            weighted = row.transpose(0, 2, 1) @ weight
+            information, gradient = np.zeros((count, 5, 5)), np.zeros((count, 5))
+            np.add.at(information, pairs.track, weighted @ row)
+            np.add.at(gradient, pairs.track, (weighted @ surprise[..., None])[..., 0])
+            of_motion = covariance[:, :, MEASURED]
+            gain = of_motion @ np.linalg.inv(np.eye(5) + information @ covariance[:, MEASURED][:, :, MEASURED])
             state = state + (gain @ gradient[..., None])[..., 0]
             covariance = covariance - gain @ information @ of_motion.transpose(0, 2, 1)
             covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+            if self._bodies:
+                ends_put_right(state, covariance, tracks.ahead, off)
+                longest = np.where(tracks.state[:, 6] > LONG_M, LONGEST_M, LONG_M)
+                state[:, 6] = np.clip(state[:, 6], SHORTEST_M, longest)
             with np.errstate(invalid="ignore"):
-                level = np.bincount(pairs.track, power, count) / np.where(found > 0, found, np.nan)
+                total = np.bincount(pairs.track, minlength=count)
+                level = np.bincount(pairs.track, power, count) / np.where(total > 0, total, np.nan)
         hit = found > 0
         hits = tracks.hits + hit
+        speed = np.hypot(state[:, 2], state[:, 3])[:, None]
         return replace(
             tracks,
             state=state,
             covariance=covariance,
+            ahead=np.where(speed > STANDING_MPS, state[:, 2:4] / np.maximum(speed, STANDING_MPS), tracks.ahead),
             hits=hits,
             misses=np.where(hit, 0, tracks.misses + 1),
             confirmed=tracks.confirmed | (hits >= CONFIRMED_HITS),
             looked=looked,
             found=found,
             level=level,
-        )
-
-    def _births(
-        self,
-        tracks: Tracks,
-        free: Sequence[tuple[int, int]],
-        owners: Sequence[str | None],
-        detections: Sequence[Detections],
-    ) -> list[tuple[Birth, str | None]]:
-        """Return new tracks from detections without one, with their vehicles where the truth associates."""
-        if not free:
-            return []
-        return births(
-            free, owners, detections, tracks.state, self._panels, self._road, self._ambiguity_mps, self._per_unit
+            astray_m=off,
         )
 
     def _kept(self, tracks: Tracks) -> Tracks:
@@ -256,23 +261,8 @@ class SceneTracker:
         sd = np.sqrt(tracks.covariance[:, 0, 0] + tracks.covariance[:, 1, 1])
         uncertain = tracks.confirmed & (sd > WIDEST_M)
         gone = tracks.misses > np.where(tracks.confirmed, self._longest_gap, TENTATIVE_MISSES)
-        kept = ~(uncertain | gone)
+        # Who stands is lost among what stands beside the road, and has not gone.
+        kept = ~(uncertain | gone) | (tracks.confirmed & tracks.standing & (tracks.misses < self._longest_hold))
         if self._steps % OFF_ROAD_EVERY == 0:
             kept &= self._road.distance_m(tracks.state[:, :2]) <= NEAR_M + 1.0
-        tracks = self._twins_counted(tracks.take(kept))
-        limit = np.where(tracks.confirmed, TWIN_STEPS, TENTATIVE_TWIN_STEPS)
-        return tracks.take(tracks.twin <= limit)
-
-    def _twins_counted(self, tracks: Tracks) -> Tracks:
-        """Count for each track the instants in a row for which it has been on top of an older one."""
-        twin = np.zeros(len(tracks), np.int64)
-        if len(tracks) > 1:
-            for one, other in cKDTree(tracks.state[:, :2]).query_pairs(TWIN_ALONG_M + TWIN_ACROSS_M):
-                older, younger = min(one, other), max(one, other)
-                velocity = tracks.state[older, 2:4]
-                ahead = velocity / max(float(np.hypot(*velocity)), 1e-6)
-                apart = tracks.state[younger, :2] - tracks.state[older, :2]
-                across = abs(ahead[0] * apart[1] - ahead[1] * apart[0])
-                if abs(ahead @ apart) < TWIN_ALONG_M and across < TWIN_ACROSS_M:
-                    twin[younger] = tracks.twin[younger] + 1
-        return replace(tracks, twin=twin)
+        return without_doubles(tracks.take(kept), self._bodies)

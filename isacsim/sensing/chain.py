@@ -111,7 +111,7 @@ class SensingSettings(Settings):
         if self.scene is not None and self.channel.kind != "link":
             raise ValueError(f'channel.kind "{self.channel.kind}": a scene has the link budget; make it "link"')
         if self.scene is not None and self.channel.blockage:
-            raise ValueError("channel.blockage: scenes have no blockage; turn it off")
+            raise ValueError("channel.blockage: scenes have no blockage but `scene.blockage`; turn it off")
         return self
 
     @model_validator(mode="after")

@@ -41,6 +41,7 @@ def main() -> None:
             continue
         detections, true, view = sensing.sensed(fix, present)
         pairs = associate_truly(detections, true, view, per_unit, 1e9)
+        true = true[:, :, 0]
         for vehicle, panel, number in zip(pairs.track, pairs.panel, pairs.detection, strict=True):
             apart = np.abs((true[:, panel] - true[vehicle, panel]) * per_unit).max(axis=1)
             apart[~view[:, panel]] = apart[vehicle] = np.inf

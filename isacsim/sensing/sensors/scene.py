@@ -14,7 +14,7 @@ from isac_cosim.isacsim.scene.episode import LEAST_MASTS, SceneSensing, follow
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.scene.settings import SceneSettings, SceneSetup
 from isac_cosim.isacsim.scene.tracks import FollowedVehicle, Follower, SceneTracks
-from isac_cosim.isacsim.scene.vehicles import Present, mast_of, seen
+from isac_cosim.isacsim.scene.vehicles import Present, mast_of, seen, size_of
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.passages import (
     NOTHING,
@@ -43,7 +43,7 @@ def as_sensed(settings: SensingSettings, scene: bool) -> SensingSettings:
 def setup_of(settings: SensingSettings, motion: MotionSettings) -> SceneSetup:
     """Return what a scene depends on, from the settings of a sensing chain. Raises InputError for blockage."""
     if settings.channel.blockage:
-        raise InputError("channel.blockage: scenes have no blockage; turn it off")
+        raise InputError("channel.blockage: scenes have no blockage but `scene.blockage`; turn it off")
     settings = as_sensed(settings, scene=True)
     return SceneSetup(
         scene=settings.scene or SceneSettings(),
@@ -147,7 +147,8 @@ class ScenePicture:
             if np.isfinite(heading):
                 self._heading[name] = heading
         heading_of = [self._heading.get(name, np.nan) for name in piece.names]
-        return Present(piece.names, state, np.array(heading_of))
+        size = np.array([size_of(piece.lanes.tracks[name]) for name in piece.names]).reshape(-1, 3)
+        return Present(piece.names, state, np.array(heading_of), size)
 
     def _times(self, passage: Passage) -> Array:
         return np.asarray(passage.start_s + np.arange(passage.truth.shape[1]) / self._traffic.rate_hz)
