@@ -27,6 +27,11 @@ HEADWAY_S, HEADWAY_SPREAD, HEADWAY_RANGE_S = 0.45, 0.4, (0.3, 1.6)
 """Median of the headways that drivers want, s, the standard deviation of their logarithm, and the limits, s. Near its
 desired speed, a driver of the Intelligent Driver Model keeps about twice that: close followers then keep about the
 1.1 s, sd 0.42, that Al-Obaedi 2019 measured on British motorways; docs/traffic.md has both."""
+DECEL_MPS2, TRUCK_DECEL_MPS2 = (2.0, 3.5), (2.0, 3.0)
+"""Ranges of the decelerations with which drivers stop where nothing surprises them, m/s2. Published: 1.67 in the
+Intelligent Driver Model (Treiber, Hennecke and Helbing 2000), 3.0 for stops at signals (Institute of Transportation
+Engineers), 3.4 as comfortable for most drivers (AASHTO, after Fambro, Fitzpatrick and Koppa 1997). Who has to, brakes
+harder, up to emergencyDecel."""
 SPEED_FACTOR, SPEED_FACTOR_SD, SPEED_FACTOR_RANGE = 0.98, 0.10, (0.75, 1.25)
 """Mean, standard deviation and limits of desired speeds, over the speed limit. Observed by the Department for Transport
 in 2022, in free flow on British motorways: 45 % of cars above the limit, 8 % by more than a seventh of it; a normal
@@ -81,7 +86,7 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
     """Return the vTypeDistributions `cars` and `trucks`, as lines of XML.
 
     All follow the Intelligent Driver Model, the smoothest of SUMO's models at 10 ms steps in the sublane model. They
-    differ in acceleration (1.4-2.5 m/s2; one in five is impatient, with up to 3.6), deceleration (3-5.5 m/s2), headway,
+    differ in acceleration (1.4-2.5 m/s2; one in five is impatient, with up to 3.6), deceleration (2-3.5 m/s2), headway,
     desired speed, the time that a lane change takes, eagerness to gain speed, and how strictly they keep to the outer
     lanes: SUMO's lcKeepRight keeps left in a network for left-hand traffic.
     """
@@ -95,7 +100,7 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
         accel_lat, speed_lat = lane_change_motion(rng)
         lines.append(
             f'  <vType id="car{k}" vClass="passenger" {common} length="{draw(4.0, 5.0):.2f}" width="1.80" '
-            f'minGap="2.0" accel="{accel:.2f}" decel="{draw(3.0, 5.5):.2f}" emergencyDecel="9.0" '
+            f'minGap="2.0" accel="{accel:.2f}" decel="{draw(*DECEL_MPS2):.2f}" emergencyDecel="9.0" '
             f'tau="{tau:.2f}" maxSpeed="50" speedFactor="{speed_factor:.3f}" '
             f'maxSpeedLat="{speed_lat:.2f}" lcAccelLat="{accel_lat:.2f}" lcKeepRight="{draw(*KEEP_RIGHT):.2f}" '
             f'lcSpeedGain="{draw(*SPEED_GAIN):.2f}" lcStrategic="2" lcAssertive="{draw(1.0, 1.5):.2f}"/>'
@@ -103,8 +108,9 @@ def drivers(rng: np.random.Generator, cars: int = 60, trucks: int = 12) -> list[
     lines += ["</vTypeDistribution>", '<vTypeDistribution id="trucks">']
     lines += [
         f'  <vType id="truck{k}" vClass="truck" {common} length="{draw(10.0, 16.5):.2f}" width="2.50" minGap="3.0" '
-        f'accel="{draw(0.8, 1.3):.2f}" decel="{draw(3.0, 4.5):.2f}" emergencyDecel="7.0" tau="{draw(1.4, 2.0):.2f}" '
-        f'maxSpeed="{draw(22.2, 25.0):.2f}" speedFactor="1" maxSpeedLat="0.8" lcAccelLat="0.6" lcKeepRight="20"/>'
+        f'accel="{draw(0.8, 1.3):.2f}" decel="{draw(*TRUCK_DECEL_MPS2):.2f}" emergencyDecel="7.0" '
+        f'tau="{draw(1.4, 2.0):.2f}" maxSpeed="{draw(22.2, 25.0):.2f}" speedFactor="1" maxSpeedLat="0.8" '
+        'lcAccelLat="0.6" lcKeepRight="20"/>'
         for k in range(trucks)
     ]
     return [*lines, "</vTypeDistribution>"]
