@@ -1,7 +1,7 @@
 """The time to draw and detect a panel's echo of many scattering points, on one thread.
 
 60 points in twelve groups of five, as wide as vehicles, with the numerology `nr100`. The reference is the oracle that
-adds up the points symbol by symbol over all cells (`isacsim.scene.cube`).
+adds up the points symbol by symbol over all cells (`benchmarks.scene_cube`).
 
 Run: python -m isac_cosim.benchmarks.scene
 """
@@ -17,8 +17,8 @@ import numpy as np
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.files import json_text
 from isac_cosim.benchmarks.ratios import Ratio
+from isac_cosim.benchmarks.scene_cube import cube
 from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
-from isac_cosim.isacsim.scene.cube import cube
 from isac_cosim.isacsim.scene.detection import detect
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import EventScores, HeadlineResult, HeadlineScores, TrafficResult
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown
+from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown, counted
 from isac_cosim.evaluation.statistics import Interval
 
 CAPTIONS = (
@@ -35,10 +35,31 @@ class LiveHeadline:
             ]
         answered = [(title, headline) for title, headline in asked if headline is not None]
         lines = [line for title, headline in answered for line in _rate_sentence(title, headline)]
+        text = (
+            f"What {result.name} says of drivers in {result.scenario} while they drive, in {result.vehicle_hours:.2f} "
+            "vehicle-hours with predictions."
+        )
         return [
+            Part("live-first", text=text, numbers=_first_numbers(result), on_terminal=False),
             *(Part(f"live-headline-{k}", title, rows=_headline(of)) for k, (title, of) in enumerate(answered)),
             Part("live-headline-in-words", lines=lines),
         ]
+
+
+def _first_numbers(result: TrafficResult) -> list[tuple[str, str]]:
+    """Return the scores that sum up an evaluation in traffic, with their names; none that is undefined."""
+    numbers = []
+    asked = ("predicted by their commit", result.prediction), ("recognised by 0.5 s after it", result.recognition)
+    for title, headline in asked:
+        if headline is not None and headline.recall is not None:
+            interval = headline.recall_interval
+            whole = interval is None or (interval.low <= 0 and interval.high >= 1)
+            between = "" if interval is None or whole else f" ({interval.low:.2f} to {interval.high:.2f})"
+            numbers.append((f"{headline.recall:.2f}{between}", f"of {counted(headline.events, 'event')} {title}"))
+    if result.prediction is not None and result.prediction.false_alarms_per_vehicle_hour is not None:
+        rate = result.prediction.false_alarms_per_vehicle_hour
+        numbers.append((f"{rate:.2f}", "false alarms per vehicle-hour, of those that predict"))
+    return numbers
 
 
 def _headline(asked: HeadlineResult) -> list[Row]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 from markupsafe import Markup
 
@@ -14,6 +15,8 @@ from isac_cosim.evaluation.report.html.templates import render
 from isac_cosim.evaluation.report.parts import Link, Part, Row, counted, csv_text, text_of
 
 PAGE = "index.html"
+STUDY_REPORT = "report"
+"""Where a study keeps its report: in a folder of this name beside the run's."""
 MARK = "isac-cosim"
 """What a page says that it was made by; a file without it is not replaced."""
 
@@ -43,6 +46,21 @@ def write_content(
     body = Markup("\n").join(_part(part, figures) for part in parts if part.on_page)
     content = render("page.html.j2", mark=MARK, title=title, body=body, origin=origin, links=links)
     replace_file(page, lambda partial: partial.write_text(content, encoding="utf-8"))
+
+
+def pages_beside(folder: Path, mark: str) -> list[Link]:
+    """Return links to the other pages of a run and to that of its study, for a page whose folder lies in the run's.
+
+    mark: name of the file that every run's folder holds.
+    """
+    run = folder.absolute().parent
+    if not (run / mark).is_file():
+        return []
+    pages = [page for page in sorted(run.glob(f"*/{PAGE}")) if page.parent.name != folder.name]
+    links = [Link(page.parent.name, f"../{quote(page.parent.name)}/{PAGE}") for page in pages]
+    if (run.parent / STUDY_REPORT / PAGE).is_file():
+        links.append(Link(f"{STUDY_REPORT} of the study", f"../../{STUDY_REPORT}/{PAGE}"))
+    return links
 
 
 def check_page(page: Path) -> None:

@@ -33,7 +33,7 @@ from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
 from isac_cosim.models.predictors.castformer import CastformerSettings
-from isac_cosim.models.runs.run import Run
+from isac_cosim.models.runs.run import CARD_FILE, Run
 
 if TYPE_CHECKING:
     from isac_cosim.labeling.dataset.dataset import Dataset, Shard
@@ -85,7 +85,8 @@ def write_page(
     """
     shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {}, replay, cells or {})
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
-    return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder)
+    links = page.pages_beside(folder, CARD_FILE)
+    return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder, links=links)
 
 
 def show(result: EvaluationResult, folder: Path, console: Console) -> None:
@@ -105,7 +106,8 @@ def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
     title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
     terminal.show(parts, console, title)
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
-    return page.write_page(f"{result.name} in running traffic", parts, origin, folder)
+    links = page.pages_beside(folder, CARD_FILE)
+    return page.write_page(f"{result.name} in running traffic", parts, origin, folder, links=links)
 
 
 def explained_record(run: Run, records: Records, row: int, view: RecordView) -> ExplainedRecord:

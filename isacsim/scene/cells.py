@@ -12,7 +12,7 @@ correlations included.
 
 Cells are drawn in a block around every scattering point, which is as wide as all angles. Every point counts in every
 cell. In the cells elsewhere only noise can exceed a threshold; `isacsim.scene.detection` draws these exceedances by
-their rate. Ranges do not change during a snapshot here; `isacsim.scene.cube`, in which they do, is the slow oracle.
+their rate. Ranges do not change during a snapshot here; `benchmarks.scene_cube`, in which they do, is the slow oracle.
 """
 
 from __future__ import annotations

@@ -289,7 +289,7 @@ def test_predictors_of_one_network_are_tested_on_another(tmp_path: Path) -> None
     crossed, direct = (tmp_path / row.report for row in result.cells[1:])
     seeds = [json.loads((folder / "metrics.json").read_text())["made_by"]["seeds"] for folder in (crossed, direct)]
     assert seeds[0] == seeds[1] == result.made_by.seeds["south"]["test"]
-    assert "<th>tested on</th>" in (tmp_path / "report" / "index.html").read_text()
+    assert ">tested on</th>" in (tmp_path / "report" / "index.html").read_text()
 
 
 def test_the_folder_of_another_sweep_is_refused(swept: tuple[SweepResult, Path, Makers, str]) -> None:

@@ -29,7 +29,7 @@
     else masts.push([name, x, y]);
   }
   const kept = new Map(); // Unpacked records, by their number.
-  let number = 0, record = null, time = 0, playing = false, last = 0, zoom = 1, colours = {}, frames = 0;
+  let number = 0, record = null, time = 0, playing = false, last = 0, zoom = 1, colours = {}, letters = 1, frames = 0;
 
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
@@ -92,6 +92,7 @@
     const style = getComputedStyle(document.documentElement);
     const names = ["ground", "road", "marking", "ink", "soft", "line", "tv", "sensed", "uv", "other", "site"];
     colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim() || "#888"]));
+    letters = Math.min((Number.parseFloat(style.fontSize) || 16) / 16, 1.5); // Letters grow with the page's.
     colours.classes = MARKS.map((_, k) => style.getPropertyValue(`--class-${k}`).trim() || "#888");
   }
 
@@ -200,7 +201,7 @@
   }
 
   function label(pen, text, x, y, align, strong = false) {
-    pen.font = `${strong ? "600 " : ""}${strong ? 14 : 12}px system-ui, sans-serif`;
+    pen.font = `${strong ? "600 " : ""}${(strong ? 14 : 12) * letters}px system-ui, sans-serif`;
     pen.textAlign = align;
     pen.lineWidth = 3;
     pen.strokeStyle = colours.ground;
@@ -353,7 +354,7 @@
     said += `onset after ${onset.toFixed(2)} s, commit after ${commit.toFixed(2)} s. `;
     if (others.length) said += `${others.length} other ${others.length === 1 ? "vehicle" : "vehicles"} near. `;
     if (given && given.predicted) {
-      const verdict = given.wrong === null ? "" : given.wrong ? " – wrong" : " – right";
+      const verdict = given.wrong === null ? "" : given.wrong ? " – wrong" : " – correct";
       said += `Predictor at the last measured window: ${words(given.predicted)}${verdict}.`;
     }
     status.textContent = said;

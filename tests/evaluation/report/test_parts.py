@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import unquote
 
 import pytest
 from rich.console import Console
@@ -14,7 +16,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import Settings
 from isac_cosim.evaluation import questions
 from isac_cosim.evaluation.report import terminal
-from isac_cosim.evaluation.report.page import write_page
+from isac_cosim.evaluation.report.page import pages_beside, write_page
 from isac_cosim.evaluation.report.parts import Link, Part, write_table
 from isac_cosim.evaluation.statistics import Estimate
 
@@ -97,3 +99,19 @@ def test_a_part_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     offer(monkeypatch, broken=SimpleNamespace(result_class=str, measure=lambda evaluation: 1 / 0))
     with pytest.raises(InputError, match="result part broken: ZeroDivisionError: division by zero; fix"):
         questions.answers(SimpleNamespace(result=""))
+
+
+def test_the_pages_of_a_run_lead_to_each_other_and_to_its_study(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    names = ("evaluation", 'traffic-a "b')
+    for folder in (tmp_path / "report", *(run / name for name in names)):
+        folder.mkdir(parents=True)
+        write_page("Page", [], "", folder)
+    assert pages_beside(run / "evaluation", "run.json") == []
+    (run / "run.json").touch()
+    links = pages_beside(run / "evaluation", "run.json")
+    assert [link.text for link in links] == ['traffic-a "b', "report of the study"]
+    page = write_page("Page", [], "", run / "evaluation", links=links)
+    for target in re.findall(r'<a href="([^"]+)"', page.read_text()):
+        assert (page.parent / unquote(target)).is_file()
+    assert [link.text for link in pages_beside(run / names[1], "run.json")] == ["evaluation", "report of the study"]

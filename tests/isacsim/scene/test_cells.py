@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp, kstest
 
+from isac_cosim.benchmarks.scene_cube import cube, tensor
 from isac_cosim.isacsim.radio.echo import draw_bins
 from isac_cosim.isacsim.radio.waveform import Waveform, steering
 from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Echoes, Tapers, dirichlet, draw
-from isac_cosim.isacsim.scene.cube import cube, tensor
 from isac_cosim.isacsim.scene.detection import Detections, detect
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES
 

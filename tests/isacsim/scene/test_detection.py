@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from isac_cosim.benchmarks.scene_cube import tensor
 from isac_cosim.isacsim.radio.waveform import Waveform
 from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
-from isac_cosim.isacsim.scene.cube import tensor
 from isac_cosim.isacsim.scene.detection import detect, threshold
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES
 

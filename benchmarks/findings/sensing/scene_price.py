@@ -1,0 +1,93 @@
+"""What knowing who is where costs the network: the scores of scenes against what is spent on them.
+
+The same seeds of the bundled motorway are sensed as points and as bodies, with true association and with the network's
+own tracks, and with fewer instants, less power and every second or third mast. Each case and seed is a stage, whose
+scores are kept in a file of JSON: the same command goes on where it was interrupted. Differences are paired by seed.
+
+Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [CASE ...]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from isac_cosim.base.files import json_text
+from isac_cosim.base.parsing import number_range
+from isac_cosim.benchmarks.findings.sensing.scene_scores import scored
+from isac_cosim.isacsim.scene.scores import SceneScores
+from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
+
+BASE = "bodies"
+"""The case that the others are compared with."""
+SYMBOLS_PER_S = 28_000
+"""Symbols of a second at 30 kHz."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to sense. scene: settings. every_mast: one in so many of the masts is there, from west to east."""
+
+    scene: dict[str, str] = field(default_factory=dict)
+    every_mast: int = 1
+
+    @property
+    def share(self) -> float:
+        """Share of all symbols that sensing takes."""
+        settings = SceneSettings.model_validate(self.scene)
+        return settings.fixes_hz * NUMEROLOGIES[settings.numerology].waveform.symbols / SYMBOLS_PER_S
+
+
+BODIES = {"bodies": "bodies"}
+CASES = {
+    "points, truth": Case({"association": "truth"}),
+    "points": Case(),
+    "bodies, truth": Case({**BODIES, "association": "truth"}),
+    "bodies": Case(BODIES),
+    **{f"bodies, {hz} Hz": Case({**BODIES, "fixes_hz": hz}) for hz in ("12.5", "5")},
+    **{f"bodies, {dbm} dBm": Case({**BODIES, "power_dbm": dbm}) for dbm in ("36", "26")},
+    **{f"bodies, every mast in {n}": Case(BODIES, n) for n in (2, 3)},
+}
+
+
+def main() -> None:
+    path = Path(sys.argv[1])
+    first, last = number_range(sys.argv[2] if len(sys.argv) > 2 else "1:3", "seeds", int, "1:3")
+    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 60.0
+    names = sys.argv[4:] or list(CASES)
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    for seed in range(first, last + 1):
+        for name in names:
+            stage = f"{name}; seed {seed}; {seconds:g} s"
+            if stage not in known:
+                case = CASES[name]
+                scores, cpu_s = scored(seed, seconds, case.scene, case.every_mast)
+                known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
+                path.write_text(json_text(known, 1), encoding="utf-8")
+    print(
+        "case | share of symbols | rms, m | missed | false | switches a km | IDF1 | GOSPA, m | less than bodies by, m"
+    )
+    scores_of = {
+        name: [
+            SceneScores.model_validate(known[f"{name}; seed {seed}; {seconds:g} s"]["scores"])
+            for seed in range(first, last + 1)
+        ]
+        for name in names
+    }
+    for name, of_case in scores_of.items():
+        columns = ("rms_m", "missed", "false", "switches_per_km", "idf1", "gospa_m")
+        means = [np.mean([getattr(one, column) for one in of_case]) for column in columns]
+        apart = ""
+        if BASE in scores_of and name != BASE:
+            pairs = zip(scores_of[BASE], of_case, strict=True)
+            less = [(base.gospa_m or 0.0) - (other.gospa_m or 0.0) for base, other in pairs]
+            apart = f"{np.mean(less):.2f} ({min(less):.2f} to {max(less):.2f})"
+        print(f"{name} | {CASES[name].share:.3f} | " + " | ".join(f"{mean:.3g}" for mean in means) + f" | {apart}")
+
+
+if __name__ == "__main__":
+    main()
