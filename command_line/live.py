@@ -65,7 +65,7 @@ def evaluate_and_show(
     """Evaluate a run in running traffic, draw its figures and show its scores. Returns what `--json` prints."""
     from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
     from isac_cosim.evaluation.in_traffic.measurement.stress import STRESS, with_stress
-    from isac_cosim.evaluation.report.live_figures import draw_live_figures
+    from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
     from isac_cosim.evaluation.report.report import show_live
     from isac_cosim.models.runs.run import load_run
 
@@ -91,7 +91,7 @@ def evaluate_and_show(
     closed: ClosedLoopResult | None = None
     if arguments.advisories:
         from isac_cosim.evaluation.closed_loop.evaluation import evaluate_advisories
-        from isac_cosim.evaluation.report.live_figures import arms
+        from isac_cosim.evaluation.report.live.live_figures import arms
 
         loop_settings = closed_loop_settings(arguments)
         closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others, alone=alone)

@@ -16,7 +16,7 @@ from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.closed_loop.safety import FIGURES
 from isac_cosim.evaluation.closed_loop.settings import ARMS, AdvisorySettings, ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
-from isac_cosim.evaluation.report.live_figures import arms as draw_arms
+from isac_cosim.evaluation.report.live.live_figures import arms as draw_arms
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models.runs.run import Run
 from tests.support.recorded_feedback import RecordedFeedback

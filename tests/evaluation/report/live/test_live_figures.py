@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from isac_cosim.evaluation.report import live_figures
+from isac_cosim.evaluation.report.live import live_figures
 from isac_cosim.labeling.intentions import KNOWN
 
 
