@@ -69,7 +69,10 @@ def count(rows: Rows, intention: Intention, *origins: str) -> int:
 
 @pytest.mark.slow
 def test_shares_of_origins_are_as_wanted(rows: Rows) -> None:
-    """Who swerves or accelerates hard has a cause; of the other intentions, a fifth at least are natural."""
+    """Who swerves or accelerates hard has a cause; of the other intentions, a fifth at least are natural.
+
+    Of the hard brakes, it is a tenth: drivers who stop comfortably where nothing surprises them seldom brake hard.
+    """
     print()
     for intention in KNOWN:
         numbers = {origin: count(rows, intention, origin) for origin in ("natural", "reaction", "commanded")}
@@ -77,7 +80,8 @@ def test_shares_of_origins_are_as_wanted(rows: Rows) -> None:
         if intention in (Intention.EVASIVE_SWERVE, Intention.HARD_ACCEL):
             assert numbers["reaction"] >= 0.8 * sum(numbers.values())
         else:
-            assert numbers["natural"] >= 0.2 * sum(numbers.values())
+            least = 0.1 if intention is Intention.HARD_BRAKE else 0.2
+            assert numbers["natural"] >= least * sum(numbers.values())
 
 
 @pytest.mark.slow
