@@ -21,6 +21,8 @@ from isac_cosim.labeling.dataset.shard import ARRAYS, CLASS_NAMES, Shard, schema
 from isac_cosim.labeling.dataset.state_columns import states_of
 
 ORIGINS = ("natural", "reaction", "commanded")
+LARGEST_DB = 1000.0
+"""No SNR is larger, or smaller than its negative; NaN is that of a sensor without one."""
 TIMES = ("t_start", "t_onset", "t_commit", "t_end")
 """The columns of times that every sample has, in their order."""
 
@@ -57,6 +59,8 @@ def row_faults(table: pa.Table, shard: Shard, dropped: bool) -> Iterator[str]:
             values = table[name].to_numpy()
             if not (np.isnan(values) | ((values >= 0) & (values <= most) & np.isfinite(values))).all():
                 yield f"{name}: is not between 0 and {most:g}"
+    if "snr_db" in names and (np.abs(table["snr_db"].to_numpy()) > LARGEST_DB).any():
+        yield f"snr_db: is beyond {LARGEST_DB:g} dB"
     for name in ("x0", "y0"):
         if name in names and not np.isfinite(table[name].to_numpy()).all():
             yield f"{name}: is not finite"

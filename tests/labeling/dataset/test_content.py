@@ -236,3 +236,11 @@ def test_a_dropped_pull_out_is_a_pull_out(folder: Path) -> None:
     forge_dataset(folder)
     with pytest.raises(InputError, match="pull_out: is missing in a dropped pull-out"):
         dropped_pull_outs(Dataset.open(folder)).frame()
+
+
+@pytest.mark.parametrize("level_db", [np.inf, -np.inf, 3e38])
+def test_an_snr_that_nothing_has_is_refused(folder: Path, level_db: float) -> None:
+    rewritten(folder / SHARD, with_column("snr_db", same(level_db, pa.float32())))
+    forge_dataset(folder)
+    with pytest.raises(InputError, match="snr_db: is beyond 1000 dB"):
+        Dataset.open(folder).frame()
