@@ -40,7 +40,8 @@ class LaneMotion:
     def of(cls, on_map: OnMap, smooth_s: float) -> Self:
         """Return the motion of windows on their roads. smooth_s: span of the smoothing fits, s."""
         n_samples = on_map.tv.shape[2]
-        span = min(2 * int(smooth_s * on_map.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2)
+        # A parabola needs three samples.
+        span = max(3, min(2 * int(smooth_s * on_map.tv_rate_hz / 2) + 1, n_samples - (n_samples + 1) % 2))
         count = 2 + round(n_samples / (HEADING_STEP_S * on_map.tv_rate_hz))
         instants = np.unique(np.linspace(0, n_samples - 1, count).astype(np.int64))
         # Parabolas for positions, because a bend is not a straight line over half a second.

@@ -76,6 +76,11 @@ def test_braking_and_accelerating_are_seen_along_the_lane(acceleration: float) -
     assert drives.brake[0] == pytest.approx(-acceleration, abs=0.05)
 
 
+@pytest.mark.parametrize("smooth_s", [1e-3, 1e3])
+def test_fits_have_three_samples_at_least_and_no_more_than_there_are(smooth_s: float) -> None:
+    assert np.isfinite(strengths(drive(window_on_bend(), smooth_s), RULE)).all()
+
+
 def test_a_crossed_marking_is_that_of_the_lane_the_window_began_in() -> None:
     drives = drive(window_on_bend(aside=1.2), RULE.smooth_s)
     assert drives.left[0] == pytest.approx(WIDTH_M / 2 - 1.2 * WINDOW_S, abs=0.05)
