@@ -77,6 +77,10 @@ class Tracks:
     hits, misses: instants with a detection in all, and without one in a row. confirmed: whether it counts. twin:
     instants for which it has been on top of an older one. looked, found: how many panels look for it, and found it at
     the latest instant. level: mean power of what they found over the noise after processing, NaN without.
+    joined_m: length when two ends were joined to one body, m, 0 if they were not; joined_for: instants since.
+    beside, other: instants for which it has seemed to be one end of the same body as the track of that number.
+    astray_m: average distance of its two ends from where their echoes come from, m, (T, 2). within: average share of
+    instants that found something within the body that is none of its points.
     """
 
     number: IntArray

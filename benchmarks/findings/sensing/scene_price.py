@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from isac_cosim.base.files import json_text
+from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.benchmarks.findings.sensing.scene_scores import scored
 from isac_cosim.isacsim.scene.scores import SceneScores
@@ -67,7 +67,7 @@ def main() -> None:
                 case = CASES[name]
                 scores, cpu_s = scored(seed, seconds, case.scene, case.every_mast)
                 known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
-                path.write_text(json_text(known, 1), encoding="utf-8")
+                write_json(path, known)
     print(
         "case | share of symbols | rms, m | missed | false | switches a km | IDF1 | GOSPA, m | less than bodies by, m"
     )
