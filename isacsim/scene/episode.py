@@ -72,7 +72,7 @@ class SceneSensing:
         instant = TrackedInstant(
             counted.number,
             counted.state[:, :6],
-            np.sqrt(counted.covariance[:, 0, 0] + counted.covariance[:, 1, 1]),
+            np.sqrt(np.trace(counted.covariance[:, :2, :2] + counted.outlasting(), axis1=1, axis2=2)),
             counted.looked,
             counted.found,
             10 * np.log10(counted.level / self._setup.numerology.waveform.size),
@@ -105,7 +105,7 @@ class SceneSensing:
             self._covered(view),
             counted.number,
             counted.middle,
-            counted.middle_covariance(),
+            counted.middle_covariance() + counted.outlasting(),
             self._covered(tracked),
         )
         owner: list[str | None] = [None] * len(counted)

@@ -147,12 +147,26 @@ def astray(
 
 
 def ends_put_right(state: Array, covariance: Array, ahead: Array, off: Array) -> None:
-    """Move the ends of tracks to where their echoes come from if these are far off, in place; `off` is then zero."""
+    """Move the ends of tracks to where their echoes come from if these are far off, in place; `off` is then zero.
+
+    A length that is then a car's is taken to be as certain as a car's is beforehand.
+    """
     largest = np.maximum(ASTRAY_END_M, ASTRAY_END_SHARE * state[:, 6])
     wrong = np.flatnonzero(np.abs(off).max(axis=1, initial=0.0) > largest)
     state[wrong, :2] += off[wrong, :1] * ahead[wrong]
     state[wrong, 6] = np.clip(state[wrong, 6] + off[wrong, 0] - off[wrong, 1], CAR_M, LONGEST_M)
     covariance[wrong, :2, :2] += np.eye(2) * 0.5
     covariance[wrong, 6, :] = covariance[wrong, :, 6] = 0.0
-    covariance[wrong, 6, 6] = 1.0
+    state[wrong, 6], covariance[wrong, 6, 6] = with_class(state[wrong, 6], 1.0)
     off[wrong] = 0.0
+
+
+def with_class(length: Array, variance: float) -> tuple[Array, Array]:
+    """Return lengths that are known anew, m, (n,), and their variance: those of cars, together with what cars are like.
+
+    Without it, a car whose far end nobody sees could get any length up to `LONG_M`, and keep it: the end's echoes
+    would be taken for its sides'.
+    """
+    share = variance / (variance + CAR_SD_M**2)
+    long = length > LONG_M
+    return np.where(long, length, length + share * (CAR_M - length)), np.where(long, variance, share * CAR_SD_M**2)

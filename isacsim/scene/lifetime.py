@@ -38,13 +38,19 @@ STANDING_MPS = 1.0
 """A track slower than this stands: it is held where no panel finds it."""
 TWIN_ALONG_M, TWIN_ACROSS_M = 1.5, 1.3
 """Two tracks nearer than this are of one vehicle."""
-YOUNG_HITS = 50
-"""A track with fewer hits is on top of an older one wherever their bodies would overlap."""
+OUTLASTS_M = 0.1
+"""Standard deviation of the errors of a body along its way that stay as long as it is seen, m. Its echoes come of
+several points that are not told apart, and which of them answers depends on the vehicle. Over whole passages of cars,
+the mean error is below 0.07 m for two in three, and below 0.15 m for nine in ten."""
+YOUNG_HITS, CLEARANCE_M = 50, 0.6
+"""A track with fewer hits is on top of an older one wherever their bodies would be nearer to each other across than
+this, m: nobody passes as close."""
 TWIN_STEPS, TENTATIVE_TWIN_STEPS = 6, 1
 """Instants after which the younger of two such tracks ends, where it counts already, and where it does not."""
-ALIKE_MPS, FOLLOWER_S, FARTHEST_END_M, END_STEPS = 0.7, 0.6, 16.0, 10
-"""Two tracks in a lane whose speeds differ by less, and which are nearer than people follow, s and m, are the two ends
-of one body; after so many instants, the younger ends."""
+ALIKE_MPS, FOLLOWER_M, FOLLOWER_S, FARTHEST_END_M, END_STEPS = 0.7, CAR_M, 0.45, 16.0, 10
+"""Two tracks in a lane whose speeds differ by less, and whose middles are nearer than those of cars that people drive
+at so short a headway, m and s, are the two ends of one body; so they are not if they are farther apart than a body is
+long, m. After so many instants, the younger ends."""
 JOINED_CHANGE_M, SETTLING_STEPS = 2.0, 50
 """A body of two ends whose length changes by more than this was two vehicles; at first, so many instants long, the
 length is still found out."""
@@ -134,6 +140,11 @@ class Tracks:
         turned = np.eye(2) - self.ahead[:, :, None] * self.ahead[:, None]
         rows[:, :, 2:4] = -turned * (self.state[:, 6] / 2 / speed)[:, None, None]
         return np.asarray(rows @ self.covariance @ rows.transpose(0, 2, 1))
+
+    def outlasting(self) -> Array:
+        """Return the covariance of the errors that outlast a track, and that its filter does not know, (T, 2, 2)."""
+        variance = np.where(self.state[:, 6] > 0, OUTLASTS_M**2, 0.0)
+        return np.asarray(variance[:, None, None] * self.ahead[:, :, None] * self.ahead[:, None])
 
     def take(self, kept: BoolArray) -> Tracks:
         """Return some of the tracks."""
@@ -292,7 +303,7 @@ def without_doubles(tracks: Tracks, bodies: bool) -> Tracks:
             continue
         ahead, apart = tracks.ahead[one], middle[two] - middle[one]
         along, across = float(ahead @ apart), abs(float(ahead[0] * apart[1] - ahead[1] * apart[0]))
-        width = (LONG_WIDTH_M if length[one] > LONG_M else CAR_WIDTH_M) / 2 + CAR_WIDTH_M / 2
+        width = (LONG_WIDTH_M if length[one] > LONG_M else CAR_WIDTH_M) / 2 + CAR_WIDTH_M / 2 + CLEARANCE_M
         if across > (width if bodies and tracks.hits[two] < YOUNG_HITS else TWIN_ACROSS_M):
             continue
         on_top = abs(along) < (length[one] / 2 + 1.0 if bodies else TWIN_ALONG_M)
@@ -303,7 +314,7 @@ def without_doubles(tracks: Tracks, bodies: bool) -> Tracks:
             continue
         speed = float(np.hypot(*velocity[one]))
         alike = abs(float((velocity[two] - velocity[one]) @ ahead)) < ALIKE_MPS
-        if not alike or abs(along) > FOLLOWER_S * speed or beside[two]:
+        if not alike or abs(along) > FOLLOWER_M + FOLLOWER_S * speed or beside[two]:
             continue
         same = tracks.other[two] == tracks.number[one]
         beside[two], other[two] = (tracks.beside[two] if same else 0) + 1, tracks.number[one]
@@ -312,7 +323,7 @@ def without_doubles(tracks: Tracks, bodies: bool) -> Tracks:
         ended[two] = True
         front = max(length[one] / 2, along + length[two] / 2)
         whole = front - min(-length[one] / 2, along - length[two] / 2)
-        if length[one] < whole < LONGEST_M:
+        if max(length[one], LONG_M) < whole < LONGEST_M:
             state[one, :2] = middle[one] + front * ahead
             state[one, 6] = joined_m[one] = whole
             joined_for[one] = 0

@@ -49,6 +49,9 @@ from isac_cosim.isacsim.tracking.kalman import process_noise, transition
 
 CONFIRMED_HITS = 6
 """Instants with a detection after which a track counts."""
+LEAST_FOUND = 0.5
+"""A body is found where at least this share of the panels that look for it find it: an echo of a roof or of two points
+in one cell lies, on the road, in another place for every panel."""
 TENTATIVE_MISSES, LONGEST_GAP_S = 2, 0.6
 """A track that does not count yet ends after more instants without a detection; one that counts, after this time, s."""
 LONGEST_HOLD_S = 120.0
@@ -237,7 +240,7 @@ class SceneTracker:
             with np.errstate(invalid="ignore"):
                 total = np.bincount(pairs.track, minlength=count)
                 level = np.bincount(pairs.track, power, count) / np.where(total > 0, total, np.nan)
-        hit = found > 0
+        hit = (found > 0) & ((not self._bodies) | (found >= LEAST_FOUND * looked))
         hits = tracks.hits + hit
         speed = np.hypot(state[:, 2], state[:, 3])[:, None]
         return replace(

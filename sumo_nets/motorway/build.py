@@ -1,7 +1,7 @@
 """Builds the motorway scenario: `python build.py` writes every other file of this folder.
 
-Along the road: a run-in of 900 m, then 3 km with sites (straight, on-ramp, left-hand curve of 900 m radius, off-ramp,
-straight), and a run-out of 300 m. Four lanes, five beside the ramps.
+Along the road: a run-in of 900 m, then 3.3 km with sites (straight, on-ramp, left-hand curve of 900 m radius, off-ramp,
+straight). Four lanes, five beside the ramps.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """What knowing who is where costs the network: the scores of scenes against what is spent on them.
 
 The same seeds of the bundled motorway are sensed as points and as bodies, with true association and with the network's
-own tracks, and with fewer instants, less power and every second or third mast. Each case and seed is a stage, whose
+own tracks, and with fewer instants, less power and masts every 500 m. Each case and seed is a stage, whose
 scores are kept in a file of JSON: the same command goes on where it was interrupted. Differences are paired by seed.
 
 Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [CASE ...]
@@ -18,7 +18,7 @@ import numpy as np
 
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
-from isac_cosim.benchmarks.findings.sensing.scene_scores import scored
+from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD, scored
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
@@ -31,10 +31,10 @@ SYMBOLS_PER_S = 28_000
 
 @dataclass(frozen=True)
 class Case:
-    """One way to sense. scene: settings. every_mast: one in so many of the masts is there, from west to east."""
+    """One way to sense. scene: settings. sites_of: the scenario whose sites sense."""
 
     scene: dict[str, str] = field(default_factory=dict)
-    every_mast: int = 1
+    sites_of: str = ROAD
 
     @property
     def share(self) -> float:
@@ -51,7 +51,7 @@ CASES = {
     "bodies": Case(BODIES),
     **{f"bodies, {hz} Hz": Case({**BODIES, "fixes_hz": hz}) for hz in ("12.5", "5")},
     **{f"bodies, {dbm} dBm": Case({**BODIES, "power_dbm": dbm}) for dbm in ("36", "26")},
-    **{f"bodies, every mast in {n}": Case(BODIES, n) for n in (2, 3)},
+    "bodies, masts every 500 m": Case(BODIES, "motorway_sparse"),
 }
 
 
@@ -72,7 +72,7 @@ def main() -> None:
             stage = f"{name}; seed {seed}; {seconds:g} s"
             if stage not in known:
                 case = CASES[name]
-                scores, cpu_s = scored(seed, seconds, case.scene, case.every_mast)
+                scores, cpu_s = scored(seed, seconds, case.scene, case.sites_of)
                 known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
                 write_json(path, known)
     scores_of = {

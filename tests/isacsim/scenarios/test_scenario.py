@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.demand import DemandSettings
 from isac_cosim.isacsim.scenarios.making import add_sites
@@ -35,8 +36,50 @@ def test_the_motorway_is_what_its_readme_says() -> None:
     assert sum(lane.edge == "curve" for lane in scenario.lanes) == 4
 
 
-def test_panels_of_the_motorway_face_the_road() -> None:
-    scenario = load("motorway")
+@pytest.mark.parametrize(
+    ("name", "count", "spacing_m", "longer_m"),
+    [("motorway", 20, 150.0, [200.0, 280.0, 299.0]), ("motorway_sparse", 7, 500.0, [])],
+)
+def test_poles_of_the_motorway_stand_as_its_readme_says(
+    name: str, count: int, spacing_m: float, longer_m: list[float]
+) -> None:
+    scenario = load(name)
+    lanes = {(lane.edge, lane.index): lane for lane in scenario.lanes}
+    width_m = next(iter(lanes.values())).width_m
+    # The fourth lane from the left goes through from end to end; the middle of the road is two lanes to its left.
+    through = [lanes[edge, max(k for e, k in lanes if e == edge) - 3].shape for edge in COVERED]
+    line = densified(np.concatenate(through))
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    heading = np.gradient(line, axis=0)
+    poles = np.unique([(site.x, site.y) for site in scenario.sites], axis=0)
+    nearest = np.array([np.hypot(*(line - pole).T).argmin() for pole in poles])
+    (ahead_x, ahead_y), (away_x, away_y) = heading[nearest].T, (poles - line[nearest]).T
+    left_m = (ahead_x * away_y - ahead_y * away_x) / np.hypot(ahead_x, ahead_y) - 1.5 * width_m
+    order = np.argsort(along[nearest])
+    gaps = np.diff(along[nearest][order])
+    longer = gaps > spacing_m * 1.1
+    assert len(poles) == count == len(scenario.sites) / 2
+    # The lane is outside the middle of the curve, and longer by up to 1 %.
+    assert gaps[~longer] == pytest.approx(spacing_m, rel=0.04)
+    assert sorted(gaps[longer]) == pytest.approx(longer_m, rel=0.02)
+    # Two lanes and the set-back; one lane more beside a ramp, and some steps where the ramp itself is near.
+    assert np.abs(left_m).min() == pytest.approx(2 * width_m + 12.0, abs=0.3)
+    assert np.abs(left_m).max() < 3 * width_m + 12.5
+    if name == "motorway_sparse":
+        assert (np.diff(np.sign(left_m[order])) != 0).all()
+
+
+def densified(line: Array) -> Array:
+    """A line with points every half metre."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    line, along = line[np.diff(along, prepend=-1.0) > 0], along[np.diff(along, prepend=-1.0) > 0]
+    at = np.arange(0.0, along[-1], 0.5)
+    return np.stack([np.interp(at, along, values) for values in line.T], axis=1)
+
+
+@pytest.mark.parametrize("name", ["motorway", "motorway_sparse"])
+def test_panels_of_the_motorway_face_the_road(name: str) -> None:
+    scenario = load(name)
     ends = [pair for lane in scenario.lanes if not lane.edge.startswith(":") for pair in pairwise(lane.shape)]
     points = np.concatenate([np.linspace(a, b, max(2, int(np.hypot(*(b - a)) / 4.0)), endpoint=False) for a, b in ends])
     for site in scenario.sites:

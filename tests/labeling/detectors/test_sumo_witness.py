@@ -61,7 +61,7 @@ class Change:
     across_s: float
 
 
-@pytest.fixture(scope="module", params=sorted(bundled().keys() - {"straight_road_rectangle"}))
+@pytest.fixture(scope="module", params=sorted(bundled().keys() - {"straight_road_rectangle", "motorway_sparse"}))
 def scene(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Ten minutes of a bundled scenario."""
     import libsumo

@@ -1,0 +1,65 @@
+"""The split of a scene's loss: the same records in every way of knowing them, resumed, and counted per seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from isac_cosim.benchmarks.findings.sensing import loss_split
+from isac_cosim.benchmarks.findings.sensing.loss_split import ENDS, SINGLE, TRUTH, Counts, Split, accuracy, table
+from tests.support.scripted import InlineEngine
+
+STUDY = {
+    "scenarios": ["straight_road"],
+    "source": "kinematic",
+    "sensing": {"channel": {"kind": "link"}},
+    "kinematics": {"per_class": 1, "following_scenes": 0, "lead_s": 5},
+    "record": {"tv_rate_hz": 50.0, "uv_rate_hz": 25.0, "duration_s": 5.0, "before_onset_s": 2.6},
+    "selection": {"per_class": 1, "following": 0},
+}
+SCENES = {"points, tracks": {"fixes_hz": "5"}}
+
+
+@pytest.mark.slow
+def test_every_way_answers_the_same_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loss_split, "TRAINING", {"rule": {}})
+    split = Split(tmp_path, (1, 2, 3), STUDY, SCENES, InlineEngine())
+    records = split.records(split.sense())
+    assert list(records) == [TRUTH, SINGLE, "points, tracks"]
+    first = records[TRUTH]
+    assert 3 <= len(first) <= 18
+    for of in records.values():
+        assert of.table["sample_id"].tolist() == first.table["sample_id"].tolist()
+        assert np.array_equal(of.uv, first.uv)
+        error_m = np.hypot(*(np.asarray(of.tv) - np.asarray(first.tv))[:, :2].transpose(1, 0, 2)).max()
+        assert (error_m == 0) == (of is first)
+    answers = split.answers(records)
+    of_truth = answers["rule"][TRUTH]
+    # The records begin 2.6 s before onset, so no window of 2.2 s ends 0.75 s before it.
+    assert {row[1] for row in of_truth} == {end for ends in ENDS.values() for end in ends if end > -0.75}
+    assert {row[0] for row in of_truth} == set(first.groups)
+    assert sum(row[3] for row in of_truth if row[1] == 0.0) == len(first)
+    assert len(list(table(answers))) == 4
+
+    def never(*_: Any) -> Counts:
+        raise AssertionError("trained again")
+
+    monkeypatch.setattr(loss_split, "cross_validated", never)
+    assert split.answers(records) == answers
+
+
+def test_accuracy_and_its_paired_interval_are_by_seed() -> None:
+    """Against the textbook's interval of a mean of equally large groups."""
+    right, other = np.array([6, 9, 4, 8]), np.array([5, 9, 5, 5])
+    first, second = ([[f"road-{k}", 0.0, "natural", 10, int(n)] for k, n in enumerate(of)] for of in (right, other))
+    every = np.ones(4, dtype=bool)
+    quantile = 3.182446  # of Student's t, 97.5 %, 3 degrees of freedom
+    value, half = accuracy(first, every)
+    assert (value, half) == pytest.approx((0.675, quantile * np.std(right / 10, ddof=1) / 2), rel=1e-5)
+    lost, wide = accuracy(first, every, second)
+    assert (lost, wide) == pytest.approx((0.075, quantile * np.std((right - other) / 10, ddof=1) / 2), rel=1e-5)
+    with pytest.raises(ValueError, match="other windows"):
+        accuracy(first, every, second[::-1])
