@@ -239,11 +239,11 @@ def _checked(read: FcdColumns, where: Path) -> FcdColumns:
 
 def _check_order(rows: Rows, where: Path) -> None:
     """Raise InputError where time runs backwards."""
-    if (back := np.flatnonzero(np.diff(rows.time_ms) < 0)).size:
+    if (back := np.flatnonzero(np.diff(rows.tick) < 0)).size:
         at = int(back[0]) + 1
         raise InputError(
-            f"{where}: row {rows.number[at]}: time runs backwards, from {rows.time_ms[at - 1] / 1e3:g} to "
-            f"{rows.time_ms[at] / 1e3:g} s; sort the states by time"
+            f"{where}: row {rows.number[at]}: time runs backwards, from {rows.time_s(at - 1):g} to "
+            f"{rows.time_s(at):g} s; sort the states by time"
         )
 
 
