@@ -50,7 +50,7 @@ Snr = Annotated[
 Network = Annotated[
     str | None,
     typer.Option(
-        metavar="SCENARIO", help="With --source fcd: the scenario or network that the vehicles were simulated on."
+        metavar="SCENARIO", help="With a file of trajectories as source: the scenario or network that was driven on."
     ),
 ]
 Scene = Annotated[

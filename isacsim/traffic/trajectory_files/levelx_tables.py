@@ -41,9 +41,10 @@ RATES_HZ = (1.0, 1000.0)
 class LevelxRows:
     """The states of a recording that belong to vehicles, shape (n,) each, in the order of the file.
 
-    vehicle: number in `vehicles`. x, y: as in the file, m. length, width: of the box, m. angle: as in the file, degrees;
-    None where boxes are axis-parallel. speed: magnitude of the file's velocity, m/s; None if it names none. number: the
-    line of the file. direction: 1 or 2, as the file numbers directions, of each vehicle, shape (v,); None without any.
+    vehicle: number in `vehicles`. x, y: as in the file, m. length, width: of the box, m. angle: as in the file,
+    degrees; None where boxes are axis-parallel. speed: magnitude of the file's velocity, m/s; None if it names none.
+    number: the line of the file. direction: 1 or 2, as the file numbers directions, of each vehicle, shape (v,); None
+    without any.
     """
 
     vehicles: list[Vehicle]

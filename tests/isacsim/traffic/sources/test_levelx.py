@@ -6,6 +6,7 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -113,7 +114,7 @@ def test_a_place_between_two_markings_is_in_the_lane_between_them(
 ) -> None:
     markings = low + np.concatenate([[0.0], np.cumsum(widths)])
     road = Carriageway("road", markings, forward, 0.0, 100.0)
-    for k, (a, b) in enumerate(zip(markings[:-1], markings[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(markings)):
         y = a + share * (b - a)
         lane = road.lanes[int(road.lane_of(np.array([y]))[0])]
         assert abs(y - lane.shape[0, 1]) <= lane.width_m / 2.0 + 1e-9
@@ -171,8 +172,8 @@ BAD = {
     "no rate": ("recordingMeta", without("frameRate"), r"_recordingMeta\.csv: has no column frameRate"),
     "rate of zero": ("recordingMeta", cell(1, "frameRate", "0"), r"row 2: frameRate is 0\.0; give frames per second"),
     "no markings": ("recordingMeta", without("lowerLaneMarkings"), r"\d+% of its positions are beyond the markings"),
-    "one marking": ("recordingMeta", cell(1, "lowerLaneMarkings", "28.8"), r"lowerLaneMarkings is 28\.8; give the y of"),
-    "text for markings": ("recordingMeta", cell(1, "lowerLaneMarkings", "a;b"), r"lowerLaneMarkings is a;b; give the y"),
+    "one marking": ("recordingMeta", cell(1, "lowerLaneMarkings", "28.8"), r"Markings is 28\.8; give the y of"),
+    "text for markings": ("recordingMeta", cell(1, "lowerLaneMarkings", "a;b"), r"Markings is a;b; give the y"),
     "two recordings": ("recordingMeta", lambda text: text + text.splitlines()[1] + "\n", r"has 2 rows and needs one"),
     "feet": ("tracksMeta", column("width", lambda text: float(text) * 3.28), r"median car is \d+\.\d+ m long"),
     "speeds in km/h": ("tracks", column("xVelocity", lambda text: float(text) * 3.6), r"speeds are 3\.\d+ times"),
@@ -181,7 +182,7 @@ BAD = {
     "no number": ("tracks", cell(5, "x", "wide"), r"cannot be read as a table \(.*wide"),
     "missing": ("tracks", cell(5, "x", ""), r"row 6: x is missing; fix it"),
     "not finite": ("tracks", cell(5, "y", "inf"), r"row 6: y is inf; fix it"),
-    "twice": ("tracks", lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \d+ has two states at \S+ s \(rows"),
+    "twice": ("tracks", lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \d+ has two states at \S+ s"),
     "time runs backwards": ("tracks", swapped, r"row 7: time runs backwards, from frame \d+ to \d+ of vehicle 1"),
     "cut off": ("tracks", lambda text: text[:-20], r"cannot be read as a table .*it may be cut off"),
     "no vehicle": ("tracks", lambda text: text.splitlines()[0] + "\n", r"holds no state of a vehicle"),
