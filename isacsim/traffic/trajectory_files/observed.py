@@ -110,7 +110,8 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
         )
     period = _period(gaps[same], rows.ticks_per_s, where)
     step, rest = np.divmod(rows.tick, period)
-    if (odd := np.flatnonzero(rest != rest[0])).size:
+    rests, counts = np.unique(rest, return_counts=True)
+    if (odd := np.flatnonzero(rest != rests[counts.argmax()])).size:
         raise InputError(
             f"{where}: row {rows.number[odd[0]]} is at {rows.time_s(odd[0]):g} s, between two of the steps of "
             f"{period / rows.ticks_per_s:g} s that the others have; give states at even intervals"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.isacsim.scenarios.lane import Lane
@@ -35,6 +35,7 @@ def matched(lanes: tuple[Lane, ...], x: np.ndarray, y: np.ndarray, heading: comp
 
 
 @pytest.mark.parametrize(("side", "driven"), [(1.0, ["a_0", ":j_a_0", "b_0"]), (-1.0, ["c_0", ":j_c_0", "d_0"])])
+@settings(deadline=None)
 @given(st.floats(-0.2, 0.2))
 def test_inside_a_junction_the_connected_lane_is_meant(side: float, driven: list[str], off: float) -> None:
     x = np.arange(1.0, 239.0, 2.0)
@@ -42,6 +43,7 @@ def test_inside_a_junction_the_connected_lane_is_meant(side: float, driven: list
     assert list(dict.fromkeys(matched(CROSSING, x, y))) == driven
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(-4.4, 7.4), min_size=2, max_size=20))
 def test_beside_each_other_the_nearest_lane_is_meant(y: list[float]) -> None:
     lanes = tuple(lane(f"e_{k}", [[0.0, 3.0 * k], [100.0, 3.0 * k]]) for k in range(3))
