@@ -279,6 +279,7 @@ def train(
         "evaluate predictor --traffic motorway --duration 120",
         "evaluate predictor --traffic motorway --stress",
         "evaluate predictor --traffic motorway --duration 60 --advisories",
+        "evaluate predictor --traffic drive.fcd.csv.gz --source fcd --network motorway --development 1:3 --seeds 4:6",
     ),
 )
 def evaluate(
@@ -296,6 +297,7 @@ def evaluate(
     lanes: opt.InLane = None,
     alone: opt.AloneRun = None,
     source: opt.TrafficSource = None,
+    network: opt.Network = None,
     natural: opt.NaturalTraffic = False,
     stress: opt.Stress = False,
     advisories: opt.Advisories = False,
@@ -327,6 +329,7 @@ def evaluate(
         cluster=cluster,
         lanes=lanes,
         source=source,
+        network=network,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":

@@ -50,7 +50,7 @@ Snr = Annotated[
 Network = Annotated[
     str | None,
     typer.Option(
-        metavar="SCENARIO", help="With a file of trajectories as source: the scenario or network that was driven on."
+        metavar="SCENARIO", help="With a --source of trajectory files: the scenario or network that was driven on."
     ),
 ]
 Scene = Annotated[
@@ -69,7 +69,7 @@ TrafficScenario = Annotated[
     typer.Option(
         "--traffic",
         metavar="SCENARIO",
-        help="Evaluate live in running traffic: name of a bundled scenario, folder, or .sumocfg.",
+        help="Evaluate live in running traffic: name of a bundled scenario, folder, .sumocfg, or with --source a file.",
     ),
 ]
 TrafficSource = Annotated[

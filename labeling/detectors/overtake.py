@@ -66,9 +66,9 @@ class OvertakeDetector:
 
     Every other change to the faster side stays one. It carries a mark, and becomes no sample, where the other vehicle
     was passed without a return within `horizon_s` (`passed_did_not_return`), and where the vehicle left the road or the
-    recording ended within `horizon_s` with the outcome open (`unresolved`). Of tracks that are all shorter than that, as in
-    recordings by drones, `judged` keeps more: see `OvertakeSettings`. An overtake whose return is not seen is then a
-    lane change, or `passed_did_not_return`, and a part of each class is of another than it seems.
+    recording ended within `horizon_s` with the outcome open (`unresolved`). Where all tracks are shorter than that, as
+    in recordings by drones, `judged` keeps more of them: see `OvertakeSettings`. An overtake whose return is not seen
+    is then a lane change, or `passed_did_not_return`.
 
     Fails where the other vehicle turns off before it is passed (it counts as not passed), and where the passing is done
     in the oncoming lane, which belongs to another edge. Passing on the slower side is no overtake.

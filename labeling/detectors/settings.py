@@ -49,9 +49,9 @@ class LabelSettings(Settings):
     """What counts as each intention.
 
     preset: names this set of values; other values need another name. A name in `FORMER` stands for the values that it
-    had, in datasets made with it as in new studies, and one in `VARIANTS` for its values. width_s: part of the definitions, because the
-    thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with another one
-    (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
+    had, in datasets made with it as in new studies, and one in `VARIANTS` for its own. width_s: part of the
+    definitions, because the thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with
+    another one (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
     One section for each built-in detector, under its name. detectors: further detectors that the study selects, each
     with its settings; every one replaces the built-in definition of the intentions that it finds (see
     `labeling.detectors.protocol.Detector`). Stored only where it is not empty.

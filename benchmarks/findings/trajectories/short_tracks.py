@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.detectors.settings import LabelSettings
 from isac_cosim.labeling.generation.settings import DatasetStudy
-from isac_cosim.labeling.intentions import KNOWN, Event
+from isac_cosim.labeling.intentions import KNOWN, Event, Intention
 
 SCENARIO = "straight_road"
 STRETCH_M, LONGEST_S = 420.0, 14.0
@@ -36,7 +37,7 @@ def cut(recording: Recording) -> Recording:
     for name, track in recording.tracks.items():
         stretch = np.floor_divide(track.x, STRETCH_M)
         edges = [0, *(np.flatnonzero(np.diff(stretch) != 0) + 1).tolist(), len(track)]
-        starts = [k for a, b in zip(edges[:-1], edges[1:], strict=True) for k in range(a, b, longest)]
+        starts = [k for a, b in pairwise(edges) for k in range(a, b, longest)]
         for number, (a, b) in enumerate(zip(starts, [*starts[1:], len(track)], strict=True)):
             rows = {column: getattr(track, column)[a:b] for column in COLUMNS}
             tracks[f"{name}#{number}"] = replace(
@@ -62,7 +63,7 @@ def main() -> None:
     print(f"| preset | {' | '.join(known.text for known in KNOWN)} |")
     print("| --- " * (len(KNOWN) + 1) + "|")
     for preset in PRESETS:
-        counts = {known: [0, 0, 0] for known in KNOWN}
+        counts: dict[Intention, list[int]] = {known: [0, 0, 0] for known in KNOWN}
         for recording in recordings:
             short = events_of(cut(recording), preset)
             for event in events_of(recording, preset):
