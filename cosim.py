@@ -136,8 +136,6 @@ def generate(
     Repeat the command to continue an interrupted dataset.
     """
     from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of
-    from isac_cosim.command_line.streams import generate_and_show
-    from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
     wanted = one_of(samples, windows)
@@ -147,13 +145,12 @@ def generate(
         raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
     study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene, network)
-    feedback = output.feedback_of(console, verbose)
+    feedback, engine = output.feedback_of(console, verbose), opt.engine_of(jobs, cluster, out)
     if streams:
-        engine = opt.engine_of(jobs, cluster, out)
-        output.print_json(as_json, generate_and_show(study, out, engine, feedback, console))
-        return
-    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
-    output.print_json(as_json, output.show_dataset(dataset, console))
+        from isac_cosim.command_line.streams import generate_and_show
+    else:
+        from isac_cosim.command_line.generation import generate_and_show
+    output.print_json(as_json, generate_and_show(study, out, engine, feedback, console))
 
 
 @app.command(
@@ -279,7 +276,6 @@ def train(
         "evaluate predictor --traffic motorway --duration 120",
         "evaluate predictor --traffic motorway --stress",
         "evaluate predictor --traffic motorway --duration 60 --advisories",
-        "evaluate predictor --traffic drive.fcd.csv.gz --source fcd --network motorway --development 1:3 --seeds 4:6",
     ),
 )
 def evaluate(
