@@ -2,22 +2,73 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import output
 
 if TYPE_CHECKING:
+    from isac_cosim.models.runs.run import Run
     from isac_cosim.models.runs.settings import TrainSettings
 
 
-def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Console) -> dict[str, Any]:
-    """Train a predictor, with a warning of what its scores will lack, and show how that ended.
+@dataclass(frozen=True)
+class TrainArguments:
+    """The options of `train`; model: None for the default. uv, lanes, truth: of a training on streams."""
 
-    Returns what `--json` prints.
-    """
+    model: str | None
+    epochs: int | None
+    seed: int
+    held_out: str | None
+    uv: bool = True
+    lanes: bool = True
+    truth: bool = False
+
+    def settings(self, of_streams: bool) -> TrainSettings:
+        """Return the settings of the training. Raises InputError if options do not fit each other or the data."""
+        from isac_cosim.base.settings import checked
+        from isac_cosim.models import DEFAULT
+        from isac_cosim.models.hazards.registry import DEFAULT as DEFAULT_ON_STREAMS
+        from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
+        from isac_cosim.models.predictors.registry import PREDICTORS
+        from isac_cosim.models.runs.settings import TrainSettings
+
+        given = {"--no-uv": not self.uv, "--no-lanes": not self.lanes, "--truth": self.truth}
+        if not of_streams and (wrong := [option for option, is_given in given.items() if is_given]):
+            raise InputError(f"{wrong[0]} applies to streams, and this is a dataset of records; remove it")
+        model = self.model or (DEFAULT_ON_STREAMS if of_streams else DEFAULT)
+        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
+        if self.epochs is not None and model in registry and not registry[model].is_network:
+            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
+        content: dict[str, Any] = {
+            "model": model,
+            "seed": self.seed,
+            "held_out": self.held_out,
+            "optimiser": {} if self.epochs is None else {"epochs": self.epochs},
+        }
+        if of_streams:
+            content["streams"] = {"uv": self.uv, "lanes": self.lanes, "truth": self.truth}
+        return checked(TrainSettings, content, "arguments")
+
+
+def train_and_show(data: Path, out: Path, arguments: TrainArguments, console: Console) -> dict[str, Any]:
+    """Train a predictor on a dataset or on streams, and show how that ended. Returns what `--json` prints."""
+    from isac_cosim.labeling.streams.dataset import META_FILE, Streams
+    from isac_cosim.models.training.on_streams import train_on_streams
+
+    if not (data / META_FILE).is_file():
+        return output.show_run(_on_records(data, out, arguments.settings(False), console), console)
+    streams = Streams.open(data)
+    run = train_on_streams(streams, out, arguments.settings(True), output.feedback_of(console))
+    return output.show_run(run, console)
+
+
+def _on_records(data: Path, out: Path, settings: TrainSettings, console: Console) -> Run:
+    """Train a predictor on records, with a warning of what its scores will lack."""
     from isac_cosim.base.feedback import Foreword
     from isac_cosim.evaluation.on_windows.coverage import lacking
     from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
@@ -28,4 +79,4 @@ def train_and_show(data: Path, out: Path, settings: TrainSettings, console: Cons
     foreword = Foreword(output.feedback_of(console), lacking(dataset, settings, EvaluateSettings()), output.warn)
     run = train(dataset, out, settings, foreword)
     foreword.say()
-    return output.show_run(run, console)
+    return run

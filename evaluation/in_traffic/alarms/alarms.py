@@ -25,6 +25,8 @@ from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 
 NEVER = -np.inf
 """The level of an intention for which a window cannot raise an alarm."""
+LEAST_PROBABILITY = 1e-6
+"""The log-odds of what is less likely, or less unlikely, are not told apart."""
 
 
 def is_pause(gap_s: Array | float, decision_s: float) -> BoolArray:
@@ -154,6 +156,15 @@ def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
         sure = answers.probabilities[rows, likeliest] >= least_probability
         level[rows[sure], likeliest[sure]] = answers.score[sure]
     return level
+
+
+def hazard_levels(answers: Answers) -> Float32Array:
+    """Return the levels of a run that was trained on streams, the log-odds of each intention, (n, 6)."""
+    odds = np.full(answers.probabilities.shape, NEVER, np.float32)
+    some = answers.probabilities > LEAST_PROBABILITY
+    probability = np.minimum(answers.probabilities[some].astype(np.float64), 1 - LEAST_PROBABILITY)
+    odds[some] = np.log(probability / (1 - probability))
+    return odds
 
 
 def confirmed(levels: Levels, k: int, n: int) -> Levels:
