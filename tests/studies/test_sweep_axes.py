@@ -11,6 +11,7 @@ import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
 from isac_cosim.isacsim.traffic.sources.fcd import FcdSettings
+from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study, read_study
 from isac_cosim.studies.sweep_axes import WayOfSensing
@@ -58,6 +59,7 @@ def test_a_network_may_have_motion_from_elsewhere() -> None:
         simulated.labels, simulated.record, simulated.sensing
     )  # fmt: skip
     assert (recorded.seeds.first, recorded.seeds.last) == (1, 10_000)  # as many as the files have blocks
+    assert estimate(recorded).episodes == 4
 
 
 def test_the_bundled_study_from_simulation_to_recordings_tests_both_ways() -> None:

@@ -30,6 +30,8 @@ SAMPLED = 50_000
 """So many states show whether a network is the one that was driven on."""
 MOST_JUMPS = 0.5
 """Where a larger share of lane changes are jumps, vehicles do not move sideways."""
+USUAL_BLOCKS = 2
+"""About how many blocks a recording has: those of roads last 15 to 20 minutes."""
 ROW_CPU_S = 6e-6
 """About how much processor time a state costs, read and labelled, s."""
 
@@ -146,6 +148,9 @@ class FileSource(MotionSource):
                 "motion to see; simulate with --lateral-resolution 5, or --lanechange.duration 4"
             )
         return Recording(scenario.name, seed, read.sampling.step_s, scenario.lanes, found, lefthand=scenario.lefthand)
+
+    def expected_episodes(self, seeds: int) -> int:
+        return min(seeds, USUAL_BLOCKS)
 
     def expected_cpu_s(self) -> float:
         return self.settings.block_min * 60.0 * 25.0 * 50.0 * ROW_CPU_S
