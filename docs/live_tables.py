@@ -25,6 +25,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
 )
 from isac_cosim.evaluation.in_traffic.settings import Sharing
 from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.models.predictors.registry import PREDICTORS
 
@@ -258,8 +259,7 @@ def _in(interval: Interval | None, sign: str = "") -> str:
 
 
 def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *rows])
-    return f"### {title}\n\n{lines}\n"
+    return f"### {title}\n\n{markdown(head, rows)}\n"
 
 
 def main() -> None:
