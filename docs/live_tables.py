@@ -27,11 +27,10 @@ from isac_cosim.evaluation.in_traffic.settings import Sharing
 from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
-from isac_cosim.models.predictors.registry import PREDICTORS
 
 RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""
-METHODS = {"reject": "unknown score", "background": "answer “none”"}
+METHODS = {"reject": "unknown score", "background": "answer “none”", "hazard": "its log-odds"}
 TRUE_MOTION = "true motion"
 BASELINES = {"rule": "rule of the road", "situation": "trees on the situation"}
 SAFETY = {
@@ -89,12 +88,12 @@ def compared(result: TrafficResult) -> dict[str, AlarmResult]:
 
 
 def _named(result: TrafficResult) -> str:
-    return PREDICTORS[result.model].display_name
+    return result.made_by.run.settings.predictor_class.display_name
 
 
 def _alone(alone: AloneResult) -> dict[str, AlarmResult]:
     """Return what is compared where a vehicle has no UV."""
-    name = PREDICTORS[alone.model].display_name
+    name = alone.run.settings.predictor_class.display_name
     of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in alone.methods.items()}
     return {**of_run, **_baselines(alone.baselines)}
 
