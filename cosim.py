@@ -136,8 +136,6 @@ def generate(
     Repeat the command to continue an interrupted dataset.
     """
     from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of
-    from isac_cosim.command_line.streams import generate_and_show
-    from isac_cosim.labeling.generation.generate import generate as generate_dataset
 
     console = output.console_of(quiet)
     wanted = one_of(samples, windows)
@@ -147,13 +145,12 @@ def generate(
         raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
     study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene, network)
-    feedback = output.feedback_of(console, verbose)
+    feedback, engine = output.feedback_of(console, verbose), opt.engine_of(jobs, cluster, out)
     if streams:
-        engine = opt.engine_of(jobs, cluster, out)
-        output.print_json(as_json, generate_and_show(study, out, engine, feedback, console))
-        return
-    dataset = generate_dataset(study, out, opt.engine_of(jobs, cluster, out), feedback)
-    output.print_json(as_json, output.show_dataset(dataset, console))
+        from isac_cosim.command_line.streams import generate_and_show
+    else:
+        from isac_cosim.command_line.generation import generate_and_show
+    output.print_json(as_json, generate_and_show(study, out, engine, feedback, console))
 
 
 @app.command(
@@ -288,6 +285,7 @@ def evaluate(
     lanes: opt.InLane = None,
     alone: opt.AloneRun = None,
     source: opt.TrafficSource = None,
+    network: opt.Network = None,
     natural: opt.NaturalTraffic = False,
     stress: opt.Stress = False,
     advisories: opt.Advisories = False,
@@ -319,6 +317,7 @@ def evaluate(
         cluster=cluster,
         lanes=lanes,
         source=source,
+        network=network,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":

@@ -13,6 +13,8 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.parsing import number_range
 from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import options, output
+from isac_cosim.command_line.arguments import of_network
+from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
 
@@ -40,6 +42,7 @@ class LiveArguments:
     cluster: str | None = None
     lanes: bool | None = None
     source: str | None = None
+    network: str | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -79,9 +82,10 @@ def evaluate_and_show(
     worlds = source_class(source).natural is not None
     if arguments.natural or arguments.stress:
         natural_world(source)
+    sections = {} if arguments.network is None else {of_network(source): {"network": resolved(arguments.network)}}
     chosen = (loaded.card, scenario, seeds, development, arguments.duration, settings)
     natural = worlds and (bool(arguments.natural) or not arguments.advisories)
-    study = study_of(*chosen, natural=natural, source=source)
+    study = study_of(*chosen, natural=natural, source=source, sections=sections)
     stressed = study_of(*chosen, source=source) if arguments.stress else None
     kind = f"-advisories{'-natural' if natural else ''}" if arguments.advisories else ""
     folder = out or run / f"traffic-{Path(scenario).name}{kind}"

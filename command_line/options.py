@@ -70,7 +70,7 @@ Snr = Annotated[
 Network = Annotated[
     str | None,
     typer.Option(
-        metavar="SCENARIO", help="With --source fcd: the scenario or network that the vehicles were simulated on."
+        metavar="SCENARIO", help="With a --source of trajectory files: the scenario or network that was driven on."
     ),
 ]
 Scene = Annotated[
@@ -89,7 +89,7 @@ TrafficScenario = Annotated[
     typer.Option(
         "--traffic",
         metavar="SCENARIO",
-        help="Evaluate live in running traffic: name of a bundled scenario, folder, or .sumocfg.",
+        help="Evaluate live in running traffic: name of a bundled scenario, folder, .sumocfg, or with --source a file.",
     ),
 ]
 TrafficSource = Annotated[

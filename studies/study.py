@@ -6,10 +6,11 @@ import importlib.resources
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from isac_cosim.base.parsing import channel
-from isac_cosim.base.settings import Settings, checked, read_toml
+from isac_cosim.base.settings import Settings, checked, merged, read_toml
+from isac_cosim.base.validation import first_fault
 from isac_cosim.evaluation.in_traffic.settings import SEEDS
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
@@ -90,6 +91,15 @@ class Study(Settings):
         return self
 
     @model_validator(mode="after")
+    def _datasets_are_sound(self) -> Self:
+        for scenario in self.sweep.datasets if self.sweep is not None else ():
+            try:
+                self._dataset_of(scenario)
+            except ValidationError as error:
+                raise ValueError(f"sweep.datasets.{scenario}.{first_fault(error, DatasetStudy)}") from None
+        return self
+
+    @model_validator(mode="after")
     def _scene_among_the_sensors(self) -> Self:
         if self.sweep is not None and self.dataset.sensing.scene is not None:
             raise ValueError(
@@ -130,12 +140,25 @@ class Study(Settings):
 
         Without scenarios in the sweep, the study's own together are one network.
         """
-        axes, dataset = self.axes, self.dataset.model_copy(update={"sensing": self.sensing_at(self.first.snr)})
+        axes = self.axes
         if not axes.scenarios:
+            dataset = self.dataset.model_copy(update={"sensing": self.sensing_at(self.first.snr)})
             return {"+".join(map(network_name, dataset.scenarios)): dataset}
-        return {
-            network_name(scenario): dataset.model_copy(update={"scenarios": (scenario,)}) for scenario in axes.scenarios
-        }
+        return {network_name(scenario): self._dataset_of(scenario) for scenario in axes.scenarios}
+
+    def _dataset_of(self, scenario: str) -> DatasetStudy:
+        """Return the settings of the dataset of one network of the sweep."""
+        own = self.axes.datasets.get(scenario)
+        sensing = self.sensing_at(self.first.snr)
+        dataset = self.dataset.model_copy(update={"scenarios": (scenario,), "sensing": sensing})
+        if own is not None:
+            content = dataset.model_dump()
+            if own.get("source", dataset.source) != dataset.source:
+                # Another source has other sections, worlds and seeds; all else is as in the others.
+                kept = DatasetStudy.model_fields.keys() - {"source", "world", "seeds"}
+                content = {key: value for key, value in content.items() if key in kept}
+            dataset = DatasetStudy.model_validate(merged(content, own))
+        return dataset
 
     @property
     def first(self) -> WayOfSensing:

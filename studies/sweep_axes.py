@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -54,6 +54,10 @@ class SweepAxes(Settings):
     training_seeds: tuple[Seed, ...] = Field(
         (), description="training seeds; the table has mean and standard deviation over them"
     )
+    datasets: dict[str, dict[str, Any]] = Field(
+        {},
+        description="settings of `dataset` that a network has otherwise, by its name: another source, say",
+    )
     test_on: tuple[str, ...] = Field((), description="networks on which the predictors of the others are tested, too")
 
     @model_validator(mode="after")
@@ -65,6 +69,8 @@ class SweepAxes(Settings):
             raise ValueError("snr applies to the sites only: add isac to sensors, or remove snr")
         if unlisted := [network for network in self.test_on if network not in self.scenarios]:
             raise ValueError(f"test_on names {unlisted[0]}, which is not among scenarios: add it there")
+        if unlisted := [network for network in self.datasets if network not in self.scenarios]:
+            raise ValueError(f"datasets names {unlisted[0]}, which is not among scenarios: add it there")
         return self
 
 
@@ -127,4 +133,4 @@ def network_name(scenario: str) -> str:
 
 def _values(axes: SweepAxes) -> list[tuple[str, Sequence[Hashable]]]:
     """Return the values on each axis but `scenarios`, by its name."""
-    return [(name, values) for name, values in axes if name != "scenarios"]
+    return [(name, values) for name, values in axes if name not in ("scenarios", "datasets")]

@@ -16,6 +16,9 @@ from isac_cosim.labeling.road.surroundings import Surroundings
 
 Verdict = Literal["overtaken", "not_passed", "passed_did_not_return", "unresolved"]
 
+Judged = Literal["horizon", "track", "never"]
+"""By what a pull-out is judged: what follows within the horizon, what is seen of it, or not at all."""
+
 SAMPLE_S = 0.1
 """Interval at which the gap between two vehicles is sampled, s."""
 
@@ -28,6 +31,11 @@ class OvertakeSettings(Settings):
     )
     before_onset_s: float = Field(
         1.0, ge=0.0, le=10.0, description="how long before onset the vehicle ahead is looked up, s"
+    )
+    judged: Judged = Field(
+        "horizon",
+        description="horizon: a pull-out whose track ends before the horizon is unresolved, unless it returned; track: "
+        "it is what it was when its track ended; never: every pull-out is a lane change, and there is no overtake",
     )
     look_ahead_m: float = Field(100.0, gt=0.0, le=500.0, description="maximum gap to the vehicle ahead, m")
 
@@ -58,7 +66,9 @@ class OvertakeDetector:
 
     Every other change to the faster side stays one. It carries a mark, and becomes no sample, where the other vehicle
     was passed without a return within `horizon_s` (`passed_did_not_return`), and where the vehicle left the road or the
-    recording ended within `horizon_s` with the outcome open (`unresolved`).
+    recording ended within `horizon_s` with the outcome open (`unresolved`). Where all tracks are shorter than that, as
+    in recordings by drones, `judged` keeps more of them: see `OvertakeSettings`. An overtake whose return is not seen
+    is then a lane change, or `passed_did_not_return`.
 
     Fails where the other vehicle turns off before it is passed (it counts as not passed), and where the passing is done
     in the oncoming lane, which belongs to another edge. Passing on the slower side is no overtake.
@@ -119,6 +129,8 @@ class OvertakeDetector:
 
         changes: all completed lane changes of the changing vehicle, in order of crossing.
         """
+        if self.settings.judged == "never":
+            return PullOutOutcome("not_passed")
         track = surroundings.recording.tracks[change.vehicle]
         last_seen = float(surroundings.recording.times(track)[-1])
         horizon = change.onset + self.settings.horizon_s
@@ -127,7 +139,7 @@ class OvertakeDetector:
         passed = _passes(surroundings, change, other, until)
         if return_time is not None and return_time <= horizon:
             return PullOutOutcome("overtaken", return_time) if passed else PullOutOutcome("not_passed")
-        if last_seen < horizon:
+        if last_seen < horizon and self.settings.judged == "horizon":
             return PullOutOutcome("unresolved")
         return PullOutOutcome("passed_did_not_return" if passed else "not_passed")
 

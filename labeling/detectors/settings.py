@@ -33,17 +33,25 @@ FORMER: dict[str, dict[str, dict[str, float | None]]] = {
     "isac-1": {"following": {"before_s": 2.6, "after_s": 2.4, "lateral_mps": None, "acceleration_mps2": None}}
 }
 """Earlier default definitions by name: for each section what differed from today's."""
+VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
+    f"{PRESET}-as-seen": {"overtake": {"judged": "track"}},
+    f"{PRESET}-one-change": {"overtake": {"judged": "never"}},
+}
+"""Definitions for tracks that are shorter than what a label needs, by name: what differs from today's."""
 UNSTORED = {"isac-1": {"following": ("lateral_mps", "acceleration_mps2")}}
 """Settings that earlier definitions did not have: left out where those are stored, so that they read as ever."""
+
+NAMED: dict[str, dict[str, dict[str, Any]]] = {**FORMER, **VARIANTS}
+JUDGED = OvertakeSettings().judged
 
 
 class LabelSettings(Settings):
     """What counts as each intention.
 
     preset: names this set of values; other values need another name. A name in `FORMER` stands for the values that it
-    had, in datasets made with it as in new studies. width_s: part of the definitions, because the
-    thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with another one
-    (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
+    had, in datasets made with it as in new studies, and one in `VARIANTS` for its own. width_s: part of the
+    definitions, because the thresholds apply to motion smoothed with this kernel. Sensed motion may be conditioned with
+    another one (`isacsim.traffic.motion.MotionSettings`); the events stay the same.
     One section for each built-in detector, under its name. detectors: further detectors that the study selects, each
     with its settings; every one replaces the built-in definition of the intentions that it finds (see
     `labeling.detectors.protocol.Detector`). Stored only where it is not empty.
@@ -105,10 +113,10 @@ class LabelSettings(Settings):
     @classmethod
     def _read_former(cls, content: Any) -> Any:
         preset = content.get("preset") if isinstance(content, Mapping) else None
-        if not isinstance(preset, str) or preset not in FORMER:
+        if not isinstance(preset, str) or preset not in NAMED:
             return content
         former = dict(content)
-        for name, values in FORMER[preset].items():
+        for name, values in NAMED[preset].items():
             section = content.get(name, {})
             if isinstance(section, Mapping):
                 former[name] = {**values, **section}
@@ -116,10 +124,10 @@ class LabelSettings(Settings):
 
     @model_validator(mode="after")
     def _named_apart(self) -> Self:
-        if self.preset != PRESET and self.preset not in FORMER:
+        if self.preset != PRESET and self.preset not in NAMED:
             return self
         for name, field in type(self).model_fields.items():
-            values = FORMER.get(self.preset, {}).get(name)
+            values = NAMED.get(self.preset, {}).get(name)
             expected = field.default if values is None else field.default.model_copy(update=values)
             if name != "preset" and getattr(self, name) != expected:
                 raise ValueError(
@@ -132,6 +140,8 @@ class LabelSettings(Settings):
         content: dict[str, Any] = serialize(self)
         if not self.detectors:
             content.pop("detectors", None)
+        if self.overtake.judged == JUDGED:
+            content.get("overtake", {}).pop("judged", None)  # which earlier versions did not have
         for name, settings in UNSTORED.get(self.preset, {}).items():
             for setting in settings:
                 content[name].pop(setting, None)

@@ -42,7 +42,7 @@ def estimate(study: DatasetStudy) -> EpisodeCost:
     source, record, selection = motion_source(study), study.record, study.selection
     allowed = len(KNOWN) * selection.per_class + selection.following
     per_episode = YIELD * min(allowed, source.expected_samples())
-    episodes = len(study.seeds) * len(study.scenarios)
+    episodes = source.expected_episodes(len(study.seeds)) * len(study.scenarios)
     if selection.windows is not None:
         episodes = min(episodes, math.ceil(selection.windows / per_episode))
     samples = round(episodes * per_episode)

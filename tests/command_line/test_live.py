@@ -27,6 +27,8 @@ from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
 from tests.support.scripted import InlineEngine, ScriptedSource
+from tests.support.sumo_recording import motorway_recording
+from tests.support.trajectory_writers import states, write_fcd
 
 NOTHING = LiveArguments()
 
@@ -143,6 +145,52 @@ def test_the_study_of_the_command_is_that_of_the_arguments(run: Run, monkeypatch
     assert study.seeds == [5, 6, 3, 4]
     assert study.live.streams.truth
     assert study.dataset.traffic.duration_s == 20.0
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """FCD of the bundled motorway with two blocks: the second half of the minute is an hour later."""
+    by_time = states(motorway_recording(), every=4)
+    middle = list(by_time)[len(by_time) // 2]
+    halves = {time if time < middle else round(time + 3600.0, 2): present for time, present in by_time.items()}
+    return write_fcd(tmp_path / "drive.fcd.parquet", halves)
+
+
+def test_a_file_is_evaluated_in_the_open_loop(
+    run: Run, drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
+    out = tmp_path / "live"
+    words = [
+        "evaluate",
+        str(run.path),
+        "--traffic",
+        str(drive),
+        "--source",
+        "fcd",
+        "--network",
+        "motorway",
+        "-o",
+        str(out),
+    ]
+    assert cosim.main([*words, "--development", "1:1", "--seeds", "2:2", "--json"]) == 0
+    captured = capfd.readouterr()
+    result = json.loads(captured.out.splitlines()[-1])
+    assert result["made_by"]["seeds"] == ["drive-2"]
+    assert result["made_by"]["study"]["dataset"]["source"] == "fcd"
+    assert result["vehicle_hours"] > 0
+    assert "in 2 block(s)" in captured.err
+    for arguments, message in (
+        (["--advisories"], "source fcd: has recordings only"),
+        (["--stress"], "source fcd has no world"),
+        (["--duration", "30"], "--duration: recordings of source fcd have their own length"),
+        ([], "drive: has no seed of 2001:2100; it has 1 to 2; name others"),
+        (["--seeds", "2:3", "--development", "1:1"], "drive: has no seed 3; give other"),
+    ):
+        assert cosim.main([*words, *arguments]) == 2
+        assert message in capfd.readouterr().err.replace("\n", " ")
+    with pytest.raises(InputError, match="--network: source sumo reads no road network"):
+        evaluate_and_show(run.path, "motorway", LiveArguments(network="motorway"), None, (), Console())
 
 
 def test_options_of_the_closed_loop_need_one() -> None:

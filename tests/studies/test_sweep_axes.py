@@ -10,6 +10,8 @@ import pytest
 import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.traffic.sources.fcd import FcdSettings
+from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study, read_study
 from isac_cosim.studies.sweep_axes import WayOfSensing
@@ -46,6 +48,31 @@ def test_the_bundled_sweep_is_as_documented() -> None:
     assert study.sensing_at("-20:-10").channel.snr_range_db == (-20.0, -10.0)
 
 
+def test_a_network_may_have_motion_from_elsewhere() -> None:
+    own = {"source": "fcd", "scenarios": ["a.fcd.csv", "b.fcd.csv"], "fcd": {"network": "motorway"}}
+    study = study_of(scenarios=["motorway", "recorded"], test_on=["motorway", "recorded"], datasets={"recorded": own})
+    simulated, recorded = study.networks["motorway"], study.networks["recorded"]
+    assert (simulated.source, simulated.scenarios) == ("sumo", ("motorway",))
+    assert (recorded.source, recorded.scenarios) == ("fcd", ("a.fcd.csv", "b.fcd.csv"))
+    assert recorded.of(FcdSettings).network == "motorway"
+    assert (recorded.labels, recorded.record, recorded.sensing) == (
+        simulated.labels, simulated.record, simulated.sensing
+    )  # fmt: skip
+    assert (recorded.seeds.first, recorded.seeds.last) == (1, 10_000)  # as many as the files have blocks
+    assert estimate(recorded).episodes == 4
+
+
+def test_the_bundled_study_from_simulation_to_recordings_tests_both_ways() -> None:
+    study = read_study(Path(cosim.__file__).parent / "studies" / "sim_to_real.toml")
+    assert {network: dataset.source for network, dataset in study.networks.items()} == {
+        "motorway": "sumo", "recorded": "levelx"
+    }  # fmt: skip
+    assert {dataset.labels.preset for dataset in study.networks.values()} == {"isac-2-one-change"}
+    assert set(study.axes.test_on) == set(study.networks)
+    with pytest.raises(InputError, match=r"there is no file .*highD/data/01_tracks\.csv: give a file of trajectories"):
+        study.check_scenarios()
+
+
 WRONG: dict[str, dict[str, Any]] = {
     "sweep.seeds: unknown key": {"seeds": [1]},
     "sweep.snr.1: snr loud: is not a range, a value or link": {"snr": ["0:10", "loud"]},
@@ -56,6 +83,12 @@ WRONG: dict[str, dict[str, Any]] = {
     "sweep: training_seeds has 1 twice": {"training_seeds": [1, 1]},
     "sweep: scenarios has road twice": {"scenarios": ["a/road", "b/road.sumocfg"]},
     "sweep: snr applies to the sites only": {"snr": ["link"], "sensors": ["truth"]},
+    "sweep: datasets names south, which is not among scenarios": {"scenarios": ["north"], "datasets": {"south": {}}},
+    "sweep.datasets.north.source: ": {"scenarios": ["north"], "datasets": {"north": {"source": "sonar"}}},
+    "sweep.datasets.north.fcd.noise: unknown key": {
+        "scenarios": ["north"],
+        "datasets": {"north": {"source": "fcd", "fcd": {"noise": 1}}},
+    },
     "sweep: test_on names south, which is not among scenarios": {"scenarios": ["north"], "test_on": ["south"]},
 }
 

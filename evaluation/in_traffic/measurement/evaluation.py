@@ -9,7 +9,7 @@ DIR/speed.json        processor time of the episodes
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -96,6 +96,7 @@ def study_of(
     live: LiveSettings | None = None,
     natural: bool = False,
     source: str = DEFAULT,
+    sections: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> LiveStudy:
     """Return the study of an evaluation, with the settings of the dataset that the run was trained on.
 
@@ -104,11 +105,11 @@ def study_of(
     whole samples of these.
     seeds, development: first and last seed; by default, alarms are chosen on DEVELOPMENT_H vehicle-hours. duration_s:
     of an episode, s. natural: if true, drivers are left alone: no causes, commands or disturbances. source: name of the
-    motion source.
+    motion source. sections: settings of the source that are given, by section.
     Raises InputError if an argument is wrong, or the dataset's study cannot be read.
     """
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
-    given: dict[str, Any] = {"source": source}
+    given: dict[str, Any] = {"source": source, **(sections or {})}
     if stored.get("source", DEFAULT) != source:
         stored = {key: value for key, value in stored.items() if key in DatasetStudy.model_fields.keys() - {"world"}}
     if natural:

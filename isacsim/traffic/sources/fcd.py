@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
-from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
@@ -33,6 +33,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
@@ -239,11 +240,11 @@ def _checked(read: FcdColumns, where: Path) -> FcdColumns:
 
 def _check_order(rows: Rows, where: Path) -> None:
     """Raise InputError where time runs backwards."""
-    if (back := np.flatnonzero(np.diff(rows.time_ms) < 0)).size:
+    if (back := np.flatnonzero(np.diff(rows.tick) < 0)).size:
         at = int(back[0]) + 1
         raise InputError(
-            f"{where}: row {rows.number[at]}: time runs backwards, from {rows.time_ms[at - 1] / 1e3:g} to "
-            f"{rows.time_ms[at] / 1e3:g} s; sort the states by time"
+            f"{where}: row {rows.number[at]}: time runs backwards, from {rows.time_s(at - 1):g} to "
+            f"{rows.time_s(at):g} s; sort the states by time"
         )
 
 
@@ -280,8 +281,6 @@ def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[Vehicle], list[
     return vehicles, list(unknown)
 
 
-BESIDE_M = 500.0
-"""Vehicles may be so far outside the bounds of their network, m."""
 LONGEST_DEG, WIDEST_DEG = 180.0, 90.0
 
 
@@ -291,18 +290,9 @@ def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, A
     SUMO's own coordinates, and unshifted ones (`--fcd-output.utm`), are told apart by the bounds of the network: only
     XML names the option. Raises InputError for positions elsewhere, and for longitudes and latitudes.
     """
-    offset = _net_offset(road.network)
-    points = np.concatenate([lane.shape for lane in road.lanes])
-    low, high = points.min(axis=0) - BESIDE_M, points.max(axis=0) + BESIDE_M
-
-    def inside(east: Array, north: Array) -> BoolArray:
-        return np.asarray((east >= low[0]) & (east <= high[0]) & (north >= low[1]) & (north <= high[1]))
-
-    sampled = slice(None, None, max(1, len(x) // 10_000))
-    for shift in ((0.0, 0.0), offset):
-        east, north = x + (shift[0] - road.origin[0]), y + (shift[1] - road.origin[1])
-        if inside(east[sampled], north[sampled]).mean() >= 0.5:
-            return east, north
+    placed = in_plane(x, y, road, ((0.0, 0.0), net_offset(road.network)))
+    if placed is not None:
+        return placed
     if (np.abs(x) <= LONGEST_DEG).all() and (np.abs(y) <= WIDEST_DEG).all():
         raise InputError(
             f"{where}: its positions look like longitudes and latitudes; write it without --fcd-output.geo, or with "
@@ -312,15 +302,3 @@ def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, A
         f"{where}: most of its positions, such as {x[0]:g}, {y[0]:g}, are outside {road.network}; name the network "
         "that was driven on"
     )
-
-
-def _net_offset(network: Path) -> tuple[float, float]:
-    """Return what netconvert added to the projected coordinates of a network, m."""
-    for element in elements(network):
-        if element.name == "location":
-            try:
-                east, north = (float(part) for part in element.attributes["netOffset"].split(","))
-            except (KeyError, ValueError):
-                break
-            return east, north
-    return 0.0, 0.0

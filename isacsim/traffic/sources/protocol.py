@@ -92,6 +92,10 @@ class MotionSource(Protocol):
         """Return about how much processor time one recording takes, s, for estimates."""
         return 1.0
 
+    def expected_episodes(self, seeds: int) -> int:
+        """Return about how many recordings of one scenario there are among so many seeds, for estimates."""
+        return seeds
+
     def expected_samples(self) -> float:
         """Return about how many samples one recording could give, for estimates."""
         return math.inf

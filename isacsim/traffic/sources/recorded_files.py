@@ -30,6 +30,8 @@ SAMPLED = 50_000
 """So many states show whether a network is the one that was driven on."""
 MOST_JUMPS = 0.5
 """Where a larger share of lane changes are jumps, vehicles do not move sideways."""
+USUAL_BLOCKS = 2
+"""About how many blocks a recording has: those of roads last 15 to 20 minutes."""
 ROW_CPU_S = 6e-6
 """About how much processor time a state costs, read and labelled, s."""
 
@@ -86,16 +88,24 @@ class FileSource(MotionSource):
     def settings(self) -> FileSettings:
         """The settings of the source."""
 
+    def file_at(self, where: Path) -> Path:
+        """Return the file that holds the trajectories of what the user named, a file or a folder. Raises InputError."""
+        return where
+
+    def files_beside(self, where: Path) -> tuple[Path, ...]:
+        """Return the files that are read together with a file of trajectories."""
+        return ()
+
     @abstractmethod
     def open(self, where: Path) -> Opened:
-        """Read what the user named. Raises InputError where it is missing, cannot be read, or cannot be right."""
+        """Read a file of trajectories. Raises InputError where it is missing, cannot be read, or cannot be right."""
 
     def load(self, where: str) -> Scenario:
         """Return the road, the sites, and the file as the scenario's demand."""
         path = Path(where)
         if not path.exists():
             raise InputError(f"there is no file {where}: give a file of trajectories, or leave out --source")
-        return opened(self, path).scenario
+        return opened(self, self.file_at(path)).scenario
 
     def inputs(self, scenario: Scenario) -> Mapping[str, str]:
         return digests_of(opened(self, scenario.demand[0]).inputs)
@@ -139,6 +149,9 @@ class FileSource(MotionSource):
             )
         return Recording(scenario.name, seed, read.sampling.step_s, scenario.lanes, found, lefthand=scenario.lefthand)
 
+    def expected_episodes(self, seeds: int) -> int:
+        return min(seeds, USUAL_BLOCKS)
+
     def expected_cpu_s(self) -> float:
         return self.settings.block_min * 60.0 * 25.0 * 50.0 * ROW_CPU_S
 
@@ -148,8 +161,8 @@ class FileSource(MotionSource):
 
 def opened(source: FileSource, where: Path) -> Opened:
     """Return what is read of a file; it is read once a process and as long as it does not change."""
-    files = [where] if where.is_file() else sorted(path for path in where.iterdir() if path.is_file())
-    marks = tuple((state.st_ino, state.st_size, state.st_mtime_ns) for state in (path.stat() for path in files))
+    states = [path.stat() for path in (where, *source.files_beside(where)) if path.exists()]
+    marks = tuple((state.st_ino, state.st_size, state.st_mtime_ns) for state in states)
     return _opened(source, where, marks)
 
 

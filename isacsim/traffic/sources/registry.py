@@ -10,10 +10,15 @@ from isac_cosim.base.registry import Registry
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.sources.fcd import FcdSource
 from isac_cosim.isacsim.traffic.sources.kinematic import KinematicSource
+from isac_cosim.isacsim.traffic.sources.levelx import LevelxSource
+from isac_cosim.isacsim.traffic.sources.ngsim import NgsimSource
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, RunningSource
 from isac_cosim.isacsim.traffic.sources.simulated import SumoSource
 
-OWN: Mapping[str, type[MotionSource]] = {"sumo": SumoSource, "kinematic": KinematicSource, "fcd": FcdSource}
+OWN: Mapping[str, type[MotionSource]] = {
+    "sumo": SumoSource, "kinematic": KinematicSource, "fcd": FcdSource, "levelx": LevelxSource,
+    "ngsim": NgsimSource,
+}  # fmt: skip
 """The motion sources of this project."""
 MOTION_SOURCES: Registry[type[MotionSource]] = Registry("motion source", OWN, group="isac_cosim.motion_sources")
 """Classes of motion sources, by the name that a study gives as `source`."""

@@ -33,28 +33,34 @@ class Vehicle:
 class Rows:
     """States in the order of their file, shape (n,) each.
 
-    vehicle: number of the vehicle. time_ms: ms. x, y: front bumper centre, m. lane: number of the lane, -1 if the file
-    names none. speed: what the file says, m/s; None if it says nothing. number: the line of the file, or the number of
-    the state in it, for messages.
+    vehicle: number of the vehicle. tick: time, in whole ticks. ticks_per_s: milliseconds, or the frames of a
+    camera. x, y: front bumper centre, m. lane: number of the lane, -1 if the file names none. speed:
+    what the file says, m/s; None if it says nothing. number: the line of the file, or the number of the state in it,
+    for messages.
     """
 
     vehicle: Int32Array
-    time_ms: IntArray
+    tick: IntArray
     x: Array
     y: Array
     lane: Int32Array
     speed: Float32Array | None
     number: IntArray
+    ticks_per_s: float = 1e3
 
     def __len__(self) -> int:
         return len(self.vehicle)
+
+    def time_s(self, row: int) -> float:
+        """Return the time of a row, s."""
+        return float(self.tick[row]) / self.ticks_per_s
 
     def of(self, which: BoolArray | IntArray) -> Rows:
         """Return some of the rows."""
         speed = None if self.speed is None else self.speed[which]
         return Rows(
-            self.vehicle[which], self.time_ms[which], self.x[which], self.y[which], self.lane[which], speed,
-            self.number[which],
+            self.vehicle[which], self.tick[which], self.x[which], self.y[which], self.lane[which], speed,
+            self.number[which], self.ticks_per_s,
         )  # fmt: skip
 
 
@@ -91,41 +97,44 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
     by_id = np.argsort(np.array([vehicle.id for vehicle in vehicles], object), kind="stable")
     place = np.empty(len(by_id), np.int32)
     place[by_id] = np.arange(len(by_id), dtype=np.int32)
-    order = np.lexsort((rows.time_ms, place[rows.vehicle]))
+    order = np.lexsort((rows.tick, place[rows.vehicle]))
     rows = rows.of(order)
     number = place[rows.vehicle]
     same = number[1:] == number[:-1]
-    gaps = np.diff(rows.time_ms)
+    gaps = np.diff(rows.tick)
     if (twice := np.flatnonzero(same & (gaps == 0))).size:
         first = int(twice[0])
         raise InputError(
-            f"{where}: vehicle {vehicles[by_id[number[first]]].id} has two states at {rows.time_ms[first] / 1e3:g} s "
+            f"{where}: vehicle {vehicles[by_id[number[first]]].id} has two states at {rows.time_s(first):g} s "
             f"(rows {rows.number[first]} and {rows.number[first + 1]}); leave one of them out"
         )
-    period_ms = _period_ms(gaps[same], where)
-    step, rest = np.divmod(rows.time_ms, period_ms)
-    if (odd := np.flatnonzero(rest != rest[0])).size:
+    period = _period(gaps[same], rows.ticks_per_s, where)
+    step, rest = np.divmod(rows.tick, period)
+    rests, counts = np.unique(rest, return_counts=True)
+    if (odd := np.flatnonzero(rest != rests[counts.argmax()])).size:
         raise InputError(
-            f"{where}: row {rows.number[odd[0]]} is at {rows.time_ms[odd[0]] / 1e3:g} s, between two of the steps of "
-            f"{period_ms / 1e3:g} s that the others have; give states at even intervals"
+            f"{where}: row {rows.number[odd[0]]} is at {rows.time_s(odd[0]):g} s, between two of the steps of "
+            f"{period / rows.ticks_per_s:g} s that the others have; give states at even intervals"
         )
     if step.max() - step.min() > MOST_STEPS:
-        raise InputError(f"{where}: spans {(step.max() - step.min()) * period_ms / 1e3:g} s; cut it into several files")
+        raise InputError(
+            f"{where}: spans {(step.max() - step.min()) * period / rows.ticks_per_s:g} s; cut it into several files"
+        )
     present = np.unique(number)
     starts = np.searchsorted(number, np.append(present, len(by_id)))
     kept = tuple(vehicles[by_id[k]] for k in present.tolist())
-    return Observed(period_ms / 1e3, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed)
+    return Observed(period / rows.ticks_per_s, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed)
 
 
-def _period_ms(gaps_ms: IntArray, where: object) -> int:
-    """Return the time between two states that most vehicles have, ms. Raises InputError where it is too long."""
-    if not len(gaps_ms):
+def _period(gaps: IntArray, ticks_per_s: float, where: object) -> int:
+    """Return the ticks between two states that most vehicles have. Raises InputError where they are too many."""
+    if not len(gaps):
         raise InputError(f"{where}: no vehicle has two states; give a file with trajectories")
-    values, counts = np.unique(gaps_ms, return_counts=True)
-    period_ms = int(values[counts.argmax()])
-    if period_ms > LONGEST_PERIOD_S * 1e3:
+    values, counts = np.unique(gaps, return_counts=True)
+    period = int(values[counts.argmax()])
+    if period / ticks_per_s > LONGEST_PERIOD_S:
         raise InputError(
-            f"{where}: the states of a vehicle are {period_ms / 1e3:g} s apart, and a maneuver takes no longer; "
+            f"{where}: the states of a vehicle are {period / ticks_per_s:g} s apart, and a maneuver takes no longer; "
             f"give states at most {LONGEST_PERIOD_S:g} s apart"
         )
-    return period_ms
+    return period

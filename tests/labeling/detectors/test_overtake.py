@@ -8,6 +8,7 @@ from isac_cosim.labeling.detectors.overtake import OvertakeDetector, OvertakeSet
 from isac_cosim.labeling.detectors.settings import LabelSettings
 from isac_cosim.labeling.intentions import Event, Intention
 from isac_cosim.labeling.road.surroundings import Surroundings
+from isac_cosim.labeling.samples.candidates import for_pair
 from tests.support.drives import WIDTH_M, Drive, Road, Stretch, record, sweep, total
 
 ROAD = Road((Stretch(700.0), Stretch(6.0, internal=True), Stretch(250.0, (-1, 0, 1, 2)), Stretch(6000.0)))
@@ -68,6 +69,29 @@ def test_no_pass_within_the_horizon_is_a_left_lane_change() -> None:
 def test_end_of_the_track_before_the_outcome_is_unresolved(duration_s: float) -> None:
     event, _ = pulling_out(traffic(None, duration_s=duration_s))
     assert event.mark == "unresolved"
+
+
+@pytest.mark.parametrize(("duration_s", "mark"), [(13.5, None), (18.0, "passed_did_not_return")])
+def test_a_short_track_may_be_judged_by_what_is_seen_of_it(duration_s: float, mark: str | None) -> None:
+    """The vehicle crosses the marking at 12 s, and its rear has passed the other's front at about 16 s."""
+    settings = LabelSettings.model_validate({"preset": "isac-2-as-seen"})
+    assert settings.overtake.judged == "track"
+    labels = label(traffic(None, duration_s=duration_s), settings)
+    [event] = [event for event in labels.events if event.intention in (Intention.LEFT_LANE_CHANGE, Intention.OVERTAKE)]
+    assert (event.intention, event.mark) == (Intention.LEFT_LANE_CHANGE, mark)
+    whole = label(traffic(returns_at=20.0), settings)
+    assert len(whole.of(Intention.OVERTAKE)) == 1
+
+
+@pytest.mark.parametrize(("returns_at", "duration_s"), [(20.0, 70.0), (None, 70.0), (None, 18.0)])
+def test_every_pull_out_may_be_a_lane_change(returns_at: float | None, duration_s: float) -> None:
+    settings = LabelSettings.model_validate({"preset": "isac-2-one-change"})
+    recording = traffic(returns_at, duration_s=duration_s)
+    labels = label(recording, settings)
+    [event] = labels.of(Intention.LEFT_LANE_CHANGE)
+    assert (event.mark, labels.of(Intention.OVERTAKE)) == (None, [])
+    for_uv = for_pair(Surroundings(recording), labels, event, "uv")
+    assert (for_uv.intention, for_uv.mark) == (Intention.LEFT_LANE_CHANGE, None)
 
 
 def test_passing_is_by_the_rear_over_the_front() -> None:

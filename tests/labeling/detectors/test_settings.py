@@ -68,6 +68,19 @@ def test_a_preset_s_name_stands_for_its_values() -> None:
         assert LabelSettings.model_validate({"preset": "other", **changed}) != LabelSettings()
 
 
+def test_definitions_for_short_tracks_have_names_and_are_stored() -> None:
+    assert "judged" not in LabelSettings().model_dump()["overtake"]  # as before there was a choice
+    for preset, judged in (("isac-2-as-seen", "track"), ("isac-2-one-change", "never")):
+        settings = LabelSettings.model_validate({"preset": preset})
+        stored = settings.model_dump(mode="json")
+        assert (stored["preset"], stored["overtake"]["judged"]) == (preset, judged)
+        assert LabelSettings.model_validate(stored) == settings
+        with pytest.raises(ValidationError, match=f"overtake differs from preset {preset}"):
+            LabelSettings.model_validate({"preset": preset, "overtake": {"judged": "horizon"}})
+    with pytest.raises(ValidationError, match="differs from preset isac-2"):
+        LabelSettings.model_validate({"overtake": {"judged": "track"}})
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

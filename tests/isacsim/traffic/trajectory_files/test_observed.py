@@ -64,6 +64,15 @@ def test_blocks_are_equal_and_apart(length: int, block_s: float, gap_s: float) -
     assert all(later.first - earlier.last - 1 >= gap_s / 0.1 - 2 for earlier, later in pairwise(cut))
 
 
+def test_stretches_of_time_with_nobody_between_have_blocks_of_their_own() -> None:
+    states = observed(
+        *rows_of({"a": list(range(300)), "b": list(range(1200, 2000)), "c": list(range(1950, 2600))}), "f"
+    )
+    cut = blocks(states, 80.0, 10.0)
+    assert [(block.first, block.last) for block in cut] == [(0, 299), (1200, 1849), (1950, 2599)]
+    assert len(blocks(states, 80.0, 100.0)) == len(blocks(states, 3600.0, 100.0)) + 1
+
+
 def test_who_was_there_before() -> None:
     states = observed(
         *rows_of({"early": list(range(100)), "late": list(range(850, 1000)), "both": list(range(1000))}), "f"

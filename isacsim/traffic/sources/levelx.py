@@ -1,0 +1,216 @@
+"""The motion source `levelx`: recordings of drivers by drones, in levelXdata's format (highD, exiD, inD, rounD, uniD).
+
+Formats: see `trajectory_files.levelx_tables`. In highD, a position is the upper left corner of a box parallel to the
+axes, y points down, `width` is the length of the vehicle, frames count from 1, and direction 1 leads leftward on the
+upper half of the image. Lanes lie between the markings that the recording's meta file names. In the others, a position
+is the centre of a box, `heading` is in degrees counter-clockwise, and frames count from 0; they name no lanes that a
+vehicle could be placed in, so that a road network is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pyarrow as pa
+from pydantic import Field
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.scenarios import scenario
+from isac_cosim.isacsim.scenarios.scenario import Scenario
+from isac_cosim.isacsim.traffic.sources.recorded_files import (
+    FileSettings,
+    FileSource,
+    Opened,
+    check_observed,
+    scenario_name,
+    sites_for,
+)
+from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
+from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
+from isac_cosim.isacsim.traffic.trajectory_files.lane_matching import match_lanes
+from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
+from isac_cosim.isacsim.traffic.trajectory_files.levelx_tables import (
+    TRACKS,
+    LevelxFiles,
+    LevelxRows,
+    files_of,
+    read_recording_meta,
+    read_tracks,
+)
+from isac_cosim.isacsim.traffic.trajectory_files.marked_lanes import Carriageway, lanes_and_numbers
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, observed
+from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset
+
+MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
+"""The columns that name the y of markings, m, by the half of the image."""
+UTM_ORIGIN = ("xUtmOrigin", "yUtmOrigin")
+"""The columns that name the origin of a recording's coordinates, m in UTM."""
+RIGHTWARD = 2
+MOST_AGAINST = 0.5
+"""Where a larger share of the vehicles drives against its direction, an axis is turned."""
+
+
+class LevelxSettings(FileSettings):
+    """How recordings by drones become episodes, and where the road is that they do not name."""
+
+    network: str | None = Field(
+        None, min_length=1, description="scenario or network that was driven on; highD needs none; --network names it"
+    )
+
+
+@dataclass(frozen=True)
+class LevelxSource(FileSource):
+    """Drivers that a drone has filmed, in the format of levelXdata."""
+
+    levelx: LevelxSettings
+    sections: ClassVar = {"levelx": LevelxSettings}
+
+    @property
+    def settings(self) -> LevelxSettings:
+        return self.levelx
+
+    def file_at(self, where: Path) -> Path:
+        return files_of(where).tracks
+
+    def files_beside(self, where: Path) -> tuple[Path, ...]:
+        files = files_of(where)
+        return files.tracks_meta, files.recording_meta
+
+    def open(self, where: Path) -> Opened:
+        files = files_of(where)
+        read = _with_markings if files.has_corners else _on_network
+        place, states, rounded, remarks = read(self.levelx, files)
+        noise_m = self.levelx.noise_m
+        if noise_m is None:
+            noise_m = noise_of_rounding(rounded)
+        remarks = [*check_observed(self.levelx, states, LanePlaces(place.lanes), where), *remarks]
+        sites = sites_for(self.levelx, place.sites, place.lanes, states, place.origin, place.lefthand)
+        inputs = [where, files.tracks_meta, files.recording_meta]
+        if not files.has_corners:
+            inputs.append(place.network)
+        if self.levelx.sites is not None:
+            inputs.append(Path(self.levelx.sites))
+        elif place.sites:
+            inputs += place.additional
+        place = replace(place, name=scenario_name(where, (TRACKS,)), demand=(where,), additional=(), sites=sites)
+        return Opened(place, states, tuple(dict.fromkeys(inputs)), noise_m, tuple(remarks))
+
+
+_Read = tuple[Scenario, Observed, float, list[str]]
+"""The road of a recording, its states, to what its positions are rounded, m, and what is to be said of it."""
+
+
+def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
+    """Return a recording whose lanes lie between straight markings, as those of highD do."""
+    where = files.tracks
+    if settings.network is not None:
+        raise InputError(f"{where}: its lanes lie between the markings that it names; leave out --network")
+    meta, rate_hz = read_recording_meta(files.recording_meta, dict.fromkeys(MARKINGS.values(), pa.string()))
+    read, remarks = read_tracks(files)
+    assert read.direction is not None  # the format has it
+    forward = (read.direction == RIGHTWARD)[read.vehicle]
+    front, y = read.x + np.where(forward, read.length, 0.0), -(read.y + read.width / 2.0)
+    _check_directions(read, front, forward, where)
+    start, end = float(np.floor(read.x.min())), float(np.ceil((read.x + read.length).max()))
+    halves = [
+        Carriageway(half, markings, half == "lower", start, end)
+        for half, column in MARKINGS.items()
+        if len(markings := _markings(meta[column], column, files.recording_meta))
+    ]
+    if not halves:
+        raise InputError(f"{files.recording_meta}: row 2: names no lane markings; fetch it again")
+    lanes, lane = lanes_and_numbers(halves, y, [forward == half.forward for half in halves])
+    _check_on_road(lane, read, f"beyond the markings that {files.recording_meta.name} names", where)
+    states = observed(_rows(read, front, y, lane, rate_hz), read.vehicles, where)
+    place = Scenario("", files.recording_meta, (where,), (), (0.0, 0.0), lanes, ())
+    return place, states, rounding_of(read.x, read.y), remarks
+
+
+def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
+    """Return a recording that names centres and headings of boxes, on a road network of its own."""
+    where = files.tracks
+    if settings.network is None:
+        raise InputError(f"{where}: does not say where lanes are; name a network of that place by --network SCENARIO")
+    road = scenario.load_without_sites(settings.network)
+    meta, rate_hz = read_recording_meta(files.recording_meta, dict.fromkeys(UTM_ORIGIN, pa.float64()))
+    read, remarks = read_tracks(files)
+    assert read.angle is not None  # the format has it
+    heading = np.exp(1j * np.radians(read.angle))
+    front = read.x + 1j * read.y + heading * (read.length / 2.0)
+    shifts = [(0.0, 0.0)]
+    if None not in meta.values():
+        east, north = net_offset(road.network)
+        shifts.append((meta[UTM_ORIGIN[0]] + east, meta[UTM_ORIGIN[1]] + north))
+    placed = in_plane(front.real, front.imag, road, shifts)
+    if placed is None:
+        raise InputError(
+            f"{where}: most of its positions, such as {front[0].real:g}, {front[0].imag:g}, are outside "
+            f"{road.network}; name a network of that place, in the recording's own coordinates or in UTM"
+        )
+    x, y = placed
+    order = np.lexsort((read.frame, read.vehicle))
+    lane = np.empty(len(order), np.int32)
+    lane[order] = match_lanes(LanePlaces(road.lanes), (x + 1j * y)[order], heading[order], read.vehicle[order])
+    _check_on_road(lane, read, f"on no lane of {road.network}", where)
+    states = observed(_rows(read, x, y, lane, rate_hz), read.vehicles, where)
+    return road, states, rounding_of(read.x, read.y), remarks
+
+
+def _rows(read: LevelxRows, x: Array, y: Array, lane: Int32Array, rate_hz: float) -> Rows:
+    speed = None if read.speed is None else read.speed.astype(np.float32)
+    return Rows(read.vehicle, read.frame, x, y, lane, speed, read.number, rate_hz)
+
+
+def _check_on_road(lane: Int32Array, read: LevelxRows, off: str, where: Path) -> None:
+    """Raise InputError where too many positions are in no lane. off: where they are, for the message."""
+    share = float((lane < 0).mean())
+    if share > MOST_OFF_ROAD:
+        raise InputError(
+            f"{where}: {share:.0%} of its positions are {off}, such as row {read.number[int(np.argmax(lane < 0))]}; "
+            "give the road of this recording"
+        )
+
+
+def _markings(text: str | None, column: str, where: Path) -> Array:
+    """Return the y of markings in the plane, where y points up, ascending, m. Raises InputError where they are none."""
+    if not text or not text.strip(" ;"):
+        return np.empty(0)
+    try:
+        down = np.array([float(part) for part in text.strip(" ;").split(";")])
+    except ValueError:
+        down = np.full(2, np.nan)
+    if len(down) < 2 or not np.isfinite(down).all() or (np.diff(down) < LEAST_LANE_M).any():
+        raise InputError(
+            f"{where}: row 2: {column} is {text:.60}; give the y of two or more markings, m, ascending, "
+            "with ';' between them"
+        )
+    return -down[::-1]
+
+
+LEAST_LANE_M = 1.0
+"""Markings that are closer together, m, have no lane between them."""
+
+
+def _check_directions(read: LevelxRows, front: Array, forward: Array, where: Path) -> None:
+    """Raise InputError where most vehicles drive against the direction that the file names."""
+    order = np.lexsort((read.frame, read.vehicle))
+    vehicle = read.vehicle[order]
+    first = np.flatnonzero(np.concatenate([[True], vehicle[1:] != vehicle[:-1]]))
+    last = np.append(first[1:], len(vehicle)) - 1
+    driven = front[order][last] - front[order][first]
+    moved = np.abs(driven) > LEAST_DRIVEN_M
+    against = moved & ((driven > 0.0) != forward[order][first])
+    if against.sum() > MOST_AGAINST * moved.sum():
+        row = int(read.number[order][first[np.argmax(against)]])
+        raise InputError(
+            f"{where}: row {row}: vehicle {read.vehicles[vehicle[first[np.argmax(against)]]].id} and most others drive "
+            "against their drivingDirection; give x as highD does, or the meta file of this recording"
+        )
+
+
+LEAST_DRIVEN_M = 5.0
+"""A vehicle that is driven less far, m, does not show its direction."""

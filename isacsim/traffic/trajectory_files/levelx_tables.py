@@ -1,0 +1,243 @@
+"""The tables of a recording in levelXdata's format, with their units and conventions as they are in the files.
+
+A recording is three CSV files: `NN_tracks.csv` with a row for each vehicle and frame, `NN_tracksMeta.csv` with one for
+each vehicle, `NN_recordingMeta.csv` with one in all. Formats: of highD (Krajewski et al., ITSC 2018; version 1.0), and
+of inD, rounD, exiD and uniD (Bock et al., IV 2020; Moers et al., IV 2022), as levelxdata.com describes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Vehicle
+from isac_cosim.isacsim.traffic.trajectory_files.tables import batches, header_of
+from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import LONGEST_M, SIZES_M
+
+TRACKS, TRACKS_META, RECORDING_META = "_tracks.csv", "_tracksMeta.csv", "_recordingMeta.csv"
+KINDS = {
+    "car": "passenger", "van": "delivery", "truck": "truck", "truck_bus": "truck", "bus": "bus", "trailer": "trailer",
+    "motorcycle": "motorcycle", "bicycle": "bicycle",
+}  # fmt: skip
+"""SUMO vehicle classes of the classes of road users."""
+PERSONS = frozenset({"pedestrian", "animal"})
+"""Road users that are no vehicles: they are left out."""
+UNSIZED = frozenset({"motorcycle", "bicycle"})
+"""Kinds whose sizes the files may give as 0."""
+SPEEDS = ("xVelocity", "yVelocity")
+MOST = 1e7
+"""Numbers beyond this are no coordinates in metres, and no frames."""
+RATES_HZ = (1.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class LevelxRows:
+    """The states of a recording that belong to vehicles, shape (n,) each, in the order of the file.
+
+    vehicle: number in `vehicles`. x, y: as in the file, m. length, width: of the box, m. angle: as in the file,
+    degrees; None where boxes are axis-parallel. speed: magnitude of the file's velocity, m/s; None if it names none.
+    number: the line of the file. direction: 1 or 2, as the file numbers directions, of each vehicle, shape (v,); None
+    without any.
+    """
+
+    vehicles: list[Vehicle]
+    vehicle: Int32Array
+    frame: IntArray
+    x: Array
+    y: Array
+    length: Array
+    width: Array
+    angle: Array | None
+    speed: Array | None
+    number: IntArray
+    direction: IntArray | None
+
+
+@dataclass(frozen=True)
+class LevelxFiles:
+    """The files of a recording."""
+
+    tracks: Path
+    tracks_meta: Path
+    recording_meta: Path
+
+    @property
+    def has_corners(self) -> bool:
+        """Whether positions are corners of axis-parallel boxes, as in highD, and not centres of turned ones."""
+        return "xCenter" not in header_of(self.tracks)
+
+
+def files_of(where: Path) -> LevelxFiles:
+    """Return the files of the recording that the user named: its tracks, or a folder that holds it alone.
+
+    Raises InputError where there are none or several, or one is missing.
+    """
+    if where.is_dir():
+        found = sorted(where.glob(f"*{TRACKS}"))
+        if len(found) != 1:
+            fault = f"has {len(found)} recordings" if found else "has no recording"
+            example = found[0] if found else where / f"01{TRACKS}"
+            raise InputError(f"{where}: {fault}; name the tracks of each that you mean, such as {example}")
+        where = found[0]
+    if not where.name.endswith(TRACKS):
+        raise InputError(f"{where}: is no recording of levelX; name its tracks, a file like 01{TRACKS}")
+    stem = where.name[: -len(TRACKS)]
+    beside = [where.with_name(f"{stem}{ending}") for ending in (TRACKS_META, RECORDING_META)]
+    for file in beside:
+        if not file.is_file():
+            raise InputError(f"{file}: is missing, and {where.name} cannot be read without it; put it beside that file")
+    return LevelxFiles(where, *beside)
+
+
+def read_recording_meta(file: Path, columns: Mapping[str, pa.DataType]) -> tuple[dict[str, Any], float]:
+    """Return values of a recording's meta file, None where it lacks a column, and the frame rate, Hz.
+
+    Raises InputError where the file cannot be read, or names no rate.
+    """
+    read = list(batches(file, {**columns, "frameRate": pa.float64()}, ("frameRate",)))
+    rows = [row for batch in read for row in batch.to_pylist()]
+    if len(rows) != 1:
+        raise InputError(f"{file}: has {len(rows)} rows and needs one, that of its recording; fetch it again")
+    values = {name: rows[0].get(name) for name in columns}
+    rate = rows[0]["frameRate"]
+    low, high = RATES_HZ
+    if rate is None or not low <= rate <= high:
+        raise InputError(f"{file}: row 2: frameRate is {rate}; give frames per second, {low:g} to {high:g}")
+    return values, float(rate)
+
+
+def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
+    """Return the states of the vehicles of a recording, and what is to be said of them, a line each.
+
+    Raises InputError where a file cannot be read, lacks a column, or holds a value that cannot be.
+    """
+    corners = files.has_corners
+    ids, vehicles, direction, remarks = _read_vehicles(files.tracks_meta, corners)
+    identity, x, y, length = ("id", "x", "y", "width") if corners else ("trackId", "xCenter", "yCenter", "length")
+    across = "height" if corners else "width"
+    whole, needed = ("frame", identity), [x, y, length, across, *([] if corners else ["heading"])]
+    columns = {
+        **dict.fromkeys(whole, pa.int64()),
+        **dict.fromkeys((*needed, *SPEEDS), pa.float64()),
+    }
+    values = _columns(files.tracks, columns, (*whole, *needed), SPEEDS)
+    if not len(values["frame"]):
+        raise InputError(f"{files.tracks}: holds no state of a vehicle; fetch it again")
+    at = _places(ids, len(vehicles), values[identity].astype(np.int64), files)
+    kept = np.flatnonzero(at >= 0)
+    if not len(kept):
+        raise InputError(f"{files.tracks}: holds persons only, and no vehicle; name another recording")
+    speed = np.hypot(*(values[name][kept] for name in SPEEDS)) if values.keys() >= set(SPEEDS) else None
+    rows = LevelxRows(
+        vehicles, at[kept], values["frame"][kept].astype(np.int64), values[x][kept], values[y][kept],
+        values[length][kept], values[across][kept], None if corners else values["heading"][kept], speed,
+        kept + 2, direction,
+    )  # fmt: skip
+    _check_order(rows, files.tracks)
+    return rows, remarks
+
+
+def _read_vehicles(file: Path, corners: bool) -> tuple[IntArray, list[Vehicle], IntArray | None, list[str]]:
+    """Return the ids of the road users of a file; the vehicles among them, and their directions; and remarks.
+
+    The ids are those of the vehicles, in their order, and then those of persons.
+    """
+    identity, length, width = ("id", "width", "height") if corners else ("trackId", "length", "width")
+    whole = (identity, "drivingDirection") if corners else (identity,)
+    needed = (*whole, length, width, "class")
+    columns = {**dict.fromkeys(whole, pa.int64()), length: pa.float64(), width: pa.float64()}
+    values = _columns(file, columns, (*whole, length, width))
+    classes = [named for batch in batches(file, {"class": pa.string()}, needed) for named in batch["class"].to_pylist()]
+    ids = values[identity].astype(np.int64)
+    if not len(ids):
+        raise InputError(f"{file}: names no vehicle; fetch it again")
+    _, first, counts = np.unique(ids, return_index=True, return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"{file}: vehicle {ids[first[counts > 1][0]]} has two rows; leave one of them out")
+    vehicles, rows, persons, unknown = list[Vehicle](), list[int](), list[int](), dict[str, None]()
+    for row, named in enumerate(classes):
+        kind = (named or "").strip().lower()
+        if kind in PERSONS:
+            persons.append(row)
+            continue
+        if kind not in KINDS:
+            unknown[named or "(none)"] = None
+        vehicles.append(_vehicle(int(ids[row]), KINDS.get(kind, "passenger"), float(values[length][row]),
+                                 float(values[width][row]), f"{file}: row {row + 2}"))  # fmt: skip
+        rows.append(row)
+    direction = values["drivingDirection"].astype(np.int64)[rows] if corners else None
+    if direction is not None and (wrong := np.flatnonzero((direction != 1) & (direction != 2))).size:
+        raise InputError(
+            f"{file}: row {rows[wrong[0]] + 2}: drivingDirection is {direction[wrong[0]]}; give 1 (leftward) or 2 "
+            "(rightward)"
+        )
+    remarks = []
+    if unknown:
+        remarks.append(f"the classes {', '.join(list(unknown)[:3])} are not known: their vehicles are taken for cars")
+    if persons:
+        remarks.append(f"{len(persons)} persons are left out")
+    return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, remarks
+
+
+def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str) -> Vehicle:
+    if kind in UNSIZED and not (length_m > 0.0 and width_m > 0.0):
+        length_m, width_m = SIZES_M[kind]
+    if not (0.0 < length_m <= LONGEST_M and 0.0 < width_m <= LONGEST_M):
+        raise InputError(
+            f"{where}: vehicle {number} is {length_m:g} m x {width_m:g} m; give more than 0 and at most {LONGEST_M:g} m"
+        )
+    return Vehicle(str(number), kind, length_m, width_m)
+
+
+def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles) -> Int32Array:
+    """Return the number of each row's vehicle, -1 for persons. Raises InputError for one that is not in the meta file.
+
+    ids: of so many vehicles and of persons, at least one in all. named: by the rows.
+    """
+    order = np.argsort(ids, kind="stable")
+    at = order[np.minimum(np.searchsorted(ids[order], named), len(ids) - 1)]
+    if (lost := np.flatnonzero(ids[at] != named)).size:
+        raise InputError(
+            f"{files.tracks}: row {lost[0] + 2}: vehicle {named[lost[0]]} is not in {files.tracks_meta.name}; fetch "
+            "both files again"
+        )
+    return np.where(at < vehicles, at, -1).astype(np.int32)
+
+
+def _check_order(rows: LevelxRows, where: Path) -> None:
+    """Raise InputError where the frames of a vehicle run backwards."""
+    by_vehicle = np.argsort(rows.vehicle, kind="stable")
+    frame, vehicle = rows.frame[by_vehicle], rows.vehicle[by_vehicle]
+    if (back := np.flatnonzero((np.diff(frame) < 0) & (vehicle[1:] == vehicle[:-1]))).size:
+        at = int(back[0])
+        raise InputError(
+            f"{where}: row {rows.number[by_vehicle[at + 1]]}: time runs backwards, from frame {frame[at]} to "
+            f"{frame[at + 1]} of vehicle {rows.vehicles[vehicle[at]].id}; sort the states by frame"
+        )
+
+
+def _columns(
+    file: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str], wanted: Sequence[str] = ()
+) -> dict[str, Array]:
+    """Return columns of numbers. needed: must be in the file, and each value a number. wanted: only if it is there.
+
+    Raises InputError where a value is missing, or cannot be a coordinate or the number of a frame.
+    """
+    parts: dict[str, list[Array]] = {name: [] for name in needed}
+    for batch in batches(file, columns, needed):
+        for name in (*needed, *wanted):
+            if name in batch.schema.names:
+                parts.setdefault(name, []).append(np.array(batch[name].to_numpy(zero_copy_only=False), float))
+    values = {name: np.concatenate(held) if held else np.empty(0) for name, held in parts.items()}
+    for name in needed:
+        if (wrong := np.flatnonzero(~(np.abs(values[name]) < MOST))).size:
+            found = "missing" if np.isnan(values[name][wrong[0]]) else f"{values[name][wrong[0]]:g}"
+            raise InputError(f"{file}: row {wrong[0] + 2}: {name} is {found}; fix it")
+    return values
