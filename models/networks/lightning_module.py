@@ -26,6 +26,7 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.augment import AugmentSettings, augmented
 from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.labelled_windows import epoch_ends, validation_ends
 from isac_cosim.models.data.pre_onset import pre_onset_windows
 from isac_cosim.models.data.windows import Ends, Records, Windows, cut, draw_ends
 from isac_cosim.models.networks.losses import exposure_loss
@@ -51,9 +52,7 @@ class WindowData(lightning.LightningDataModule):
         super().__init__()
         self.training, self.validation, self.settings = training, validation, settings
         self.next_epoch = 0
-        self.fixed = draw_ends(
-            validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
-        )
+        self.fixed = validation_ends(validation, settings)
 
     @property
     def validated(self) -> list[Intention]:
@@ -68,11 +67,7 @@ class WindowData(lightning.LightningDataModule):
 
     def epoch_ends(self, epoch: int) -> Ends:
         """Return the ends of an epoch's training windows of known intentions, shuffled."""
-        settings = self.settings
-        ends = draw_ends(
-            self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
-        )
-        return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
+        return epoch_ends(self.training, self.settings, epoch)
 
     def epoch_windows(self, epoch: int) -> LabelledEnds:
         """Return the ends and labels of an epoch's training windows, shuffled.
