@@ -19,7 +19,7 @@ from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import HelpfulCommand, examples
-from isac_cosim.command_line.road_network import network_app
+from isac_cosim.command_line.registration import add_commands
 from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import DEFAULT, FLOOR
 
@@ -29,7 +29,6 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a SUMO road network to an evaluated predictor of driver intentions, fed by simulated ISAC sensing.",
 )
-app.add_typer(network_app, name="network")
 
 
 @app.callback()
@@ -405,6 +404,9 @@ def bench(
     result = benchmarks.run_all(output.feedback_of(console)) if what is None else benchmarks.run(what)
     show_bench(result, console)
     output.print_json(as_json, result)
+
+
+add_commands(app)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

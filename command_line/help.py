@@ -71,6 +71,7 @@ def _imported(place: str) -> Any:
 PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
     "benches": _registered("benchmarks:BENCHES"),
     "estimators": _registered("isac_cosim.isacsim.radio.estimators:ESTIMATORS"),
+    "export_step_s": lambda: f"{_imported('isac_cosim.labeling.export.exporting:STEP_S'):g}",
     "fusion_methods": _registered("isac_cosim.isacsim.tracking.fusion_methods:FUSION_METHODS"),
     "height_m": _default("isac_cosim.isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
     "motion_sources": _registered("isac_cosim.isacsim.traffic.sources.registry:MOTION_SOURCES"),

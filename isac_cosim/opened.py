@@ -7,13 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.registry import nearest
 from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.finding import find_sample
 
 if TYPE_CHECKING:
     from isac_cosim.models.data.labelled_windows import LabelledWindows
@@ -57,7 +56,7 @@ class OpenedDataset(Dataset):
         """
         from isac_cosim.evaluation.report.report import draw_sample
 
-        row = self._row(k) if isinstance(k, str) else range(len(self))[k]
+        row = find_sample(self, k) if isinstance(k, str) else range(len(self))[k]
         with TemporaryFolder() as folder:
             path = folder.path / "sample.png"
             draw_sample(self, row, path, run)
@@ -126,10 +125,3 @@ class OpenedDataset(Dataset):
         from isac_cosim.models.data.windows import Records
 
         return Records.of(self)
-
-    def _row(self, sample_id: str) -> int:
-        names = self.frame(["sample_id"])["sample_id"].to_numpy()
-        rows = np.flatnonzero(names == sample_id)
-        if not len(rows):
-            raise InputError(f"{self.path}: has no sample {sample_id[:60]!r}; {nearest(sample_id, names[:10_000])}")
-        return int(rows[0])

@@ -29,9 +29,9 @@ from isac_cosim.evaluation.report.record_view import RecordView, choose_record, 
 from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.report.replay.making import replay_of
-from isac_cosim.evaluation.report.replay.others import of_one
 from isac_cosim.evaluation.report.verdict import seeds_text
 from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
+from isac_cosim.labeling.dataset.finding import of_one, shard_of
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
@@ -39,7 +39,7 @@ from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.models.runs.run import CARD_FILE, Run
 
 if TYPE_CHECKING:
-    from isac_cosim.labeling.dataset.dataset import Dataset, Shard
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
 END_STEP_S = 0.05
 """Time between the ends of the windows that are predicted in a drawn record, s."""
@@ -62,7 +62,9 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
     if evaluation.result.explained is not None:
         draw_explained(explained_record(evaluated.run, records, row, view), out / EXPLAINED_FIGURE)
-    replay = replay_of(dataset, _shard_of(dataset, row), LocalEngine(1), evaluated.run).beginning_with(choice.sample_id)
+    replay = replay_of(dataset, shard_of(dataset, row)[0], LocalEngine(1), evaluated.run).beginning_with(
+        choice.sample_id
+    )
     cells = confused(evaluated.predictions, evaluation.result)
     return write_page(evaluation.result, out, choice.rule, replay, cells)
 
@@ -72,21 +74,14 @@ def draw_sample(dataset: Dataset, row: int, path: Path, run: Run | None = None) 
 
     row: in the order of `dataset.frame()`. Raises InputError where the run was trained on other rates.
     """
-    shard = _shard_of(dataset, row)
-    before = int(np.cumsum(dataset.meta.shards.numbers("samples"))[dataset.meta.shards.files.index(shard.file)])
+    shard, within = shard_of(dataset, row)
     alone = of_one(dataset, shard)
-    records, row = Records.of(alone), row - before + shard.samples
+    records = Records.of(alone)
     if run is not None:
         check_rates(run, records)
     scenario = shard.episode.scenario
-    view = record_view(run, records, alone.record("tv_truth", row), row)
+    view = record_view(run, records, alone.record("tv_truth", within), within)
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), path)
-
-
-def _shard_of(dataset: Dataset, row: int) -> Shard:
-    """Return the shard that holds a row of the dataset."""
-    ends = np.cumsum(dataset.meta.shards.numbers("samples"))
-    return dataset.meta.shards[int(np.searchsorted(ends, row, side="right"))]
 
 
 def write_page(

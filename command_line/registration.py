@@ -1,0 +1,14 @@
+"""The commands that are not in `cosim.py`, which is the table of contents of the others."""
+
+from __future__ import annotations
+
+import typer
+
+from isac_cosim.command_line.export import add_export
+from isac_cosim.command_line.road_network import network_app
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add `export` and the commands of `network`."""
+    add_export(app)
+    app.add_typer(network_app, name="network")
