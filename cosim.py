@@ -244,12 +244,8 @@ def train(
     seed: Annotated[
         int, typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches.")
     ] = 0,
-    held_out: Annotated[
-        str | None,
-        typer.Option(
-            metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."
-        ),
-    ] = None,
+    held_out: opt.HeldOut = None,
+    log: opt.Log = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -267,7 +263,7 @@ def train(
     optimiser = {} if epochs is None else {"epochs": epochs}
     arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
     settings = checked(TrainSettings, arguments, "arguments")
-    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet)))
+    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet), log))
 
 
 @app.command(

@@ -47,6 +47,14 @@ Snr = Annotated[
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
 ]
+HeldOut = Annotated[
+    str | None,
+    typer.Option(metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."),
+]
+Log = Annotated[
+    str | None,
+    typer.Option(metavar="tensorboard", help="Write the curves of a network for TensorBoard as well, into the run."),
+]
 Network = Annotated[
     str | None,
     typer.Option(

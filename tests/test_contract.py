@@ -216,9 +216,21 @@ OPTIONS = {
     "--pattern": "random", "--records": "9", "--model": "trees", "--epochs": "2", "--seed": "3", "--data": "data",
     "--held-out": "overtake", "--against": "run", "--box": "9.9,51.9,10.1,52.1", "--spacing": "100", "--set-back": "10",
     "--height": "12", "--vehicles": "20", "--alone": "run", "--colour": "red",
-    "--episode": "road-2", "--step": "0.1",
+    "--episode": "road-2", "--step": "0.1", "--log": "tensorboard",
 }  # fmt: skip
-FLAGS = ("--fcd", "--dry-run", "--json", "--quiet", "--verbose", "--verify", "--no-blockage", "--truth", "--help", "--", "-x")
+FLAGS = (
+    "--fcd",
+    "--dry-run",
+    "--json",
+    "--quiet",
+    "--verbose",
+    "--verify",
+    "--no-blockage",
+    "--truth",
+    "--help",
+    "--",
+    "-x",
+)
 odd_words = st.one_of(
     st.sampled_from(PATHS),
     st.sampled_from(ODD_TEXTS).filter(lambda text: "\x00" not in text),

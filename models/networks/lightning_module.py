@@ -289,13 +289,14 @@ class History(Callback):
 
 
 class EpochProgress(Callback):
-    """The progress bar of a training: the batches that are done, with epoch and score beside it.
+    """The progress of a training: a bar of the batches that are done, and a line about every epoch.
 
-    name: of the predictor. monitor: the score that is shown. over: over which intentions it is a mean, if not all.
+    history: adds its row of an epoch before this says anything. name: of the predictor. monitor: the score that is
+    shown. over: over which intentions it is a mean, if not all.
     """
 
-    def __init__(self, feedback: Feedback, name: str, monitor: str, over: str = "") -> None:
-        self.feedback, self.name, self.monitor, self.over = feedback, name, monitor, over
+    def __init__(self, feedback: Feedback, history: History, name: str, monitor: str, over: str = "") -> None:
+        self.feedback, self.history, self.name, self.monitor, self.over = feedback, history, name, monitor, over
         self.bar = ExitStack()
         self.move: Move | None = None
         self.done, self.total, self.note = 0, 1, ""
@@ -316,13 +317,22 @@ class EpochProgress(Callback):
         self._show()
 
     def on_validation_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
-        """Show the score of the epoch."""
+        """Show the score of the epoch beside the bar."""
         score = trainer.callback_metrics.get(self.monitor)
         if score is not None:
-            self.note = (
-                f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}, macro-F1 {float(score):.3f}{self.over}"
-            )
+            epoch = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
+            self.note = f"{epoch}, macro-F1 {float(score):.3f}{self.over}"
             self._show()
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        """Say what the epoch has taught, in a line that stays."""
+        if not trainer.is_global_zero:
+            return
+        row = self.history.rows[-1]
+        best = max(earlier[self.monitor] for earlier in self.history.rows)
+        score = f"validation macro-F1 {row[self.monitor]:.3f}{self.over}, best {best:.3f}"
+        epoch = f"{self.name}, epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
+        self.feedback.message(f"{epoch}: {score}; training loss {row['train_loss']:.3g}")
 
     def on_train_end(self, *_: Any) -> None:
         """Close the bar."""

@@ -77,7 +77,7 @@ class FitTask:
 
     training, validation: records of the intentions to learn; the test records are kept away. settings: those of the
     training; `settings.of(...)` gives the predictor's own section. shape: of the windows. folder: the run's folder,
-    where a long training may keep what it resumes from.
+    where a long training may keep what it resumes from. logs: whether networks write their curves for TensorBoard.
     """
 
     training: Records
@@ -85,6 +85,7 @@ class FitTask:
     settings: FitSettings
     shape: WindowShape
     folder: Path
+    logs: bool = False
 
     def training_ends(self, per_record: int) -> tuple[Ends, IntArray]:
         """Draw `per_record` window ends from every training record. Returns them with their labels, (n,)."""

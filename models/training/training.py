@@ -48,12 +48,18 @@ BATCH = 64
 
 
 def train(
-    dataset: Dataset, out: str | Path, settings: TrainSettings, feedback: Feedback = SILENT, warns: bool = True
+    dataset: Dataset,
+    out: str | Path,
+    settings: TrainSettings,
+    feedback: Feedback = SILENT,
+    warns: bool = True,
+    logs: bool = False,
 ) -> Run:
     """Train a predictor on the known intentions of a dataset, or resume the same training where it stopped.
 
     out: a new or empty folder, or one of the same training. feedback: where progress is reported. warns: whether test
-    samples that depend on those trained on are told; to measure them, the whole dataset is read.
+    samples that depend on those trained on are told; to measure them, the whole dataset is read. logs: whether the
+    curves of a network are also written for TensorBoard.
     Raises InputError if the folder holds something else, the dataset has too few seeds, or no window fits.
     """
     made_of = {"digest": dataset.digest, "study": dataset.meta.study}
@@ -61,7 +67,7 @@ def train(
     sides = split(records, settings.split)
     line = warning(dependence_of_test(dataset, records, sides, settings.split)) if warns else None
     foreword = Foreword(feedback, [line] if line else [])
-    run = train_records(records, made_of, out, settings, foreword, sides)
+    run = train_records(records, made_of, out, settings, foreword, sides, logs)
     foreword.say()
     return run
 
@@ -73,11 +79,12 @@ def train_records(
     settings: TrainSettings,
     feedback: Feedback = SILENT,
     sides: dict[str, list[str]] | None = None,
+    logs: bool = False,
 ) -> Run:
     """Do what `train` does, on records in memory.
 
     made_of: what the run's card says of the dataset; `digest` is part of it. sides: the scenario seeds to train,
-    validate and test on, as `split` returns them, if they are already decided.
+    validate and test on, as `split` returns them, if they are already decided. logs: see `train`.
     """
     PREDICTORS[settings.model].check_requirements()
     folder = Path(out)
@@ -85,14 +92,14 @@ def train_records(
     with claim(folder, CARD_FILE, "run"):
         if not _begin(folder, card):
             with limited(settings.optimiser.threads):
-                _fill(records, folder, card, feedback)
+                _fill(records, folder, card, feedback, logs)
     return load_run(folder)
 
 
-def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback) -> None:
+def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback, logs: bool) -> None:
     """Train the predictor of a claimed folder, and write everything that belongs to the run."""
     training, validation = (taught(records, card.split, side, card.settings) for side in ("train", "validation"))
-    task = FitTask(training, validation, card.settings, card.shape, folder)
+    task = FitTask(training, validation, card.settings, card.shape, folder, logs)
     predictor = PREDICTORS[card.settings.model].fit(task, feedback)
     names = files_written(folder, lambda: predictor.save(folder))
     _write_reference(folder, _reference(predictor, task))
