@@ -70,8 +70,9 @@ def _export_and_show(
         print_line(console, f"{out}: {sample}, {done.states} instants")
     else:
         feedback = output.feedback_of(console)
-        form = "fcd" if fcd else "csv"
-        done = export_episode(dataset, str(episode), form, out, LocalEngine(1), step_s or STEP_S, feedback)
+        done = export_episode(
+            dataset, str(episode), "fcd" if fcd else "csv", out, LocalEngine(1), step_s or STEP_S, feedback
+        )
         print_line(console, f"{out}: {done.vehicles} vehicles, {done.states} states, {done.samples} samples")
         if done.left_out:
             print_line(console, f"{done.left_out} vehicles that collided or teleported are not in it")

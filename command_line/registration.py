@@ -5,10 +5,12 @@ from __future__ import annotations
 import typer
 
 from isac_cosim.command_line.export import add_export
+from isac_cosim.command_line.publication import add_describe
 from isac_cosim.command_line.road_network import network_app
 
 
 def add_commands(app: typer.Typer) -> None:
-    """Add `export` and the commands of `network`."""
+    """Add `describe`, `export` and the commands of `network`."""
+    add_describe(app)
     add_export(app)
     app.add_typer(network_app, name="network")

@@ -208,7 +208,7 @@ PATHS = (
 ARGUMENTS = {
     "run": ("study.toml",), "generate": ("road",), "sense": ("data",), "inspect": ("data",), "train": ("data",),
     "evaluate": ("run", "--data", "data"), "network import": ("map.osm",), "network sites": ("bare.net.xml",),
-    "bench": ("echo",), "export": ("data", "--sample", "road-2-0", "--csv"),
+    "bench": ("echo",), "describe": ("data",), "export": ("data", "--sample", "road-2-0", "--csv"),
 }  # fmt: skip
 OPTIONS = {
     "--windows": "100", "--seeds": "1:3", "--snr": "0:10", "--jobs": "2", "--cluster": "tcp://127.0.0.1:9",

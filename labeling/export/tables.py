@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import pyarrow as pa
 from pyarrow import csv
@@ -16,6 +18,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.dataset.dataset import SCALARS, STATE, Dataset, Sample
 from isac_cosim.labeling.dataset.record_point import in_plane
 
+Columns = Mapping[str, npt.NDArray[Any] | list[object]]
 VEHICLES_FILE, SITES_FILE, SAMPLES_FILE, TV_FILE, UV_FILE = (
     "vehicles.csv", "sites.csv", "samples.csv", "tv.csv", "uv.csv"
 )  # fmt: skip
@@ -60,13 +63,13 @@ def write_sites(sites: Iterable[Site], folder: Path) -> None:
     _write({name: list(column) for name, column in zip(names, columns, strict=True)}, folder / SITES_FILE)
 
 
-def write_samples(dataset: Dataset, folder: Path, rows: Sequence[int] | slice = slice(None)) -> int:
+def write_samples(dataset: Dataset, folder: Path, rows: list[int] | slice = slice(None)) -> int:
     """Write what a dataset says of its samples, a row each, all columns but the states. Returns how many.
 
     rows: of the dataset, all of them if absent. Raises OutputError.
     """
     frame: pd.DataFrame = dataset.frame(list(SCALARS)).iloc[rows]
-    _write({name: frame[name].to_numpy() for name in frame}, folder / SAMPLES_FILE)
+    _write({str(name): frame[name].to_numpy() for name in frame}, folder / SAMPLES_FILE)
     return len(frame)
 
 
@@ -90,10 +93,10 @@ def write_record(sample: Sample, rates_hz: tuple[float, float], folder: Path) ->
     return count
 
 
-def _write(columns: dict[str, np.ndarray | list[object]], path: Path) -> None:
+def _write(columns: Columns, path: Path) -> None:
     with writing(path):
         csv.write_csv(_table(columns), path)
 
 
-def _table(columns: dict[str, np.ndarray | list[object]]) -> pa.Table:
+def _table(columns: Columns) -> pa.Table:
     return pa.table({name: pa.array(values) for name, values in columns.items()})
