@@ -17,9 +17,9 @@ import typer
 from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
+from isac_cosim.command_line.commands.registration import add_commands
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import HelpfulCommand, examples
-from isac_cosim.command_line.registration import add_commands
 from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import DEFAULT, FLOOR
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import typer
 
-from isac_cosim.command_line.export import add_export
-from isac_cosim.command_line.publication import add_describe
-from isac_cosim.command_line.road_network import network_app
+from isac_cosim.command_line.commands.describe import add_describe
+from isac_cosim.command_line.commands.export import add_export
+from isac_cosim.command_line.commands.road_network import network_app
 
 
 def add_commands(app: typer.Typer) -> None:

@@ -35,6 +35,7 @@ def describe(
     from isac_cosim.base.progress import print_line
     from isac_cosim.base.settings import checked
     from isac_cosim.labeling.publication import describing
+    from isac_cosim.labeling.publication.card import README_FILE
     from isac_cosim.labeling.publication.statement import Statement
 
     console = output.console_of(quiet)
@@ -42,7 +43,7 @@ def describe(
     stated, written = describing.describe(dataset, checked(Statement, given, "arguments"))
     open_ = [name for name, value in stated if value is None]
     if not written:
-        output.warn(f"{dataset / describing.README_FILE}: is somebody's own and stays as it is")
+        output.warn(f"{dataset / README_FILE}: is somebody's own and stays as it is")
     if open_:
         print_line(console, f"nobody has stated: {', '.join(open_)}; give --{open_[0]}")
     output.print_json(as_json, {"dataset": str(dataset), "readme": written, **stated.model_dump()})
