@@ -31,9 +31,14 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def common(version: opt.Version = False) -> None:
+@app.callback(invoke_without_command=True)
+def common(context: typer.Context, version: opt.Version = False) -> None:
     """Take the options that come before a command."""
+    if context.invoked_subcommand is None:
+        raise InputError(
+            "name a command: `cosim run` runs the quick study and writes its report into results/quick, "
+            "`cosim generate motorway -o data --samples 500` makes a dataset, and `cosim --help` lists all commands"
+        )
 
 
 @app.command(
