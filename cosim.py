@@ -19,7 +19,7 @@ from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
 from isac_cosim.command_line.commands.registration import add_commands
 from isac_cosim.command_line.exit_codes import exit_code
-from isac_cosim.command_line.help import HelpfulCommand, examples
+from isac_cosim.command_line.help import NO_COMMAND, HelpfulCommand, examples
 from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import DEFAULT, FLOOR
 
@@ -35,10 +35,7 @@ app = typer.Typer(
 def common(context: typer.Context, version: opt.Version = False) -> None:
     """Take the options that come before a command."""
     if context.invoked_subcommand is None:
-        raise InputError(
-            "name a command: `cosim run` runs the quick study and writes its report into results/quick, "
-            "`cosim generate motorway -o data --samples 500` makes a dataset, and `cosim --help` lists all commands"
-        )
+        raise InputError(NO_COMMAND)
 
 
 @app.command(

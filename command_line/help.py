@@ -10,6 +10,12 @@ from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from isac_cosim.base.errors import InputError
 
+NO_COMMAND = (
+    "name a command: `cosim run` runs the quick study and writes its report into results/quick, "
+    "`cosim generate motorway -o data --samples 500` makes a dataset, and `cosim --help` lists all commands"
+)
+"""What is said where no command is given."""
+
 
 def examples(*lines: str) -> str:
     """Return the epilog of a command's help: how it is used, one line each, without the leading `cosim`."""
