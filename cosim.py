@@ -21,7 +21,7 @@ from isac_cosim.command_line.commands.registration import add_commands
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import NO_COMMAND, HelpfulCommand, examples
 from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
-from isac_cosim.models import DEFAULT, FLOOR
+from isac_cosim.models import FLOOR
 
 app = typer.Typer(
     add_completion=False,
@@ -235,37 +235,34 @@ def inspect(
 @app.command(
     cls=HelpfulCommand,
     epilog=examples(
-        "train data -o predictor", f"train data -o floor --model {FLOOR}", "train data -o run_2 --seed 2 --epochs 40"
+        "train data -o predictor",
+        f"train data -o floor --model {FLOOR}",
+        "train data -o run_2 --seed 2 --epochs 40",
+        "train streams -o predictor --model situation",
     ),
 )
 def train(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    model: Annotated[str, typer.Option(help="Predictor to train: {predictors}.")] = DEFAULT,
-    epochs: Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")] = None,
-    seed: Annotated[
-        int, typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches.")
-    ] = 0,
+    model: opt.Model = None,
+    epochs: opt.Epochs = None,
+    seed: opt.TrainingSeed = 0,
     held_out: opt.HeldOut = None,
+    uv: opt.SeesUv = True,
+    lanes: opt.SeesLanes = True,
+    truth: opt.TrueTraining = False,
     log: opt.Log = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
-    """Train a predictor on a dataset.
+    """Train a predictor on a dataset, or on streams.
 
     Repeat the command to continue an interrupted training.
     """
-    from isac_cosim.base.settings import checked
-    from isac_cosim.command_line.training import train_and_show
-    from isac_cosim.models.predictors.registry import PREDICTORS
-    from isac_cosim.models.runs.settings import TrainSettings
+    from isac_cosim.command_line.training import TrainArguments, train_and_show
 
-    if epochs is not None and model in PREDICTORS and not PREDICTORS[model].is_network:
-        raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
-    optimiser = {} if epochs is None else {"epochs": epochs}
-    arguments = {"model": model, "seed": seed, "held_out": held_out, "optimiser": optimiser}
-    settings = checked(TrainSettings, arguments, "arguments")
-    output.print_json(as_json, train_and_show(dataset, out, settings, output.console_of(quiet), log))
+    arguments = TrainArguments(model, epochs, seed, held_out, uv, lanes, truth, log)
+    output.print_json(as_json, train_and_show(dataset, out, arguments, output.console_of(quiet)))
 
 
 @app.command(

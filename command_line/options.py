@@ -40,16 +40,32 @@ DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder o
 Out = Annotated[
     Path, typer.Option("-o", "--out", help="Folder to write: a new or empty one, or an unfinished one to continue.")
 ]
+Model = Annotated[
+    str | None,
+    typer.Option(
+        help="Predictor to train. On records: {predictors}; default {predictor}. On streams: {stream_predictors}; "
+        "default {stream_predictor}."
+    ),
+]
+Epochs = Annotated[int | None, typer.Option(min=1, help="Train for at most this many epochs.")]
+TrainingSeed = Annotated[
+    int, typer.Option(min=0, max=2**32 - 1, help="Seed of initial weights, window ends and batches.")
+]
+HeldOut = Annotated[
+    str | None,
+    typer.Option(metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."),
+]
+SeesUv = Annotated[bool, typer.Option("--uv/--no-uv", help="On streams: whether the predictor sees the UV's reports.")]
+SeesLanes = Annotated[
+    bool, typer.Option("--lanes/--no-lanes", help="On streams: whether the predictor sees the lanes.")
+]
+TrueTraining = Annotated[bool, typer.Option("--truth", help="On streams: train on the TVs' true motion.")]
 Snr = Annotated[
     str | None,
     typer.Option(
         metavar="LO:HI|VALUE|link",
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
-]
-HeldOut = Annotated[
-    str | None,
-    typer.Option(metavar="INTENTION", help="Leave this intention out of training; it is then unknown in evaluation."),
 ]
 Log = Annotated[
     str | None,

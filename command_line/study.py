@@ -11,13 +11,17 @@ from rich.console import Console
 from isac_cosim.base.progress import ConsoleFeedback, print_line
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.command_line.output import show_dataset, show_metrics
+from isac_cosim.command_line.streams import show_streams
 from isac_cosim.evaluation.report import terminal
 from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.report import show_live
 from isac_cosim.evaluation.report.score_table import headline_scores
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.streams.dataset import Streams
 from isac_cosim.models.training.progress import spoken_time
 from isac_cosim.studies import sweep_table
 from isac_cosim.studies.cost_estimate import estimate_study
+from isac_cosim.studies.live import LIVE, STREAMS, estimate_live, run_live_study
 from isac_cosim.studies.single import run_study
 from isac_cosim.studies.study import Study
 from isac_cosim.studies.sweep import run_sweep
@@ -26,6 +30,8 @@ from isac_cosim.studies.sweep_results import SweepResult
 
 def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
     """Run a study, or a sweep of studies, and show what came of it. Returns what `--json` prints."""
+    if study.streams:
+        return _run_live(study, folder, engine, feedback)
     if study.sweep is None:
         return _run_single(study, folder, engine, feedback)
     return show_sweep(run_sweep(study, folder, engine, feedback), folder, feedback.console)
@@ -48,6 +54,20 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
     }
 
 
+def _run_live(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
+    evaluation = run_live_study(study, folder, engine, feedback)
+    show_streams(Streams.open(folder / STREAMS), feedback.console)
+    show_live(evaluation.result, folder / LIVE, feedback.console)
+    print_line(feedback.console, f"page, figures and metrics.json: {folder / LIVE}")
+    return {
+        "streams": str(folder / STREAMS),
+        "run": str(folder / "run"),
+        "report": str(folder / LIVE),
+        **evaluation.result.model_dump(mode="json", include={"prediction", "recognition", "stress"}),
+        "real_time_factor": evaluation.real_time_factor,
+    }
+
+
 def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str, Any]:
     """Show the table of a sweep, complete also where the terminal is narrow. Returns what `--json` prints."""
     terminal.show(sweep_table.parts(result), console, sweep_table.TITLE, whole=True)
@@ -62,6 +82,8 @@ def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str,
 
 def show_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     """Show what a study would take. Returns what `--json` prints."""
+    if study.streams:
+        return _show_live_cost(study, jobs, console)
     cost = estimate_study(study)
     counts = ", ".join(
         _number(number, what)
@@ -78,6 +100,25 @@ def show_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     )
     print_line(console, "estimated from the bundled motorway and the networks' default sizes, with no early stopping")
     return {**dataclasses.asdict(cost), "jobs": jobs, "seconds": cost.seconds(jobs)}
+
+
+def _show_live_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
+    cost = estimate_live(study)
+    if cost is None:
+        print_line(console, "recordings have a length of their own: what they cost is not known before")
+        return {"jobs": jobs}
+    print_line(
+        console,
+        f"{cost.episodes} episodes of streams, about {cost.vehicle_hours:.0f} vehicle-hours, {_size(cost.bytes)}; "
+        f"evaluated live on {cost.evaluated_hours:.0f} more",
+    )
+    print_line(
+        console,
+        f"about {spoken_time(cost.cpu_s)} of processor time, {spoken_time(cost.cpu_s / jobs)} with "
+        f"{_number(jobs, 'worker')}; training comes on top of that, minutes for trees",
+    )
+    print_line(console, "estimated from the bundled motorway")
+    return {**dataclasses.asdict(cost), "jobs": jobs}
 
 
 def _number(count: int, what: str) -> str:

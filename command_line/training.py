@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import output
 
 if TYPE_CHECKING:
+    from isac_cosim.models.runs.run import Run
     from isac_cosim.models.runs.settings import TrainSettings
 
 
@@ -21,14 +23,67 @@ LOGS = "tensorboard"
 """What `--log` takes."""
 
 
-def train_and_show(
-    data: Path, out: Path, settings: TrainSettings, console: Console, log: str | None = None
-) -> dict[str, Any]:
-    """Train a predictor, with a warning of what its scores will lack, and show how that ended.
+@dataclass(frozen=True)
+class TrainArguments:
+    """The options of `train`; model: None for the default. uv, lanes, truth: of a training on streams."""
 
-    log: what `--log` gives. Returns what `--json` prints. Raises InputError where nothing can be logged as it says.
-    """
-    _check_log(log, settings.model)
+    model: str | None
+    epochs: int | None
+    seed: int
+    held_out: str | None
+    uv: bool = True
+    lanes: bool = True
+    truth: bool = False
+    log: str | None = None
+
+    def settings(self, of_streams: bool) -> TrainSettings:
+        """Return the settings of the training. Raises InputError if options do not fit each other or the data."""
+        from isac_cosim.base.settings import checked
+        from isac_cosim.models import DEFAULT
+        from isac_cosim.models.hazards.registry import DEFAULT as DEFAULT_ON_STREAMS
+        from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
+        from isac_cosim.models.predictors.registry import PREDICTORS
+        from isac_cosim.models.runs.settings import TrainSettings
+
+        given = {"--no-uv": not self.uv, "--no-lanes": not self.lanes, "--truth": self.truth}
+        if not of_streams and (wrong := [option for option, is_given in given.items() if is_given]):
+            raise InputError(f"{wrong[0]} applies to streams, and this is a dataset of records; remove it")
+        model = self.model or (DEFAULT_ON_STREAMS if of_streams else DEFAULT)
+        registry = STREAM_PREDICTORS if of_streams else PREDICTORS
+        if self.epochs is not None and model in registry and not registry[model].is_network:
+            raise InputError(f"--epochs applies to networks: remove it, or --model {model}")
+        content: dict[str, Any] = {
+            "model": model,
+            "seed": self.seed,
+            "held_out": self.held_out,
+            "optimiser": {} if self.epochs is None else {"epochs": self.epochs},
+        }
+        if of_streams:
+            content["streams"] = {"uv": self.uv, "lanes": self.lanes, "truth": self.truth}
+        return checked(TrainSettings, content, "arguments")
+
+
+def train_and_show(data: Path, out: Path, arguments: TrainArguments, console: Console) -> dict[str, Any]:
+    """Train a predictor on a dataset or on streams, and show how that ended. Returns what `--json` prints."""
+    from isac_cosim.labeling.streams.dataset import META_FILE, Streams
+    from isac_cosim.models.training.on_streams import train_on_streams
+
+    if not (data / META_FILE).is_file():
+        settings = arguments.settings(False)
+        _check_log(arguments.log, settings.model)
+        run = _on_records(data, out, settings, console, arguments.log is not None)
+        if (out / LOGS).is_dir():
+            print_line(console, f"tensorboard --logdir {out} shows the curves")
+        return output.show_run(run, console)
+    if arguments.log is not None:
+        raise InputError("--log applies to a dataset of records, and these are streams; remove it")
+    streams = Streams.open(data)
+    run = train_on_streams(streams, out, arguments.settings(True), output.feedback_of(console))
+    return output.show_run(run, console)
+
+
+def _on_records(data: Path, out: Path, settings: TrainSettings, console: Console, logs: bool) -> Run:
+    """Train a predictor on records, with a warning of what its scores will lack."""
     from isac_cosim.base.feedback import Foreword
     from isac_cosim.evaluation.on_windows.coverage import lacking
     from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
@@ -37,11 +92,9 @@ def train_and_show(
 
     dataset = Dataset.open(data)
     foreword = Foreword(output.feedback_of(console), lacking(dataset, settings, EvaluateSettings()), output.warn)
-    run = train(dataset, out, settings, foreword, logs=log is not None)
+    run = train(dataset, out, settings, foreword, logs=logs)
     foreword.say()
-    if (out / LOGS).is_dir():
-        print_line(console, f"tensorboard --logdir {out} shows the curves")
-    return output.show_run(run, console)
+    return run
 
 
 def _check_log(log: str | None, model: str) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap, in_frame
+from isac_cosim.models.hazards.causal import CausalPredictor
+from isac_cosim.models.predictors.protocol import Outputs
 from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.scores import open_set
 from isac_cosim.models.scores.open_set import Score
@@ -79,7 +81,32 @@ class Infer:
         if lanes is not None:
             scenario = np.full(len(tv), "", dtype=object)
             windows = replace(windows, on_map=OnMap(tv, uv, card.tv_rate_hz, scenario, lambda _: lanes))
-        outputs = self.run.answer(windows)
+        return self._inferred(self.run.answer(windows), begin)
+
+    @property
+    def steps_s(self) -> float | None:
+        """The time between two decisions along a stream, s, of a run that need not cut windows; None of others."""
+        predictor = self.run.predictor
+        return predictor.facts.decision_s if isinstance(predictor, CausalPredictor) else None
+
+    def along(self, tv: Array, uv: Array, lanes: LaneMap, decisions: int) -> Inference:
+        """Answer the last decisions along a stream, as on the windows that end there, without cutting them.
+
+        tv, uv: (6, T) and (6, U), in the scenario's plane, from the beginning of the first window on, up to the same
+        instant. Raises ValueError if the run needs windows, or the streams do not hold the first one.
+        """
+        begin = time.perf_counter()
+        predictor, card = self.run.predictor, self.run.card
+        if not isinstance(predictor, CausalPredictor):
+            raise ValueError(f"{card.settings.model} answers windows")
+        for states, length, samples in zip((tv, uv), (card.tv_length, card.uv_length), predictor.samples, strict=True):
+            if states.shape[1] < length + (decisions - 1) * samples:
+                raise ValueError(f"streams of {tv.shape[1]} and {uv.shape[1]} samples for {decisions} decisions")
+        on_map = OnMap(tv[None], uv[None], card.tv_rate_hz, np.full(1, "", dtype=object), lambda _: lanes)
+        return self._inferred(predictor.along(on_map, decisions).finite(self.run.path), begin)
+
+    def _inferred(self, outputs: Outputs, begin: float) -> Inference:
+        card = self.run.card
         threshold = -np.inf if card.unknown_threshold is None else card.unknown_threshold
         score = self.score(outputs)
         probabilities = replace(outputs, logits=outputs.logits / card.temperature).probabilities

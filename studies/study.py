@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import importlib.resources
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from isac_cosim.base.parsing import channel
 from isac_cosim.base.settings import Settings, checked, read_toml
+from isac_cosim.evaluation.in_traffic.settings import SEEDS
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
+from isac_cosim.models.hazards.registry import DEFAULT as DEFAULT_ON_STREAMS
+from isac_cosim.models.hazards.registry import FLOOR as FLOOR_ON_STREAMS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies.sweep_axes import Cell, SweepAxes, WayOfSensing, network_name, sensings
 
@@ -23,11 +26,25 @@ QUICK = "quick.toml"
 """The bundled study, which runs where none is given."""
 
 
+class LiveSection(Settings):
+    """How the predictor of a study of streams is evaluated live.
+
+    seeds, development: first and last seed to measure, and on which alarms are chosen; by default as
+    `evaluate --traffic` has them. stress: whether the stimulated world is measured beside natural traffic.
+    """
+
+    seeds: tuple[int, int] = SEEDS
+    development: tuple[int, int] | None = None
+    stress: bool = False
+
+
 class Study(Settings):
     """All settings between scenarios and results.
 
     name: of the results folder where none is given; when absent, that of the study file.
     sweep: what is varied; a study without it is a single cell, compared with its floor.
+    streams: whether it generates streams, trains on them and evaluates live, instead of all that on records. In a study
+    file it is a key of the section `dataset`. live: the section of that evaluation.
     """
 
     name: str = Field("", pattern=r"^[A-Za-z0-9_-]*$")
@@ -35,6 +52,33 @@ class Study(Settings):
     training: TrainSettings = TrainSettings()
     evaluation: EvaluateSettings = EvaluateSettings()
     sweep: SweepAxes | None = None
+    streams: bool = False
+    live: LiveSection = LiveSection()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _streams_of_the_dataset(cls, content: Any) -> Any:
+        """Take `streams` from the section of the dataset, and then train on streams."""
+        if not isinstance(content, dict) or not isinstance(content.get("dataset", {}), dict):
+            return content
+        dataset = dict(content.get("dataset", {}))
+        content = {**content, "dataset": dataset}
+        if "streams" in dataset:
+            content["streams"] = dataset.pop("streams")
+        training = content.get("training", {})
+        if content.get("streams") is True and isinstance(training, dict):
+            content["training"] = {"model": DEFAULT_ON_STREAMS, "streams": {}, **training}
+        return content
+
+    @model_validator(mode="after")
+    def _streams_of_one_scenario(self) -> Self:
+        if not self.streams:
+            return self
+        if self.sweep is not None:
+            raise ValueError("sweep: records are swept, not streams; remove it, or dataset.streams")
+        if len(self.dataset.scenarios) != 1:
+            raise ValueError("dataset.scenarios: a study of streams evaluates live in one scenario; give one")
+        return self
 
     @model_validator(mode="after")
     def _can_be_sensed_anew(self) -> Self:
@@ -62,6 +106,14 @@ class Study(Settings):
     def floor(self) -> TrainSettings:
         """Training settings of the floor: a plain predictor on the same windows and split."""
         return self.training.for_predictor(FLOOR)
+
+    @property
+    def stream_floor(self) -> TrainSettings | None:
+        """Training settings of what a study of streams is compared with; None where the predictor is that itself."""
+        if self.training.model == FLOOR_ON_STREAMS:
+            return None
+        content = self.training.model_dump()
+        return TrainSettings.model_validate({**content, "model": FLOOR_ON_STREAMS, "optimiser": {}})
 
     @property
     def axes(self) -> SweepAxes:

@@ -102,7 +102,7 @@ def run_arm(
     if arm == "none":
         return measured(recorded(running_source(study.dataset), scenario, seed), arm)
     silent = arm == "random" or alarming.settings is None
-    answering = None if silent else run_answering(infer, study.live.background.lanes)
+    answering = None if silent else run_answering(infer, study.live.background.lanes and not infer.run.is_of_streams)
     sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm
     loop = ClosedLoop.of(scenario, seed, study, settings, infer.run.card.shape, sensor, answering)
     source = _RandomAlarms(scenario, seed, alarming, study) if arm == "random" else _PredictedAlarms(alarming, study)

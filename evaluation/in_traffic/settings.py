@@ -27,11 +27,15 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.streams.settings import StretchSettings
 from isac_cosim.models.trees.boosting import BoostingSettings
 
-Method = Literal["reject", "background"]
+Method = Literal["reject", "background", "hazard"]
 """How a predictor's answers become alarms; see `AlarmSettings`."""
 Sharing = Literal["shared", "separate"]
 """Whether all intentions share a threshold, or each has its own."""
 
+SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2100)
+"""The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
+DEVELOPMENT_H = 30.0
+"""Vehicle-hours on which alarms are chosen by default: as many of the default seeds are run."""
 
 Confirmation = Annotated[int, Field(ge=1, le=10_000)]
 """Number of windows."""
@@ -62,7 +66,8 @@ class AlarmSettings(Settings):
 
     method: what is compared with the threshold. `reject`: the unknown score of the run, in windows whose likeliest
     intention it is, with a probability of at least `least_probability`. `background`: the log-odds of the intention,
-    from trees that also know a seventh answer, "none" (`evaluation.in_traffic.alarms.background`).
+    from trees that also know a seventh answer, "none" (`evaluation.in_traffic.alarms.background`). `hazard`: the
+    log-odds of the intention, from a run that was trained on streams.
     threshold: a single one for all intentions, or one for each by its name. An intention without one never raises an
     alarm.
     k, n: an alarm is raised when k of the last n windows reach the threshold. refractory_s: the next alarm for the same

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.base.workers.threads import limited
@@ -133,6 +134,9 @@ def _evaluate(
     explains: bool,
 ) -> Evaluation:
     """Measure runs on the same windows; the first is the evaluated one."""
+    for run in runs:
+        if run.is_of_streams:
+            raise InputError(f"{run.path}: was trained on streams; evaluate it in traffic: --traffic SCENARIO")
     if explains:
         check_explainable(runs[0])
     records = unseen(all_records, runs)

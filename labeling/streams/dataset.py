@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -16,6 +16,7 @@ from rich.table import Table
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, read_json
+from isac_cosim.labeling.dataset.dataset import ROADS, RoadLane, read_roads
 from isac_cosim.labeling.dataset.meta import ScenarioMeta
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.labeling.streams.events import NEAR_MISS
@@ -75,18 +76,40 @@ class Streams:
 
     def verify(self) -> None:
         """Reread every file. Raises InputError at the first that is missing, differs from its digest or is damaged."""
-        for name, digest in self.meta.files.items():
-            path = self.path / name
-            if not path.is_file() or file_digest(path) != digest:
-                fault = "differs from its digest" if path.is_file() else "is missing"
-                raise InputError(f"{path}: {fault}; delete it and run the same `cosim generate --streams` again")
+        for name in self.meta.files:
+            self._check_digest(name)
         for _ in self.read():
             pass
 
-    def read(self) -> Iterator[tuple[StreamFacts, list[StoredStretch]]]:
-        """Yield the episodes, one at a time in memory. Raises InputError where a file is damaged."""
+    def read(self, episodes: Container[str] | None = None) -> Iterator[tuple[StreamFacts, list[StoredStretch]]]:
+        """Yield the episodes, one at a time in memory. Raises InputError where a file is damaged.
+
+        episodes: `<scenario>-<seed>` of those to read; all by default.
+        """
         for name in self.episodes:
-            yield read_stretches(self.path / STRETCHES / name)
+            if episodes is None or name.removesuffix(".parquet") in episodes:
+                self._check_digest(f"{STRETCHES}/{name}")
+                yield read_stretches(self.path / STRETCHES / name)
+
+    def roads(self, scenario: str) -> list[RoadLane]:
+        """Return the lanes of a scenario. Raises InputError if their file is missing, damaged or was changed."""
+        name = f"{ROADS}/{scenario}.parquet"
+        self._check_digest(name)
+        try:
+            return read_roads(self.path / name)
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"{self.path / name}: is not a file of roads ({reason}); delete it and run the same "
+                "`cosim generate --streams` again"
+            ) from None
+
+    def _check_digest(self, name: str) -> None:
+        """Raise InputError if a file, by its path in the folder, is missing or was changed."""
+        path = self.path / name
+        if not path.is_file() or file_digest(path) != self.meta.files.get(name):
+            fault = "differs from its digest" if path.is_file() else "is missing"
+            raise InputError(f"{path}: {fault}; delete it and run the same `cosim generate --streams` again")
 
     def facts(self) -> list[StreamFacts]:
         """Return the facts of all episodes, without reading their stretches. Raises InputError if a file is damaged."""

@@ -30,7 +30,9 @@ from isac_cosim.models.networks.lightning_module import (
     DivergedError,
     EpochProgress,
     History,
+    Monitor,
     NetworkModule,
+    TrainedModule,
     WindowData,
 )
 from isac_cosim.models.networks.losses import inverse_frequency
@@ -48,10 +50,10 @@ NETWORK_PREFIX = "network."
 
 @dataclass(frozen=True)
 class BestEpoch:
-    """The epoch whose weights are kept: its number, from 0, and its macro-F1 on the validation windows."""
+    """The epoch whose weights are kept: its number, from 0, and its score on the validation windows."""
 
     best_epoch: int
-    macro_f1: float
+    score: float
 
 
 def fit_network(
@@ -74,26 +76,44 @@ def fit_network(
     data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
     network.fit_scale(*data.first_windows())
     alpha = inverse_frequency(training.label, network.n_classes) if settings.loss.class_weights else None
-    best = _run_epochs(NetworkModule(network, settings, alpha), data, folder, feedback, logs)
+    monitor = Monitor(MONITOR, "max", "macro-F1", over_text(data.validated, KNOWN))
+    return fit_module(NetworkModule(network, settings, alpha), data, monitor, folder, feedback, logs)
+
+
+def fit_module(
+    module: TrainedModule,
+    data: lightning.LightningDataModule,
+    monitor: Monitor,
+    folder: Path,
+    feedback: Feedback,
+    logs: bool = False,
+) -> BestEpoch:
+    """Train a module's network, or resume where its training stopped; otherwise as `fit_network`."""
+    best = _run_epochs(module, data, monitor, folder, feedback, logs)
     weights = {
         name.removeprefix(NETWORK_PREFIX): value
         for name, value in best["state_dict"].items()
         if name.startswith(NETWORK_PREFIX)
     }
-    network.load_state_dict(weights)
+    module.network.load_state_dict(weights)
     keepers = (state for name, state in best["callbacks"].items() if name.startswith("ModelCheckpoint"))
-    monitored = next(state for state in keepers if state["monitor"] == MONITOR)
+    monitored = next(state for state in keepers if state["monitor"] == monitor.name)
     return BestEpoch(int(best["epoch"]), float(monitored["current_score"]))
 
 
 def _run_epochs(
-    module: NetworkModule, data: WindowData, folder: Path, feedback: Feedback, logs: bool
+    module: TrainedModule,
+    data: lightning.LightningDataModule,
+    monitor: Monitor,
+    folder: Path,
+    feedback: Feedback,
+    logs: bool,
 ) -> dict[str, Any]:
     """Train to the last epoch, and return the checkpoint of the best one."""
     optimiser, checkpoints = module.settings.optimiser, folder / CHECKPOINTS
-    stopping = EarlyStopping(MONITOR, mode="max", patience=optimiser.patience)
+    stopping = EarlyStopping(monitor.name, mode=monitor.mode, patience=optimiser.patience)
     keep = partial(_Keeper, checkpoints, enable_version_counter=False, save_on_train_epoch_end=True)
-    best = keep("best", monitor=MONITOR, mode="max")
+    best = keep("best", monitor=monitor.name, mode=monitor.mode)
     history = History(folder / HISTORY_FILE)
     callbacks: list[Callback] = [
         history,
@@ -101,7 +121,7 @@ def _run_epochs(
         best,
         keep(LAST),  # after the best: what it says of the best one is then of the same epoch
         LambdaCallback(on_train_start=partial(_stay_stopped, stopping)),
-        EpochProgress(feedback, history, module.settings.model, MONITOR, over_text(data.validated, KNOWN)),
+        EpochProgress(feedback, history, module.settings.model, monitor),
     ]
     last = checkpoints / f"{LAST}.ckpt"
     with _quiet(), ExitStack() as stack:

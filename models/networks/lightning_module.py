@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import lightning
 import numpy as np
@@ -174,48 +174,29 @@ class WindowBatches(IterableDataset[Batch]):
             yield torch.from_numpy(tv), torch.from_numpy(uv), torch.from_numpy(labels)
 
 
+@dataclass(frozen=True)
+class Monitor:
+    """The score that chooses the best epoch.
+
+    mode: whether the lowest or the highest is best. shown: its name beside progress bars. over: over which intentions
+    it is a mean, if not all.
+    """
+
+    name: str
+    mode: Literal["min", "max"]
+    shown: str
+    over: str = ""
+
+
 class DivergedError(RunError):
     """The loss of a training is not finite."""
 
 
-class NetworkModule(lightning.LightningModule):
-    """A network with its loss, its optimiser and its validation macro-F1.
+class TrainedModule(lightning.LightningModule):
+    """A network with its loss and its optimiser."""
 
-    alpha: class weights (n_classes,), all 1 if None.
-    """
-
-    def __init__(self, network: WindowNetwork, settings: FitSettings, alpha: Tensor | None) -> None:
-        super().__init__()
-        self.network, self.settings = network, settings
-        self.register_buffer("alpha", alpha)
-        self.f1 = MulticlassF1Score(network.n_classes, average="macro")
-
-    def training_step(self, batch: Batch, k: int) -> Tensor:
-        """Return the loss of the k-th batch of an epoch; outliers in it add the exposure loss."""
-        # Every step seeds its own dropout, so that a resumed training draws what an uninterrupted one would.
-        torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
-        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
-        outlier = label == OUTLIER
-        if outlier.any():
-            loss = self.settings.loss.exposure_weight * exposure_loss(logits["joint"][outlier])
-            if not outlier.all():
-                loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
-        else:
-            loss = self._loss(logits, label)
-        self._refuse_nonfinite(loss, f"batch {k + 1}")
-        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label), sync_dist=self._is_shared)
-        return loss
-
-    def validation_step(self, batch: Batch, k: int) -> None:
-        """Log loss, accuracy and macro-F1 of a batch of validation windows."""
-        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
-        joint, loss = logits["joint"], self._loss(logits, label)
-        self._refuse_nonfinite(loss, f"validation batch {k + 1}")
-        self.f1(joint, label)
-        accuracy = (joint.argmax(1) == label).float().mean()
-        for name, value in (("validation_loss", loss), ("validation_accuracy", accuracy)):
-            self.log(name, value, batch_size=len(label), sync_dist=self._is_shared)
-        self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
+    network: Any
+    settings: FitSettings
 
     def configure_optimizers(self) -> Any:
         """Return AdamW and its schedule, in the form that Lightning expects."""
@@ -239,11 +220,11 @@ class NetworkModule(lightning.LightningModule):
         return {"optimizer": adam, "lr_scheduler": {"scheduler": schedule, "interval": "step"}}
 
     @property
-    def _is_shared(self) -> bool:
+    def is_shared(self) -> bool:
         """Whether several devices share each batch."""
         return self.trainer.world_size > 1
 
-    def _refuse_nonfinite(self, loss: Tensor, batch: str) -> None:
+    def refuse_nonfinite(self, loss: Tensor, batch: str) -> None:
         """Raise DivergedError where a loss is NaN or infinite: whatever is learnt from it on is, too."""
         if not torch.isfinite(loss):
             optimiser = self.settings.optimiser
@@ -253,8 +234,49 @@ class NetworkModule(lightning.LightningModule):
                 f"training stopped; lower training.optimiser.learning_rate, now {optimiser.learning_rate}{unclipped}"
             )
 
+
+class NetworkModule(TrainedModule):
+    """A network with its loss, its optimiser and its validation macro-F1.
+
+    alpha: class weights (n_classes,), all 1 if None.
+    """
+
+    def __init__(self, network: WindowNetwork, settings: FitSettings, alpha: Tensor | None) -> None:
+        super().__init__()
+        self.network, self.settings = network, settings
+        self.register_buffer("alpha", alpha)
+        self.f1 = MulticlassF1Score(network.n_classes, average="macro")
+
+    def training_step(self, batch: Batch, k: int) -> Tensor:
+        """Return the loss of the k-th batch of an epoch; outliers in it add the exposure loss."""
+        # Every step seeds its own dropout, so that a resumed training draws what an uninterrupted one would.
+        torch.manual_seed(torch_seed("dropout", self.settings.seed, self.current_epoch, k))
+        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
+        outlier = label == OUTLIER
+        if outlier.any():
+            loss = self.settings.loss.exposure_weight * exposure_loss(logits["joint"][outlier])
+            if not outlier.all():
+                loss = loss + self._loss({name: x[~outlier] for name, x in logits.items()}, label[~outlier])
+        else:
+            loss = self._loss(logits, label)
+        self.refuse_nonfinite(loss, f"batch {k + 1}")
+        self.log("train_loss", loss, on_step=False, on_epoch=True, batch_size=len(label), sync_dist=self.is_shared)
+        return loss
+
+    def validation_step(self, batch: Batch, k: int) -> None:
+        """Log loss, accuracy and macro-F1 of a batch of validation windows."""
+        logits, label = self.network.training_logits(batch[0], batch[1]), batch[2]
+        joint, loss = logits["joint"], self._loss(logits, label)
+        self.refuse_nonfinite(loss, f"validation batch {k + 1}")
+        self.f1(joint, label)
+        accuracy = (joint.argmax(1) == label).float().mean()
+        for name, value in (("validation_loss", loss), ("validation_accuracy", accuracy)):
+            self.log(name, value, batch_size=len(label), sync_dist=self.is_shared)
+        self.log(MONITOR, self.f1, on_epoch=True, batch_size=len(label))
+
     def _loss(self, logits: dict[str, Tensor], label: Tensor) -> Tensor:
-        return self.network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)
+        network: WindowNetwork = self.network
+        return network.loss(logits, label, self.get_buffer("alpha"), self.settings.loss.gamma)
 
 
 class History(Callback):
@@ -292,11 +314,11 @@ class EpochProgress(Callback):
     """The progress of a training: a bar of the batches that are done, and a line about every epoch.
 
     history: adds its row of an epoch before this says anything. name: of the predictor. monitor: the score that is
-    shown. over: over which intentions it is a mean, if not all.
+    shown.
     """
 
-    def __init__(self, feedback: Feedback, history: History, name: str, monitor: str, over: str = "") -> None:
-        self.feedback, self.history, self.name, self.monitor, self.over = feedback, history, name, monitor, over
+    def __init__(self, feedback: Feedback, history: History, name: str, monitor: Monitor) -> None:
+        self.feedback, self.history, self.name, self.monitor = feedback, history, name, monitor
         self.bar = ExitStack()
         self.move: Move | None = None
         self.done, self.total, self.note = 0, 1, ""
@@ -317,22 +339,22 @@ class EpochProgress(Callback):
         self._show()
 
     def on_validation_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
-        """Show the score of the epoch beside the bar."""
-        score = trainer.callback_metrics.get(self.monitor)
+        """Show the score of the epoch."""
+        score, shown = trainer.callback_metrics.get(self.monitor.name), self.monitor.shown
         if score is not None:
             epoch = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
-            self.note = f"{epoch}, macro-F1 {float(score):.3f}{self.over}"
+            self.note = f"{epoch}, {shown} {float(score):.3f}{self.monitor.over}"
             self._show()
 
     def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
         """Say what the epoch has taught, in a line that stays."""
         if not trainer.is_global_zero:
             return
-        row = self.history.rows[-1]
-        best = max(earlier[self.monitor] for earlier in self.history.rows)
-        score = f"validation macro-F1 {row[self.monitor]:.3f}{self.over}, best {best:.3f}"
+        rows, monitor = self.history.rows, self.monitor
+        best = (max if monitor.mode == "max" else min)(row[monitor.name] for row in rows)
+        score = f"validation {monitor.shown} {rows[-1][monitor.name]:.3f}{monitor.over}, best {best:.3f}"
         epoch = f"{self.name}, epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
-        self.feedback.message(f"{epoch}: {score}; training loss {row['train_loss']:.3g}")
+        self.feedback.message(f"{epoch}: {score}; training loss {rows[-1]['train_loss']:.3g}")
 
     def on_train_end(self, *_: Any) -> None:
         """Close the bar."""

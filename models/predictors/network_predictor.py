@@ -61,7 +61,7 @@ class NetworkPredictor(Predictor):
         network = cls.build(task.settings, task.shape)
         fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback, task.logs)
         network.eval().to(answering_device(task.settings.optimiser.accelerator))
-        summary = FitSummary(fitted.best_epoch, network.parameter_count, fitted.macro_f1, network.lstm_precision)
+        summary = FitSummary(fitted.best_epoch, network.parameter_count, fitted.score, network.lstm_precision)
         return cls(network, summary)
 
     def save(self, folder: Path) -> None:

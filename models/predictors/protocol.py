@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
+from scipy.special import expit
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError, RunError
@@ -34,14 +35,19 @@ class Outputs:
 
     logits: (n, G), one column per known intention, in the order of `labeling.intentions.KNOWN`.
     features: (n, F), what the logits are computed from; the unknown scores compare them with those of training windows.
+    exclusive: whether a window shows exactly one intention; otherwise each logit is the log-odds of its own intention,
+    whatever the others are.
     """
 
     logits: Array
     features: Array
+    exclusive: bool = True
 
     @property
     def probabilities(self) -> Array:
-        """Softmax of the logits, (n, G)."""
+        """Softmax of the logits, or the sigmoid of each where they are not exclusive, (n, G)."""
+        if not self.exclusive:
+            return np.asarray(expit(self.logits))
         e = np.exp(self.logits - self.logits.max(axis=1, keepdims=True))
         return np.asarray(e / e.sum(axis=1, keepdims=True))
 

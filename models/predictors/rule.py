@@ -35,6 +35,8 @@ LEAST_STRENGTH = 1e-2
 """Strengths are raised to this value before their logarithm is taken."""
 FACTORS = np.geomspace(0.4, 2.5, 15)
 """Factors by which fitting tries to scale a threshold."""
+IN_LANE = 7 + len(KNOWN)
+"""Columns of `in_lane`."""
 FITTED = ("line_crossing_s", "brake_mps2", "accel_mps2", "swerve_mps2", "level_s")
 """The thresholds that fitting scales."""
 

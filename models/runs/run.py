@@ -30,7 +30,6 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.predictors.protocol import Outputs, Predictor, WindowShape
-from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs import former_names
 from isac_cosim.models.runs.former_names import OpenSetScore, present_file, present_score
 from isac_cosim.models.runs.settings import TrainSettings
@@ -154,6 +153,11 @@ class Run:
         """The display name of the predictor."""
         return self.predictor.display_name
 
+    @property
+    def is_of_streams(self) -> bool:
+        """Whether it was trained on streams; its answers are then the odds of each intention, whatever the others."""
+        return self.card.settings.streams is not None
+
     def answer(self, windows: Windows) -> Outputs:
         """Return what the predictor answers to n windows, logits (n, G) and features (n, F).
 
@@ -190,7 +194,7 @@ def load_run(path: str | Path) -> Run:
 
 def open_run(folder: Path, card: RunCard) -> Run:
     """Open the run in a folder whose card is known. Raises InputError if it is damaged or not the one that was made."""
-    kind = PREDICTORS[card.settings.model]
+    kind = card.settings.predictor_class
     kind.check_requirements()
     try:
         for name, digest in card.files.items():
@@ -252,3 +256,21 @@ def read_card(folder: Path) -> RunCard | None:
 def write_card(folder: Path, card: RunCard) -> None:
     """Write a folder's `run.json`. Raises OutputError."""
     write_sealed(folder / CARD_FILE, card)
+
+
+def begin_run(folder: Path, card: RunCard) -> bool:
+    """Write the card into a claimed folder that has none, and return whether the training is finished already.
+
+    Raises InputError if the folder is another training's.
+    """
+    before = read_card(folder)
+    if before is None:
+        write_card(folder, card)
+        return False
+    if (before.settings, before.dataset.get("digest"), before.split) != (
+        card.settings,
+        card.dataset.get("digest"),
+        card.split,
+    ):
+        raise InputError(f"{folder}: holds a run of other settings or another dataset; choose a new folder")
+    return before.complete

@@ -16,6 +16,9 @@ from pydantic import (
 from isac_cosim.base.errors import InputError
 from isac_cosim.models import DEFAULT
 from isac_cosim.models.data.fit_settings import FitSettings, OptimiserSettings
+from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
+from isac_cosim.models.hazards.settings import StreamFitSettings
+from isac_cosim.models.predictors.protocol import Predictor
 from isac_cosim.models.predictors.registry import PREDICTORS, checked_sections, sections
 from isac_cosim.models.runs.former_names import present_settings
 
@@ -30,14 +33,36 @@ class TrainSettings(FitSettings):
     predictors are always there; that of an installed package is there if it is given or its predictor is chosen.
     `of` returns a section by its class. An optimiser key that is not given has the predictor's own default, if it has
     one, or that of `OptimiserSettings`.
+
+    streams: of a training on streams; None of one on records.
     """
 
     model_config = ConfigDict(extra="allow")
 
+    streams: StreamFitSettings | None = None
+
     @field_validator("model")
     @classmethod
     def _is_registered(cls, name: str) -> str:
-        return PREDICTORS.check(name)
+        return name if name in STREAM_PREDICTORS else PREDICTORS.check(name)
+
+    @model_validator(mode="after")
+    def _learns_from_these(self) -> Self:
+        if self.streams is None and self.model not in PREDICTORS:
+            raise ValueError(f"model {self.model}: is trained on streams; make them with `cosim generate --streams`")
+        if self.streams is None:
+            return self
+        if self.model not in STREAM_PREDICTORS:
+            names = ", ".join(STREAM_PREDICTORS)
+            raise ValueError(f"model {self.model}: is not trained on streams; choose one of {names}")
+        if self.held_out is not None:
+            raise ValueError("held_out: applies to datasets of records, not to streams")
+        return self
+
+    @property
+    def predictor_class(self) -> type[Predictor]:
+        """The class of the predictor. Raises InputError if the package that offers it cannot be imported."""
+        return PREDICTORS[self.model] if self.streams is None else STREAM_PREDICTORS[self.model]
 
     @model_validator(mode="before")
     @classmethod
@@ -48,8 +73,14 @@ class TrainSettings(FitSettings):
         content = present_settings(content)
         fields = {key: value for key, value in content.items() if key in cls.model_fields}
         model = content.get("model", DEFAULT)
-        if not isinstance(model, str) or model not in PREDICTORS:
+        if not isinstance(model, str) or (model not in PREDICTORS and model not in STREAM_PREDICTORS):
             return fields  # The check of `model` reports it.
+        if fields.get("streams") is not None and model in STREAM_PREDICTORS:
+            optimiser = fields.get("optimiser", {})
+            if isinstance(optimiser, dict):
+                fields["optimiser"] = {**STREAM_PREDICTORS[model].optimiser_defaults, **optimiser}
+        if model not in PREDICTORS:
+            model = DEFAULT  # What is trained on streams has its settings in the section `streams`.
         if clash := cls.model_fields.keys() & sections(model):
             raise InputError(
                 f"predictor {model}: its section {min(clash)} is a key of [training]; rename the predictor"
@@ -67,7 +98,9 @@ class TrainSettings(FitSettings):
         if "model" not in info.data:
             return optimiser  # The check of `model` reports it.
         explicit = {key: getattr(optimiser, key) for key in optimiser.model_fields_set}
-        resolved = OptimiserSettings.model_validate({**PREDICTORS[info.data["model"]].optimiser_defaults, **explicit})
+        model = info.data["model"]
+        kind: type[Predictor] = PREDICTORS[model] if model in PREDICTORS else STREAM_PREDICTORS[model]
+        resolved = OptimiserSettings.model_validate({**kind.optimiser_defaults, **explicit})
         return OptimiserSettings.model_construct(_fields_set=set(explicit), **dict(resolved))
 
     @model_serializer(mode="wrap")
@@ -77,6 +110,8 @@ class TrainSettings(FitSettings):
         fields = list(type(self).model_fields)
         at = fields.index(SECTIONS_AFTER) + 1
         order = [*fields[:at], *(self.model_extra or {}), *fields[at:]]
+        if self.streams is None:
+            order.remove("streams")
         return {key: content[key] for key in order if key in content}
 
     def for_predictor(self, model: str, seed: int | None = None) -> Self:

@@ -18,7 +18,6 @@ from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.sides import dependence_of_test, is_taught, on_side, taught, warning
 from isac_cosim.models.data.windows import Records, batches, draw_ends, lengths, split
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor
-from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.predictors.reject_option import fit_reject_option
 from isac_cosim.models.runs.run import (
     CARD_FILE,
@@ -26,11 +25,11 @@ from isac_cosim.models.runs.run import (
     REJECT_OPTION_FILE,
     Run,
     RunCard,
+    begin_run,
     digests_of,
     files_written,
     load_run,
     open_run,
-    read_card,
     write_card,
 )
 from isac_cosim.models.runs.settings import TrainSettings
@@ -86,11 +85,11 @@ def train_records(
     made_of: what the run's card says of the dataset; `digest` is part of it. sides: the scenario seeds to train,
     validate and test on, as `split` returns them, if they are already decided. logs: see `train`.
     """
-    PREDICTORS[settings.model].check_requirements()
+    settings.predictor_class.check_requirements()
     folder = Path(out)
     card = _card(records, made_of, settings, sides or split(records, settings.split))
     with claim(folder, CARD_FILE, "run"):
-        if not _begin(folder, card):
+        if not begin_run(folder, card):
             with limited(settings.optimiser.threads):
                 _fill(records, folder, card, feedback, logs)
     return load_run(folder)
@@ -100,7 +99,7 @@ def _fill(records: Records, folder: Path, card: RunCard, feedback: Feedback, log
     """Train the predictor of a claimed folder, and write everything that belongs to the run."""
     training, validation = (taught(records, card.split, side, card.settings) for side in ("train", "validation"))
     task = FitTask(training, validation, card.settings, card.shape, folder, logs)
-    predictor = PREDICTORS[card.settings.model].fit(task, feedback)
+    predictor = card.settings.predictor_class.fit(task, feedback)
     names = files_written(folder, lambda: predictor.save(folder))
     _write_reference(folder, _reference(predictor, task))
     reject_option = fit_reject_option(predictor, task)
@@ -173,24 +172,6 @@ def _card(records: Records, made_of: dict[str, Any], settings: TrainSettings, si
         validation_counts={i.text: int((validated == i).sum()) for i in KNOWN}, tv_length=n_tv, uv_length=n_uv,
         tv_rate_hz=records.tv_rate_hz, uv_rate_hz=records.uv_rate_hz, dataset=made_of, versions=versions(OF_RUNS),
     )  # fmt: skip
-
-
-def _begin(folder: Path, card: RunCard) -> bool:
-    """Write the card into a claimed folder that has none, and return whether the training is finished already.
-
-    Raises InputError if the folder is another training's.
-    """
-    before = read_card(folder)
-    if before is None:
-        write_card(folder, card)
-        return False
-    if (before.settings, before.dataset.get("digest"), before.split) != (
-        card.settings,
-        card.dataset.get("digest"),
-        card.split,
-    ):
-        raise InputError(f"{folder}: holds a run of other settings or another dataset; choose a new folder")
-    return before.complete
 
 
 def _reference(predictor: Predictor, task: FitTask) -> tuple[Float32Array, IntArray]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +26,10 @@ from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
 
 NEVER = -np.inf
 """The level of an intention for which a window cannot raise an alarm."""
+SLACK_S = 1e-9
+"""Times that differ by less are the same, s."""
+LEAST_PROBABILITY = 1e-6
+"""The log-odds of what is less likely, or less unlikely, are not told apart."""
 
 
 def is_pause(gap_s: Array | float, decision_s: float) -> BoolArray:
@@ -41,7 +46,7 @@ def confirm(recent: Float32Array, k: int) -> Float32Array:
 
 def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray:
     """Return whether an alarm comes too soon after the one before, s, of the same vehicle and intention."""
-    return np.asarray(np.asarray(gap_s) < refractory_s - 1e-9)
+    return np.asarray(np.asarray(gap_s) < refractory_s - SLACK_S)
 
 
 @dataclass
@@ -92,13 +97,18 @@ class Levels:
         """Return the levels (n, 6) of an episode's predictions."""
         return cls(level, episode.vehicle, episode.time_s, pauses(episode))
 
+    @cached_property
+    def columns(self) -> Float32Array:
+        """The levels of each intention in turn, (6, n), contiguous: many thresholds are tried on them."""
+        return np.ascontiguousarray(self.level.T)
+
     def rose_from(self, rise: float) -> Float32Array:
         """Return the trough from which each level has just risen anew, NEVER where it has not, (n, 6).
 
         rise: as in `Swing`. Runs between pauses are followed side by side.
         """
         if rise not in self._rose_from:
-            self._rose_from[rise] = self._followed(rise)
+            self._rose_from[rise] = np.asfortranarray(self._followed(rise))
         return self._rose_from[rise]
 
     def _followed(self, rise: float) -> Float32Array:
@@ -156,6 +166,15 @@ def reject_levels(answers: Answers, least_probability: float) -> Float32Array:
     return level
 
 
+def hazard_levels(answers: Answers) -> Float32Array:
+    """Return the levels of a run that was trained on streams, the log-odds of each intention, (n, 6)."""
+    odds = np.full(answers.probabilities.shape, NEVER, np.float32)
+    some = answers.probabilities > LEAST_PROBABILITY
+    probability = np.minimum(answers.probabilities[some].astype(np.float64), 1 - LEAST_PROBABILITY)
+    odds[some] = np.log(probability / (1 - probability))
+    return odds
+
+
 def confirmed(levels: Levels, k: int, n: int) -> Levels:
     """Return the confirmed levels: of the last n at every prediction. Those from before a pause are NEVER."""
     if n == 1:
@@ -174,21 +193,24 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise:
 
     thresholds: of each intention, (6,), or a single one for all. refractory_s, rise: see `AlarmSettings`.
     """
-    on = levels.level >= thresholds
+    limit = np.broadcast_to(np.asarray(thresholds, np.float64), levels.level.shape[1:])[:, None]
+    on = levels.columns >= limit
     rising = on.copy()
-    rising[1:] &= ~on[:-1] | levels.begins[1:, None]
+    rising[:, 1:] &= ~on[:, :-1] | levels.begins[1:]
     if rise is not None:
         # The level has stayed on since its trough, if that is on.
-        rising |= levels.rose_from(rise) >= thresholds
-    intentions, rows = np.divmod(np.flatnonzero(rising.T), max(1, len(rising)))
+        rose_from = levels.rose_from(rise).T
+        rising |= rose_from >= limit
+    intentions, rows = np.divmod(np.flatnonzero(rising), max(1, rising.shape[1]))
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
     soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & is_too_soon(np.diff(time_s), refractory_s)
-    kept, last = ~soon, -1
+    kept, last = (~soon).tolist(), -1
+    times = time_s.tolist()
     for place in np.flatnonzero(soon).tolist():
         # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
         last = place - 1 if kept[place - 1] else last
-        kept[place] = not is_too_soon(time_s[place] - time_s[last], refractory_s)
+        kept[place] = not times[place] - times[last] < refractory_s - SLACK_S
     return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
 
 

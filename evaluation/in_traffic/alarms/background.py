@@ -20,7 +20,7 @@ from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import remove_partial
 from isac_cosim.base.stored.errors import READ_ERRORS, reason_of
-from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
+from isac_cosim.evaluation.in_traffic.alarms.alarms import LEAST_PROBABILITY, NEVER
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
@@ -33,7 +33,6 @@ NONE = len(KNOWN)
 """The number of the answer "none"."""
 IGNORED = -1
 """The label of windows that are left out of the training."""
-LEAST_PROBABILITY = 1e-6
 TREES_FOLDER = "trees"
 """In the folder of an evaluation."""
 SUFFIX = ".skops"

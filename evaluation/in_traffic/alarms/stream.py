@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array
-from isac_cosim.evaluation.in_traffic.alarms.alarms import Swing, confirm, is_pause, is_too_soon, reject_levels
+from isac_cosim.evaluation.in_traffic.alarms.alarms import (
+    Swing,
+    confirm,
+    hazard_levels,
+    is_pause,
+    is_too_soon,
+    reject_levels,
+)
 from isac_cosim.evaluation.in_traffic.alarms.background import Background
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
@@ -32,6 +39,8 @@ def levelling(settings: AlarmSettings, background: Background | None) -> Levelli
     """Return how answers get their levels for alarms of some settings. background: for the method of that name."""
     if settings.method == "reject":
         return lambda answers: reject_levels(answers, settings.least_probability)
+    if settings.method == "hazard":
+        return hazard_levels
     assert background is not None, "the method `background` needs its trees"
     return background.levels_of
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, confirmed, reject_levels
+from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, confirmed, hazard_levels, reject_levels
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, KeptTrees, out_of_fold
 from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
@@ -148,6 +148,13 @@ def reject_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettin
         template = AlarmSettings(method="reject", threshold=0.0, least_probability=least)
         combinations += _combinations(truths, levels, template, choice)
     return Options(tuple(combinations))
+
+
+def hazard_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> Options:
+    """Return the options of alarms by the log-odds of a run that was trained on streams."""
+    levels = [hazard_levels(truth.episode.answers[predictor]) for truth in truths]
+    template = AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise)
+    return Options(tuple(_combinations(truths, levels, template, choice)))
 
 
 def background_options(

@@ -34,9 +34,8 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import (
     summarise,
 )
 from isac_cosim.evaluation.in_traffic.scores.results import METRICS_FILE, TrafficResult
-from isac_cosim.evaluation.in_traffic.settings import LiveSettings, LiveStudy
+from isac_cosim.evaluation.in_traffic.settings import DEVELOPMENT, DEVELOPMENT_H, SEEDS, LiveSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import EpisodeTask, Predictors, ProcessorTime, timing_of
-from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.evaluation.in_traffic.streams.store import (
     EPISODES,
     FILES,
@@ -56,6 +55,7 @@ from isac_cosim.labeling.generation.folder import changed_input, fingerprint
 from isac_cosim.labeling.generation.generate import describe
 from isac_cosim.labeling.generation.log import withheld
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange, as_stored, driven_by_profiles
+from isac_cosim.models.data.situation import FEATURES
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.runs.run import Run, RunCard
 from isac_cosim.models.scores import open_set
@@ -70,10 +70,6 @@ SCORED_AFTERWARDS: dict[str, Any] = {
 """The settings that episodes do not depend on: if they change, an evaluation continues in the same folder."""
 PROBES = 64
 """Number of windows that test whether a predictor looks at the UV."""
-SEEDS, DEVELOPMENT = (1001, 1004), (2001, 2100)
-"""The default seeds to measure, and those on which alarms are chosen. Training uses lower ones."""
-DEVELOPMENT_H = 30.0
-"""Vehicle-hours on which alarms are chosen by default: as many of the default seeds are run."""
 FIRST_DEVELOPMENT = 4
 """Development seeds that are run to see how many it takes; if they hold no prediction, they stay the only ones."""
 
@@ -182,7 +178,7 @@ def evaluate_traffic(
         "alone": None if alone is None else alone.card.model_dump(mode="json"),
     }
     answers_rest_on = study.model_dump(mode="json", exclude=SCORED_AFTERWARDS)
-    with_lanes = study.live.background.lanes
+    with_lanes = study.live.background.lanes and not run.is_of_streams
     installed = versions(OF_EPISODES)
     described = [described.identity for described in meta.scenarios]
     digest = fingerprint(answers_rest_on, described, cards, [with_lanes, *FEATURES], installed)
@@ -202,7 +198,7 @@ def evaluate_traffic(
             feedback.message(line)
         task = EpisodeTask(study, source, where, predictors, digest, (out / EPISODES).resolve())
         study = _run_episodes(task, scenario.name, study, out, engine or LocalEngine(1), feedback)
-        evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, list(predictors.against), alone)
+        evaluated = Evaluated(run, study, out, scenario.name, scenario.lefthand, named, alone)
         evaluation = with_answers(summarise(evaluated, described[0], feedback))
         write_json(out / METRICS_FILE, evaluation.result.model_dump(mode="json"))
     for line in warnings(evaluation.result):
@@ -254,6 +250,10 @@ def _check_runs(run: Run, against: Sequence[Run]) -> None:
 
 def _check_alone(alone: Run) -> None:
     """Raise InputError if the answers of a run depend on the UV's reports."""
+    if alone.card.settings.streams is not None:
+        if alone.card.settings.streams.uv:
+            raise InputError(f"{alone.path}: looks at the UV's reports; give a run that was trained with --no-uv")
+        return
     card, drawn = alone.card, stream("uv of any kind")
     window_s = card.settings.windows.window_s
     tv, uv = np.zeros((PROBES, 6, card.tv_length)), np.zeros((PROBES, 6, card.uv_length))

@@ -11,9 +11,23 @@ import numpy as np
 
 from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.seeding import stream
-from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms, Levels, alarms, confirmed, duty_cycle, reject_levels
+from isac_cosim.evaluation.in_traffic.alarms.alarms import (
+    Alarms,
+    Levels,
+    alarms,
+    confirmed,
+    duty_cycle,
+    hazard_levels,
+    reject_levels,
+)
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, Background, KeptTrees
-from isac_cosim.evaluation.in_traffic.measurement.choosing import Chosen, Options, background_options, reject_options
+from isac_cosim.evaluation.in_traffic.measurement.choosing import (
+    Chosen,
+    Options,
+    background_options,
+    hazard_options,
+    reject_options,
+)
 from isac_cosim.evaluation.in_traffic.scores import scoring
 from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
 from isac_cosim.evaluation.in_traffic.scores.results import AlarmResult, EventScores, FrozenPoint
@@ -21,6 +35,10 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome, Truth
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveSettings, Method, ScoringSettings, Sharing
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode, without_near_misses
 from isac_cosim.labeling.intentions import KNOWN
+
+OF_RECORDS: tuple[Method, ...] = ("reject", "background")
+OF_STREAMS: tuple[Method, ...] = ("hazard",)
+"""The kinds of alarm of runs that were trained on records, and on streams."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +104,8 @@ class AnswerLevels:
         if settings.method == "background":
             assert self.background is not None, "the method `background` needs its trees"
             return self.background.levels(truth.episode)
+        if settings.method == "hazard":
+            return hazard_levels(truth.episode.answers[self.predictor])
         return reject_levels(truth.episode.answers[self.predictor], settings.least_probability)
 
 
@@ -95,7 +115,7 @@ def measure_methods(
     predictor: str,
     live: LiveSettings,
     name: str,
-    methods: Sequence[Method] = get_args(Method),
+    methods: Sequence[Method] = OF_RECORDS,
     kept: KeptTrees = NOT_KEPT,
 ) -> dict[Method, MeasuredAlarms]:
     """Measure kinds of alarm of a predictor with features, the better one on the development seeds first.
@@ -111,19 +131,13 @@ def measure_methods(
     options: dict[Method, Options] = {}
     if "reject" in methods:
         options["reject"] = reject_options(development, predictor, live.choice)
+    if "hazard" in methods:
+        options["hazard"] = hazard_options(development, predictor, live.choice)
     if background is not None:
         options["background"] = background_options(development, predictor, live, kept)
     of_methods = {method: measure(streams, of_method, live, name) for method, of_method in options.items()}
     results = [(method, result) for method, result in of_methods.items() if result is not None]
     return dict(sorted(results, key=lambda item: _rank(item[1]), reverse=True))
-
-
-def measure_reject(
-    development: Sequence[Truth], measured: Sequence[Truth], predictor: str, live: LiveSettings, name: str
-) -> MeasuredAlarms | None:
-    """Measure the alarms of a predictor by the unknown score; None if no vehicle was predicted."""
-    options = reject_options(development, predictor, live.choice)
-    return measure(AnswerLevels(measured, predictor), options, live, name)
 
 
 def measure(streams: AnswerLevels, options: Options, live: LiveSettings, name: str) -> MeasuredAlarms | None:

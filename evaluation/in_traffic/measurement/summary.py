@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
@@ -78,8 +78,8 @@ class TrafficEvaluation:
 class Evaluated:
     """A run with the episodes in which it was evaluated.
 
-    out: folder of the evaluation. scenario: its name. lefthand: whether traffic keeps left. against: names of the
-    compared runs in the episodes. alone: the run for TVs without a UV, if any.
+    out: folder of the evaluation. scenario: its name. lefthand: whether traffic keeps left. against: the compared
+    runs by their names in the episodes. alone: the run for TVs without a UV, if any.
     """
 
     run: Run
@@ -87,7 +87,7 @@ class Evaluated:
     out: Path
     scenario: str
     lefthand: bool
-    against: Sequence[str] = ()
+    against: Mapping[str, Run] = field(default_factory=dict)
     alone: Run | None = None
 
     @cached_property
@@ -113,7 +113,8 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     true_motion = dict[Method, MeasuredAlarms]()
     with feedback.bar("choosing alarms", "predictors") as move:
         total = 3 + live.streams.truth + (evaluated.alone is not None)
-        methods = measuring.measure_methods(development, measured, RUN, live, run.name, kept=evaluated.kept)
+        kinds = methods_of(run)
+        methods = measuring.measure_methods(development, measured, RUN, live, run.name, kinds, evaluated.kept)
         first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
         move(1, total, "baselines")
         baselines = {RANDOM: measuring.measure_random(measured, first, live)}
@@ -129,7 +130,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         if live.streams.truth:
             move(3, total, "true motion")
             name = f"{run.name} on true motion"
-            true_motion = measuring.measure_methods(development, measured, TRUTH, live, name, kept=evaluated.kept)
+            true_motion = measuring.measure_methods(development, measured, TRUTH, live, name, kinds, evaluated.kept)
         if evaluated.alone is not None:
             move(total - 1, total, "without a UV")
         alone = None if evaluated.alone is None else _alone(evaluated, evaluated.alone)
@@ -170,16 +171,29 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     )
 
 
+def methods_of(run: Run) -> tuple[Method, ...]:
+    """Return the kinds of alarm that a run can raise."""
+    return measuring.OF_STREAMS if run.is_of_streams else measuring.OF_RECORDS
+
+
 def _compared(
     development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated
 ) -> dict[str, MeasuredAlarms]:
-    """Measure the rule of the road, trees on what it sees of the situation, and the compared runs, by their names."""
+    """Measure the rule of the road, the compared runs, and trees on the situation, by their names.
+
+    These trees learn from the development seeds, as the other kinds of alarm of a run do that was trained on records.
+    Beside a run that was trained on streams they are left out: compare it with a run of `--model situation`.
+    """
     live, compared = evaluated.study.live, dict[str, MeasuredAlarms]()
-    for name in (RULE, *evaluated.against):
+    kinds: dict[str, Method] = {RULE: "reject"}
+    kinds |= {name: methods_of(run)[0] for name, run in evaluated.against.items()}
+    for name, kind in kinds.items():
         shown = "rule of the road" if name == RULE else name
-        baseline = measuring.measure_reject(development, measured, name, live, shown)
-        if baseline is not None:
-            compared[name] = baseline
+        measurements = measuring.measure_methods(development, measured, name, live, shown, [kind])
+        if kind in measurements:
+            compared[name] = measurements[kind]
+    if evaluated.run.is_of_streams:
+        return compared
     trees = measuring.measure_methods(
         development, measured, RULE, live, "trees on the situation", ["background"], evaluated.kept
     )
@@ -231,7 +245,8 @@ def _alone(evaluated: Evaluated, run: Run) -> AloneResult:
     study, live = evaluated.study, evaluated.study.live
     development = evaluated.truths(study.development, alone=True)
     measured = evaluated.truths(study.dataset.seeds, alone=True)
-    methods = measuring.measure_methods(development, measured, RUN, live, run.name, kept=evaluated.kept)
+    kinds = methods_of(run)
+    methods = measuring.measure_methods(development, measured, RUN, live, run.name, kinds, evaluated.kept)
     first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
     episodes = [truth.episode for truth in measured]
     instants = sum(episode.facts.instants for episode in episodes)

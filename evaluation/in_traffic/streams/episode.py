@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,14 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
+    AlongAnswering,
     Answering,
     Answers,
     LiveWindows,
     WindowCutter,
+    answering_of,
     lanes_of,
     rule_answer,
-    run_answering,
 )
 from isac_cosim.evaluation.in_traffic.streams.store import (
     RULE,
@@ -65,14 +66,17 @@ class Predictors:
     alone: Path | None = None
     with_lanes: bool = False
 
-    def answering(self, truth: bool) -> tuple[Infer, dict[str, Answering]]:
-        """Return the run, and the predictors' functions by name. truth: whether the run also answers true motion."""
+    def answering(self, truth: bool, decision_s: float) -> tuple[Infer, dict[str, Answering]]:
+        """Return the run, and the predictors' functions by name.
+
+        truth: whether the run also answers true motion. decision_s: time between decisions, s.
+        """
         infer = _load(self.run)
-        by_run = run_answering(infer, self.with_lanes)
+        by_run = answering_of(infer, decision_s, self.with_lanes)
         answering: dict[str, Answering] = {RUN: by_run, RULE: rule_answer}
         if truth:
             answering[TRUTH] = by_run
-        return infer, answering | {name: run_answering(_load(path)) for name, path in self.against.items()}
+        return infer, answering | {name: answering_of(_load(path), decision_s) for name, path in self.against.items()}
 
 
 @lru_cache(maxsize=8)
@@ -177,15 +181,25 @@ class _Collected:
         ends = np.rint((stretch.decision_s - stretch.start_s) * cutter.shape.tv_rate_hz).astype(np.int64)
         self.covered_m += float(np.hypot(*track.truth[2:4, ends]).sum()) * cutter.decision_s
         sensed, true = ([name for name in answering if (name == TRUTH) is of_truth] for of_truth in (False, True))
-        for known, names in ((track, sensed), (track.true, true)):
+        for known, all_names in ((track, sensed), (track.true, true)):
+            names = []
+            for name in all_names:
+                along = answering[name]
+                if isinstance(along, AlongAnswering):
+                    self._add(name, partial(along.along, known, cutter, lanes))
+                else:
+                    names.append(name)
             for tv, uv in cutter.batches(known) if names else ():
                 windows = LiveWindows(tv, uv, cutter.shape.tv_rate_hz, lanes)
                 for name in names:
-                    began = time.process_time()
-                    self.answers[name].append(answering[name](windows))
-                    spent_s = time.process_time() - began
-                    self.answering_s += spent_s
-                    self.predicting_s += spent_s if name == RUN else 0.0
+                    self._add(name, partial(answering[name], windows))
+
+    def _add(self, name: str, answer: Callable[[], Answers]) -> None:
+        began = time.process_time()
+        self.answers[name].append(answer())
+        spent_s = time.process_time() - began
+        self.answering_s += spent_s
+        self.predicting_s += spent_s if name == RUN else 0.0
 
     def episode(self, facts: EpisodeFacts, recording: Recording, predictors: Sequence[str]) -> LiveEpisode:
         """Return the episode, vehicle by vehicle and in order of time. predictors: names of all predictors."""
@@ -228,7 +242,7 @@ def predicted(
     study: LiveStudy, scenario: Scenario, recording: Recording, predictors: Predictors, fingerprint: str = ""
 ) -> EpisodeAnswers:
     """Label a recording, and sense and predict its vehicles."""
-    infer, answering = predictors.answering(study.live.streams.truth)
+    infer, answering = predictors.answering(study.live.streams.truth, study.live.streams.decision_s)
     began = time.process_time()
     timing, surroundings = timing_of(study, infer.run.card.shape), Surroundings(recording)
     labels = label(recording, study.dataset.labels, surroundings, study.live.near_misses)
@@ -252,7 +266,7 @@ def predicted(
     alone = None
     if predictors.alone is not None:
         by_itself = _load(predictors.alone)
-        answering = {RUN: run_answering(by_itself)}
+        answering = {RUN: answering_of(by_itself, timing.decision_s)}
         alone, _ = watching.predict(driving.alone, driving, by_itself.run.card.shape, answering, alone=True)
     return EpisodeAnswers(episode, alone, spent)
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 from scipy.special import softmax
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
-from isac_cosim.evaluation.in_traffic.streams.situation import situation
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.streams.reports import ReportWindows
 from isac_cosim.labeling.streams.sensed import SensedStretch
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.lane_motion import LaneMotion
+from isac_cosim.models.data.situation import situation
 from isac_cosim.models.data.windows import OnMap
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
@@ -98,6 +99,38 @@ def run_answering(infer: Infer, with_lanes: bool = False) -> Answering:
         return Answers(*(np.asarray(part, np.float32) for part in parts))
 
     return answer
+
+
+@dataclass(frozen=True)
+class AlongAnswering:
+    """How a run answers that runs along a stream: whole tracks without cutting windows, or windows."""
+
+    infer: Infer
+
+    def __call__(self, windows: LiveWindows) -> Answers:
+        return run_answering(self.infer)(windows)
+
+    def along(self, track: SensedStretch, cutter: WindowCutter, lanes: LaneMap) -> Answers:
+        """Return the answers to all decisions of a track, as to its windows."""
+        stretch, shape, step_s = track.stretch, cutter.shape, cutter.decision_s
+        ends = np.rint((stretch.decision_s - stretch.start_s) * shape.tv_rate_hz).astype(np.int64)
+        parts = []
+        for uv, run in groupby(range(len(ends)), lambda k: stretch.uv[k]):
+            rows = list(run)
+            first_s, last_s = stretch.decision_s[rows[0]], float(stretch.decision_s[rows[-1]])
+            at = np.rint((stretch.decision_s[rows] - first_s) / step_s).astype(np.int64)
+            tv = track.state[:, ends[rows[0]] + 1 - shape.tv_length : ends[rows[-1]] + 1]
+            length = shape.uv_length + round(int(at[-1]) * step_s * shape.uv_rate_hz)
+            reports = cutter.reports.window(uv, last_s - cutter.report_delay_s, length)
+            inference = self.infer.along(tv, reports, lanes, int(at[-1]) + 1)
+            answer = (inference.probabilities, inference.score, inference.features)
+            parts.append(Answers(*(np.asarray(part[at], np.float32) for part in answer)))
+        return Answers.joined(parts)
+
+
+def answering_of(infer: Infer, decision_s: float, with_lanes: bool = False) -> Answering:
+    """Return the function by which a run answers decisions at some interval, s; with_lanes: as in `run_answering`."""
+    return AlongAnswering(infer) if infer.steps_s == decision_s else run_answering(infer, with_lanes)
 
 
 def rule_answer(windows: LiveWindows) -> Answers:

@@ -17,7 +17,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure, spoken
 from isac_cosim.labeling.intentions import KNOWN
 
-METHODS = {"reject": "unknown score", "background": 'with the answer "none"'}
+METHODS = {"reject": "unknown score", "background": 'with the answer "none"', "hazard": "log-odds"}
 """How figures name the kinds of alarm."""
 MOST_VEHICLES = 24
 """Vehicles of a time line: those with the most events and alarms."""

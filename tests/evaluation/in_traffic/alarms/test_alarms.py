@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,7 +54,7 @@ def test_the_refractory_time_is_of_one_vehicle_and_intention() -> None:
     of = levels(1, 0, 1, 0, begins=(0, 2), vehicle=[0, 0, 1, 1])
     assert rows(of, refractory_s=9.0) == [0, 2]
     of.level[1, 3] = 1.0
-    raised_too = raised(of, 0.5, 9.0)
+    raised_too = raised(replace(of), 0.5, 9.0)
     assert list(zip(raised_too.intention.tolist(), raised_too.row.tolist(), strict=True)) == [(0, 0), (0, 2), (3, 1)]
 
 

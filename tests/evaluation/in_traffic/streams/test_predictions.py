@@ -20,7 +20,6 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import (
     rule_answer,
     run_answering,
 )
-from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.sensing.chain import fix
@@ -32,6 +31,7 @@ from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.streams.reports import Reports
 from isac_cosim.labeling.streams.sensed import SensedStretch, StretchSensing
 from isac_cosim.labeling.streams.stretches import watched
+from isac_cosim.models.data.situation import FEATURES
 from isac_cosim.models.data.windows import Ends, Records, WindowSettings, cut
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.rule import RulePredictor, RuleSettings

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from isac_cosim.evaluation.in_traffic.streams.situation import FEATURES, LONGEST_S, situation
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.lane_motion import LaneMotion
+from isac_cosim.models.data.situation import FEATURES, LONGEST_S, situation
 from isac_cosim.models.data.windows import OnMap
 
 RATE_HZ, UV_RATE_HZ, WINDOW_S, WIDTH_M = 400.0, 100.0, 2.2, 3.6
