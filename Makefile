@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 ARGS ?=
 
-.PHONY: run test test-slow fuzz check typed clean
+.PHONY: run test test-slow fuzz figures figures-status architecture check typed clean
 
 run: $(VENV)/installed
 	$(VENV)/bin/cosim run $(ARGS)
@@ -18,6 +18,17 @@ test-slow: $(VENV)/installed-dev
 
 fuzz: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py $(ARGS)
+
+# STAGE: names of stages, or `list`. JOBS: stages side by side. CLUSTER: address of a scheduler.
+FIGURES := $(VENV)/bin/python -m isac_cosim.benchmarks.findings.figures
+figures: $(VENV)/installed-dev
+	$(FIGURES) $(STAGE) --jobs $(or $(JOBS),1) $(if $(CLUSTER),--cluster $(CLUSTER))
+
+figures-status: $(VENV)/installed-dev
+	$(FIGURES) status
+
+architecture: $(VENV)/installed-dev
+	$(VENV)/bin/python -m isac_cosim.benchmarks.findings.architecture
 
 check: $(VENV)/installed-dev typed
 	$(VENV)/bin/ruff check .

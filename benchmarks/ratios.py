@@ -14,6 +14,7 @@ from rich.console import Console
 
 from isac_cosim.base.progress import print_line
 from isac_cosim.base.versions import versions
+from isac_cosim.evaluation.report.parts import markdown
 
 PACKAGES = ("isac-cosim", "libsumo", "lightning", "numpy", "torch")
 """Packages that the speeds depend on most."""
@@ -71,8 +72,8 @@ def as_markdown(table: Sequence[Row], measured_on: dict[str, Any]) -> str:
         f"{measured_on['processor']}, {measured_on['cores']} cores, {measured_on['memory_gib']} GiB; "
         f"{measured_on['system']}; {packages}"
     )
-    lines = [f"| `{row.bench}` | {row.ratio:g} | {row.measures} | {row.bound_by} |" for row in table]
-    return "\n".join([head, "", "| bench | ratio | of what | bound by |", "| --- | --- | --- | --- |", *lines])
+    cells = [[f"`{row.bench}`", f"{row.ratio:g}", row.measures, row.bound_by] for row in table]
+    return f"{head}\n\n{markdown(['bench', 'ratio', 'of what', 'bound by'], cells)}"
 
 
 def as_json(table: Sequence[Row]) -> list[dict[str, Any]]:

@@ -102,7 +102,7 @@ def evaluate_and_show(
             print_line(console, f"the stimulated world is run on the same seeds, in {folder / STRESS}: twice the cost")
         evaluation = evaluate_traffic(loaded, study, folder, engine, feedback, others, alone=alone)
         if stressed is not None:
-            evaluation = with_stress(evaluation, loaded, stressed, folder, engine, feedback)
+            evaluation = with_stress(evaluation, loaded, stressed, folder, engine, feedback, others)
     draw_live_figures(evaluation, folder)
     output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     result = closed or evaluation.result

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from isac_cosim.base.settings import Settings
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -56,16 +57,12 @@ def table(recordings: Sequence[Recording]) -> str:
     scenes = [(recording, Surroundings(recording)) for recording in recordings]
     base = LabelSettings()
     default = counts(scenes, base)
-    lines = [
-        "| threshold | default | " + " | ".join(i.text for i in ORDER) + " |",
-        "|" + " --- |" * (len(ORDER) + 2),
-        "| (as defined) | | " + " | ".join(str(default[i]) for i in ORDER) + " |",
-    ]
+    rows = [["(as defined)", "", *(str(default[i]) for i in ORDER)]]
     for section, name, value in thresholds(base):
         low, high = (counts(scenes, changed(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
         cells = [f"{low[i]} / {high[i]}" if {low[i], high[i]} != {default[i]} else "" for i in ORDER]
-        lines.append(f"| {f'{section}.{name}'.lstrip('.')} | {value:g} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append([f"{section}.{name}".lstrip("."), f"{value:g}", *cells])
+    return markdown(["threshold", "default", *(i.text for i in ORDER)], rows)
 
 
 def main() -> None:

@@ -25,12 +25,12 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
 )
 from isac_cosim.evaluation.in_traffic.settings import Sharing
 from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
-from isac_cosim.models.predictors.registry import PREDICTORS
 
 RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""
-METHODS = {"reject": "unknown score", "background": "answer “none”"}
+METHODS = {"reject": "unknown score", "background": "answer “none”", "hazard": "its log-odds"}
 TRUE_MOTION = "true motion"
 BASELINES = {"rule": "rule of the road", "situation": "trees on the situation"}
 SAFETY = {
@@ -88,12 +88,12 @@ def compared(result: TrafficResult) -> dict[str, AlarmResult]:
 
 
 def _named(result: TrafficResult) -> str:
-    return PREDICTORS[result.model].display_name
+    return result.made_by.run.settings.predictor_class.display_name
 
 
 def _alone(alone: AloneResult) -> dict[str, AlarmResult]:
     """Return what is compared where a vehicle has no UV."""
-    name = PREDICTORS[alone.model].display_name
+    name = alone.run.settings.predictor_class.display_name
     of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in alone.methods.items()}
     return {**of_run, **_baselines(alone.baselines)}
 
@@ -258,8 +258,7 @@ def _in(interval: Interval | None, sign: str = "") -> str:
 
 
 def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *rows])
-    return f"### {title}\n\n{lines}\n"
+    return f"### {title}\n\n{markdown(head, rows)}\n"
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import PassScores, PredictorResult
 from isac_cosim.evaluation.on_windows.score_results import Difference, ScoreSpreads, Spread, WindowEndScores
 from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.predictors.registry import PREDICTORS
 
@@ -26,12 +27,6 @@ SPREADS = frozenset(ScoreSpreads.model_fields)
 """Keys of the scores of a predictor over training seeds."""
 HIGHLIGHTED_LEAD_S = 0.5
 """Lead time at which predictors are compared in pairs, s."""
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [list(head), ["---"] * len(head), *map(list, rows)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
 def value(measured: Spread, digits: int = 3) -> str:
@@ -87,13 +82,13 @@ def leads(early: Json) -> Iterator[str]:
         rows.append([named(model), *cells, difference(differences.get(named(model)))])
     rows.append(["windows", *(f"{scores['n']:,}" for scores in measured), ""])
     yield "### Before the commit, by lead time"
-    yield table(["predictor", *(f"{t:g} s" for t in times), highlighted], rows)
+    yield markdown(["predictor", *(f"{t:g} s" for t in times), highlighted], rows)
     for model in (DEFAULT, FLOOR):
         repeats = by_model(runs).get(model, [])
         if repeats:
             yield f"### {named(model)} before the commit, by intention: F1, recall (windows)"
             intentions = repeats[0]["before_commit"]["per_class"]
-            yield table(
+            yield markdown(
                 ["intention", *(f"{t:g} s" for t in times)],
                 [[spoken(name), *(_of_class(repeats, t, name) for t in times)] for name in intentions],
             )
@@ -113,7 +108,7 @@ def origins(early: Json) -> Iterator[str]:
     runs = early["runs"]
     measured = runs[0]["before_commit"]["by_origin"]
     yield "### Before the commit, by origin"
-    yield table(
+    yield markdown(
         ["predictor", *measured],
         [
             [
@@ -138,7 +133,7 @@ def early_and_late(result: Json) -> Iterator[str]:
     five = {named(model): runs for model, runs in by_model(result["early"]["runs"]).items()}
     first = sides["early"][0].name
     yield "### Early and late windows"
-    yield table(
+    yield markdown(
         ["predictor", "macro-F1, early", f"{first} minus it", "macro-F1, late", f"{first} minus it"],
         [
             [
@@ -152,7 +147,7 @@ def early_and_late(result: Json) -> Iterator[str]:
         ],
     )
     yield "### Overtake against left change"
-    yield table(
+    yield markdown(
         ["predictor", "five classes, early", "accuracy, early", "AUROC, early", "accuracy, late", "AUROC, late"],
         [
             [
@@ -189,7 +184,7 @@ def passing(result: Json) -> Iterator[str]:
             if trained is not None:
                 area = _auroc(trained.auroc, trained.auroc_low, trained.auroc_high)
                 rows.append(["trees trained on it", area, _number(trained.brier), _number(trained.calibration_error)])
-            yield table(["answer", "AUROC", "Brier score", "calibration error"], rows)
+            yield markdown(["answer", "AUROC", "Brier score", "calibration error"], rows)
 
 
 def _number(score: float | None) -> str:
@@ -207,7 +202,7 @@ def window_ends(rows: Sequence[Json]) -> Iterator[str]:
     curves = {row["name"]: [WindowEndScores.model_validate(end) for end in row["by_window_end"]] for row in rows}
     ends = [scores.end_s for scores in next(iter(curves.values()))]
     yield "### By window end"
-    yield table(
+    yield markdown(
         ["windows end, s", *(f"{end:g}" for end in ends)],
         [[name, *("" if s.macro_f1 is None else f"{s.macro_f1:.2f}" for s in curve)] for name, curve in curves.items()],
     )
@@ -220,7 +215,7 @@ def unknown(result: Json) -> Iterator[str]:
     columns = [column for column in columns if runs[column]]
     names = runs[columns[0]][0]["unknown_scores"]
     yield f"### The unknown: AUROC, share taken for known; {result['early']['runs'][0]['n_unknown']} windows"
-    yield table(
+    yield markdown(
         ["score", *(f"{named(model)}, {ends}" for model, ends in columns)],
         [[f"`{name}`", *(_separation(runs[column], name) for column in columns)] for name in names],
     )
@@ -238,7 +233,7 @@ def beside(title: str, rows: Sequence[Json]) -> Iterator[str]:
     scores = {(row["model"], row["ends"], row["on"]): spreads_of(row) for row in rows}
     keys = dict.fromkeys((row["model"], row["ends"]) for row in rows)
     columns = [(place, name) for place in places for name in ("accuracy", "macro-F1", "before commit")]
-    yield table(
+    yield markdown(
         ["predictor", "windows", *(f"{name}, {place}" for place, name in columns)],
         [
             [
@@ -266,7 +261,7 @@ def samples(rows: Sequence[Json]) -> Iterator[str]:
     models = dict.fromkeys(row["model"] for row in rows)
     cells = {(row["model"], row["samples"]): value(spreads_of(row).macro_f1) for row in rows}
     yield "### Training samples"
-    yield table(
+    yield markdown(
         ["training samples", *map(named, models)],
         [[f"{count:,.0f}", *(cells.get((model, count), "") for model in models)] for count in counts],
     )
@@ -279,7 +274,7 @@ def longer(result: Json) -> Iterator[str]:
         predictors = [PredictorResult.model_validate(row) for row in measured["predictors"]]
         if not predictors:  # with one training seed there are no means
             continue
-        yield table(
+        yield markdown(
             ["predictor", f"macro-F1, {ends}", f"{predictors[0].name} minus it"],
             [
                 [p.name, value(p.macro_f1), difference(p.paired_difference.macro_f1 if p.paired_difference else None)]

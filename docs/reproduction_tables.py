@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from isac_cosim.base.settings import read_json
-from isac_cosim.evaluation.report.parts import Part, text_of
+from isac_cosim.evaluation.report.parts import markdown, text_of
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
 from isac_cosim.studies.reproduction.castformer.report import castformer_parts
@@ -38,14 +38,8 @@ def tables(folder: Path) -> Iterator[str]:
             parts, _ = castformer_parts(out)
     for part in parts:
         if part.rows:
-            yield f"### {part.title}\n\n{markdown(part)}\n"
-
-
-def markdown(part: Part) -> str:
-    """Return the table of a part of the page in Markdown."""
-    head = list(dict.fromkeys(name for row in part.rows for name in row))
-    rows = [[text_of(row.get(name)) for name in head] for row in part.rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ["---"] * len(head), *rows])
+            rows = [[text_of(row.get(name)) for name in part.headings] for row in part.rows]
+            yield f"### {part.title}\n\n{markdown(part.headings, rows)}\n"
 
 
 def main() -> None:

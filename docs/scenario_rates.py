@@ -3,7 +3,7 @@
     python docs/scenario_rates.py [SCENARIO ...]
 
 Three seeds each; the director at its default rates. Overtakes count where the vehicle ahead is overtaken.
-Prints a table in Markdown.
+Prints a table in Markdown for each scenario, whose name is its first cell.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import bundled, load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -22,8 +23,6 @@ from isac_cosim.labeling.intentions import KNOWN
 
 SEEDS = (11, 12, 13)
 HEAD = (
-    "scenario",
-    "director",
     *(intention.text.replace("_", " ") for intention in KNOWN),
     "vehicle-hours",
     "collided",
@@ -47,19 +46,17 @@ def row(where: str, maneuvers: ManeuverSettings) -> list[str]:
         counts.update(collided=len(recording.incidents.collided), beyond_car=labels.counts["beyond_car"])
     stimulus = "none" if maneuvers.quiet else "default"
     rates = [f"{counts[intention.text] / hours:.1f}" for intention in KNOWN]
-    return [where, stimulus, *rates, f"{hours:.1f}", str(counts["collided"]), str(counts["beyond_car"])]
+    return [stimulus, *rates, f"{hours:.1f}", str(counts["collided"]), str(counts["beyond_car"])]
 
 
 def main(scenarios: Sequence[str]) -> None:
     default = ManeuverSettings()
     rates = (name for name in ManeuverSettings.model_fields if name.endswith("_hour"))
     none = default.model_copy(update=dict.fromkeys(rates, 0.0))
-    lines = [HEAD, ("---",) * len(HEAD)]
-    for cells in lines:
-        print(f"| {' | '.join(cells)} |")
     for where in scenarios or sorted(bundled()):
-        for maneuvers in (none, default):
-            print(f"| {' | '.join(row(where, maneuvers))} |", flush=True)
+        print(
+            markdown((where, *HEAD), [row(where, maneuvers) for maneuvers in (none, default)]), end="\n\n", flush=True
+        )
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def run_live_study(study: Study, out: Path, engine: Engine, feedback: Feedback =
         evaluation = evaluate_traffic(run, natural, out / LIVE, engine, feedback, against)
         if live.stress:
             stressed = study_of(*chosen, source=source)
-            evaluation = with_stress(evaluation, run, stressed, out / LIVE, engine, feedback)
+            evaluation = with_stress(evaluation, run, stressed, out / LIVE, engine, feedback, against)
         draw_live_figures(evaluation, out / LIVE)
     return evaluation
 

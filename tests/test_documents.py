@@ -58,39 +58,6 @@ def test_the_scripts_of_the_documents_load(script: Path) -> None:
     assert "main" in runpy.run_path(str(script), run_name="loaded")
 
 
-def test_the_tables_of_the_full_study_are_those_of_its_result() -> None:
-    result = json.loads((DOCS / "full_study" / "predictors.json").read_text(encoding="utf-8"))
-    page = (DOCS / "predictors.md").read_text(encoding="utf-8")
-    printed = list(runpy.run_path(str(DOCS / "predictor_tables.py"))["tables"](result))
-    assert len(printed) > 10
-    for part in printed:
-        assert part in page, part.partition("\n")[0]
-
-
-@pytest.mark.parametrize("folder", sorted(DOCS.glob("reproduction/*/")), ids=lambda folder: folder.name)
-def test_the_tables_of_a_reproduction_are_those_of_its_stages(folder: Path) -> None:
-    page = (DOCS / "reproduction.md").read_text(encoding="utf-8")
-    printed = list(runpy.run_path(str(DOCS / "reproduction_tables.py"))["tables"](folder))
-    assert len(printed) > 2
-    for part in printed:
-        assert part in page, part.partition("\n")[0]
-
-
-LIVE_TABLES = {"motorway_advisories": 2, "motorway_natural": 4}
-"""Number of tables of the results that print few."""
-
-
-@pytest.mark.parametrize("result", sorted(DOCS.glob("live/*.json")), ids=lambda result: result.stem)
-def test_the_tables_of_running_traffic_are_those_of_its_result(result: Path) -> None:
-    page = "".join((DOCS / name).read_text(encoding="utf-8") for name in ("live.md", "live/tables.md"))
-    script = runpy.run_path(str(DOCS / "live_tables.py"))
-    printed = list(script["tables"](script["read_result"](result)))
-    assert len(printed) == LIVE_TABLES.get(result.stem, len(printed))
-    assert len(printed) > 5 or result.stem in LIVE_TABLES
-    for part in printed:
-        assert part in page, part.partition("\n")[0]
-
-
 def test_the_citation_is_valid_and_of_this_version() -> None:
     citation = Citation((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     citation.validate()

@@ -3,72 +3,23 @@
 from __future__ import annotations
 
 import ast
-from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections import Counter
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-import cosim
+from isac_cosim.benchmarks.findings.architecture import FLOORS, imports, modules, rooms
+from isac_cosim.benchmarks.findings.figures.plan import ROOT
 
-ROOT = Path(cosim.__file__).parent
-NAME = "isac_cosim"
-"""The name that every package is imported under."""
-FLOORS = (
-    "base", "isacsim", "sumo_nets", "labeling", "models", "evaluation", "studies", "benchmarks", "command_line", "cosim"
-)  # fmt: skip
-"""The packages from the lowest up; each may import only itself and what is below it."""
 LONGEST = 420
 """Lines of a file: about 400."""
 MOST_FILES = 16
 """Modules in a folder."""
 LARGEST_SHARE = 0.29
 """Of the largest package in all lines."""
-
-
-def files() -> Iterator[Path]:
-    """Every module of the project, tests left out."""
-    yield ROOT / "cosim.py"
-    for package in FLOORS[:-1]:
-        yield from sorted((ROOT / package).rglob("*.py"))
-
-
-def module_of(path: Path) -> str:
-    """`isacsim/radio/echo.py` -> `isacsim.radio.echo`."""
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-
-
-MODULES = {module_of(path): path for path in files()}
-
-
-def imported(path: Path) -> set[str]:
-    """The project's modules that a file imports at its top level or inside a function."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.removeprefix(f"{NAME}.") for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            package = node.module.removeprefix(NAME).removeprefix(".")
-            members = {f"{package}.{alias.name}".removeprefix(".") for alias in node.names}
-            names |= {member if member in MODULES else package for member in members}
-    return {name for name in names if name in MODULES}
-
-
-IMPORTS = {module: imported(path) for module, path in MODULES.items()}
+MODULES, IMPORTS = modules(), imports()
 FOLDERS = sorted({path.parent.relative_to(ROOT) for path in MODULES.values()} - {Path()})
-
-
-def room_of(module: str, folder: Path) -> str | None:
-    """The room of a folder that a module lies in; the files of the folder itself are a room of their own, ".".
-
-    None for a module that lies elsewhere, and for the folder's `__init__`, which may say what its rooms share.
-    """
-    path = MODULES[module].relative_to(ROOT)
-    if not path.is_relative_to(folder) or path == folder / "__init__.py":
-        return None
-    inside = path.relative_to(folder).parts
-    return inside[0] if len(inside) > 1 else "."
 
 
 def fail_on_a_circle(graph: dict[str, set[str]]) -> None:
@@ -85,17 +36,12 @@ def test_no_import_runs_upward(module: str) -> None:
 
 
 def test_modules_make_no_circle() -> None:
-    fail_on_a_circle({module: names - {module} for module, names in IMPORTS.items()})
+    fail_on_a_circle({module: set(names - {module}) for module, names in IMPORTS.items()})
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=str)
 def test_the_rooms_of_a_folder_make_no_circle(folder: Path) -> None:
-    graph: dict[str, set[str]] = defaultdict(set)
-    for module, names in IMPORTS.items():
-        room = room_of(module, folder)
-        if room is not None:
-            graph[room] |= {other for name in names if (other := room_of(name, folder)) not in (None, room)}  # type: ignore[misc]
-    fail_on_a_circle(graph)
+    fail_on_a_circle(rooms(folder))
 
 
 def test_the_circle_test_sees_a_circle() -> None:

@@ -1,1 +1,1 @@
-"""The measurements behind the documents: run by hand, and not shipped."""
+"""The measurements behind the documents, and the plan that runs them. Not shipped."""

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.scenarios.xml_files import elements
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
@@ -248,7 +249,7 @@ def speed_limits(scenario: Scenario) -> dict[str, float]:
 
 
 def print_rates(scenarios: Sequence[str], seeds: Sequence[int], traffic: TrafficSettings) -> None:
-    """Print the table of rates."""
+    """Print a table of rates for each world."""
     worlds = {NATURAL: ManeuverSettings(**LEFT_ALONE), STIMULATED: ManeuverSettings()}
     columns: dict[str, list[dict[str, float]]] = {}
     for where in scenarios:
@@ -260,15 +261,21 @@ def print_rates(scenarios: Sequence[str], seeds: Sequence[int], traffic: Traffic
                 measured_here = rates(recording, label(recording, LabelSettings()), limits)
                 columns.setdefault(f"{where}, {world}", []).append(measured_here)
     published = {f"{name}, per km": text for name, text in RATES.items()} | STYLE
-    rows = [*(f"{name}, per {unit}" for unit in ("km", "hour") for name in RATES), *STYLE]
-    _print_row("quantity", *columns, "published")
-    _print_row(*["---"] * (len(columns) + 2))
-    for row in rows:
-        values = (np.array([seed[row] for seed in seeds_of]) for seeds_of in columns.values())
-        _print_row(row, *(f"{x.mean():.{_digits(row)}f} ± {x.std(ddof=1):.{_digits(row)}f}" for x in values),
-                   published.get(row, ""))  # fmt: skip
-    for row in TOTALS:
-        _print_row(f"{row}, all seeds", *(f"{sum(seed[row] for seed in of):.0f}" for of in columns.values()), "")
+    quantities = [*(f"{name}, per {unit}" for unit in ("km", "hour") for name in RATES), *STYLE]
+    for world in worlds:
+        of_world = [columns[f"{where}, {world}"] for where in scenarios]
+        rows = []
+        for name in quantities:
+            values = [np.array([seed[name] for seed in seeds_of]) for seeds_of in of_world]
+            cells = [f"{x.mean():.{_digits(name)}f} ± {x.std(ddof=1):.{_digits(name)}f}" for x in values]
+            rows.append([name, *cells])
+        for name in TOTALS:
+            sums = [sum(seed[name] for seed in seeds_of) for seeds_of in of_world]
+            rows.append([f"{name}, all seeds", *(f"{total:.0f}" for total in sums)])
+        head = [f"{world} traffic", *scenarios]
+        if world == NATURAL:
+            head, rows = [*head, "published"], [[*row, published.get(row[0], "")] for row in rows]
+        print(markdown(head, rows), end="\n\n")
 
 
 def _digits(quantity: str) -> int:
@@ -276,10 +283,6 @@ def _digits(quantity: str) -> int:
     if quantity.endswith("per km"):
         return 3
     return 2 if quantity.endswith(", s") else 1
-
-
-def _print_row(*cells: str) -> None:
-    print(f"| {' | '.join(cells)} |", flush=True)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -304,14 +307,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
             values.setdefault((quantity, origin), []).append(value)
     quantiles = (0.05, 0.25, 0.5, 0.75, 0.95)
     columns = ["quantity", "origin", "n", "mean", "sd", *(f"{100 * share:.0f} %" for share in quantiles), "published"]
-    for cells in (columns, ["---"] * len(columns)):
-        _print_row(*cells)
+    rows = []
     for quantity, published in PUBLISHED.items():
         for origin in ("", "natural", "reaction", "commanded"):
             if (quantity, origin) in values:
                 x = np.array(values[quantity, origin])
-                numbers = " | ".join(f"{number:.2f}" for number in (x.mean(), x.std(), *np.quantile(x, quantiles)))
-                print(f"| {quantity} | {origin} | {len(x)} | {numbers} | {published} |")
+                numbers = (f"{number:.2f}" for number in (x.mean(), x.std(), *np.quantile(x, quantiles)))
+                rows.append([quantity, origin, str(len(x)), *numbers, published])
+    print(markdown(columns, rows))
 
 
 if __name__ == "__main__":

@@ -16,11 +16,10 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from isac_cosim.base.arrays import BoolArray, IntArray
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.files import json_text, write_json
+from isac_cosim.base.files import write_json
 from isac_cosim.base.progress import ConsoleFeedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
@@ -28,6 +27,7 @@ from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.on_windows import metrics
 from isac_cosim.evaluation.on_windows.predictions import Predictions, predict
 from isac_cosim.evaluation.on_windows.score_results import ClassifiedWindows
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models import FLOOR
@@ -124,12 +124,10 @@ def score(parts: list[Predictions], measured: str) -> ClassifiedWindows:
     return metrics.classified(label, predicted, group, tuple(intention.text for intention in KNOWN))
 
 
-def table(result: dict[str, Any]) -> Table:
-    """Return macro-F1 before the commit, with its interval, as a table."""
-    shown = Table("trained on", "natural", "other", title="macro-F1 before the commit, measured on")
-    for origin, row in result["trained_on"].items():
-        shown.add_row(origin, *(_cell(row[name]) for name in (NATURAL, OTHER)))
-    return shown
+def table(result: dict[str, Any]) -> str:
+    """Return macro-F1 before the commit, with its interval, as a table in Markdown."""
+    rows = [[origin, *(_cell(row[name]) for name in (NATURAL, OTHER))] for origin, row in result["trained_on"].items()]
+    return markdown(["trained on", "measured on natural ones", "measured on the others"], rows)
 
 
 def _cell(scores: dict[str, Any]) -> str:
@@ -142,7 +140,7 @@ def _cell(scores: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Read the arguments, train and measure, write `origins.json`, and print the table."""
+    """Read the arguments, train and measure, write `origins.json`, and print the table in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
@@ -157,7 +155,7 @@ def main() -> None:
     feedback = ConsoleFeedback(Console(stderr=True))
     result = run(Records.of(opened), made_of, arguments.out, settings, arguments.folds, feedback)
     write_json(arguments.out / "origins.json", result)
-    Console(width=140).print(table(result), json_text(result["intentions"]))
+    print(table(result))
 
 
 if __name__ == "__main__":

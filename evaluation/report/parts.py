@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -111,6 +111,17 @@ class ResultPart(Protocol):
 
     def parts(self, shown: Shown) -> Sequence[Part]:
         """Return the answer; nothing where the result has none."""
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown.
+
+    >>> print(markdown(["intention", "F1"], [["overtake", "0.93"]]))
+    | intention | F1 |
+    | --- | --- |
+    | overtake | 0.93 |
+    """
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [list(head), ["---"] * len(head), *rows])
 
 
 def text_of(cell: Cell) -> str:

@@ -26,6 +26,7 @@ trees = { rounds = 5, least_leaf = 2 }
 [live]
 seeds = [1001, 1001]
 development = [2001, 2001]
+stress = true
 """
 
 
@@ -40,6 +41,9 @@ def test_one_command_generates_trains_and_evaluates_live(tmp_path: Path, capsys:
     assert result["model"] == "trees"
     assert list(result["methods"]) == ["hazard"]
     assert "situation trees" in result["baselines"]
+    assert result["stress"]["vehicle_hours"] > 0
+    stressed = json.loads((out / "live" / "stress" / "metrics.json").read_text())
+    assert "situation trees" in stressed["baselines"]
     assert (out / "live" / "index.html").is_file()
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*.parquet") if path.parent.name != "roads"}
     assert cosim.main(command) == 0

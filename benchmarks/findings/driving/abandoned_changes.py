@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.speed_wander import SpeedWanderSettings
@@ -72,18 +73,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--duration", type=float, default=120.0)
     parser.add_argument("--sublanes", type=float, nargs="+", default=[0.8, TrafficSettings().lateral_resolution_m])
     chosen = parser.parse_args(arguments)
-    print("| sublanes, m | into the next lane | stopping on the way | and back | stopping | median length, s |")
-    print("| --- | --- | --- | --- | --- | --- |")
+    rows = []
     for sublane_m in chosen.sublanes:
         recording = traffic_left_alone(chosen.scenario, chosen.seed, chosen.duration, sublane_m)
         seen = [excursion for track in recording.tracks.values() for excursion in excursions(track, recording.step_s)]
         across = [excursion for excursion in seen if excursion.crosses]
         back = [excursion for excursion in seen if not excursion.crosses]
         median_s = f"{np.median([excursion.lasts_s for excursion in back]):.1f}" if back else ""
-        print(
-            f"| {sublane_m:g} | {len(across)} | {sum(e.stopped_s > LONG_S for e in across)} | {len(back)} "
-            f"| {sum(e.stopped_s > LONG_S for e in back)} | {median_s} |"
-        )
+        stopping = [sum(excursion.stopped_s > LONG_S for excursion in some) for some in (across, back)]
+        rows.append([f"{sublane_m:g}", f"{len(across)}", f"{stopping[0]}", f"{len(back)}", f"{stopping[1]}", median_s])
+    head = ["sublanes, m", "into the next lane", "stopping on the way", "and back", "stopping", "median length, s"]
+    print(markdown(head, rows))
 
 
 if __name__ == "__main__":

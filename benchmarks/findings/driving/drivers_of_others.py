@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.base.settings import checked
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -84,13 +85,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
             for name, found in measured(recording).items():
                 values[name] += found
         columns[drivers] = values
-    print(f"| | {' | '.join(columns)} |")
-    print("| --- " * (len(columns) + 1) + "|")
-    print(f"| vehicle-hours | {' | '.join(f'{hours[drivers]:.1f}' for drivers in columns)} |")
+    rows = [["vehicle-hours", *(f"{hours[drivers]:.1f}" for drivers in columns)]]
     for name, words in WORDS.items():
         digits = 1 if name == CHANGES else 2
-        print(f"| {name} | {' | '.join(str(len(of[name])) for of in columns.values())} |")
-        print(f"| {words} | {' | '.join(spread(of[name], digits) for of in columns.values())} |")
+        rows.append([name, *(str(len(of[name])) for of in columns.values())])
+        rows.append([words, *(spread(of[name], digits) for of in columns.values())])
+    print(markdown(["", *columns], rows))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from isac_cosim.evaluation.in_traffic.scores.matching import match
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import Scenario, load
 from isac_cosim.isacsim.traffic.drivers.settings import LEFT_ALONE, ManeuverSettings
 from isac_cosim.isacsim.traffic.drivers.sway import SwaySettings, add_sway
@@ -67,6 +68,11 @@ def recordings(scenario: Scenario, seed: int, traffic: TrafficSettings) -> tuple
     return still, swaying
 
 
+HEAD = (
+    "intention", "without sway", "with sway", "only without", "only with", "per hour", "onset moves, s (5 to 95 %)"
+)  # fmt: skip
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -81,10 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         hours += sum(len(track) for track in still.tracks.values()) * still.step_s / 3600.0
         compare(label(still, LabelSettings()).events, label(swaying, LabelSettings()).events, comparisons)
     print(f"{chosen.scenario}, {hours:.1f} vehicle-hours\n")
-    print("| intention | without sway | with sway | only without | only with | per hour | onset moves, s (5 to 95 %) |")
-    print("| --- | --- | --- | --- | --- | --- | --- |")
-    for intention, comparison in sorted(comparisons.items()):
-        print(f"| {intention.text.replace('_', ' ')} | {' | '.join(cells(comparison, hours))} |")
+    rows = [
+        [intention.text.replace("_", " "), *cells(found, hours)] for intention, found in sorted(comparisons.items())
+    ]
+    print(markdown(HEAD, rows))
 
 
 def cells(comparison: Comparison, hours: float) -> list[str]:

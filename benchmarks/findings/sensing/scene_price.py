@@ -19,6 +19,7 @@ import numpy as np
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.benchmarks.findings.sensing.scene_scores import scored
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
 
@@ -54,6 +55,12 @@ CASES = {
 }
 
 
+HEAD = (
+    "case", "share of symbols", "rms, m", "missed", "false", "switches a km", "IDF1", "GOSPA, m",
+    "less than bodies by, m",
+)  # fmt: skip
+
+
 def main() -> None:
     path = Path(sys.argv[1])
     first, last = number_range(sys.argv[2] if len(sys.argv) > 2 else "1:3", "seeds", int, "1:3")
@@ -68,9 +75,6 @@ def main() -> None:
                 scores, cpu_s = scored(seed, seconds, case.scene, case.every_mast)
                 known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
                 write_json(path, known)
-    print(
-        "case | share of symbols | rms, m | missed | false | switches a km | IDF1 | GOSPA, m | less than bodies by, m"
-    )
     scores_of = {
         name: [
             SceneScores.model_validate(known[f"{name}; seed {seed}; {seconds:g} s"]["scores"])
@@ -78,6 +82,7 @@ def main() -> None:
         ]
         for name in names
     }
+    rows = []
     for name, of_case in scores_of.items():
         columns = ("rms_m", "missed", "false", "switches_per_km", "idf1", "gospa_m")
         means = [np.mean([getattr(one, column) for one in of_case]) for column in columns]
@@ -86,7 +91,8 @@ def main() -> None:
             pairs = zip(scores_of[BASE], of_case, strict=True)
             less = [(base.gospa_m or 0.0) - (other.gospa_m or 0.0) for base, other in pairs]
             apart = f"{np.mean(less):.2f} ({min(less):.2f} to {max(less):.2f})"
-        print(f"{name} | {CASES[name].share:.3f} | " + " | ".join(f"{mean:.3g}" for mean in means) + f" | {apart}")
+        rows.append([name, f"{CASES[name].share:.3f}", *(f"{mean:.3g}" for mean in means), apart])
+    print(markdown(HEAD, rows))
 
 
 if __name__ == "__main__":

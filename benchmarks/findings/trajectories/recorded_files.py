@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
@@ -73,9 +74,7 @@ def main() -> None:
     recording = motion_source(study).record(load(arguments.scenario), 1)
     events = [event for event in label(recording, study.labels).events if event.intention in KNOWN]
     counts = [sum(event.intention is known for event in events) for known in KNOWN]
-    print(f"| file | {' | '.join(known.text for known in KNOWN)} | onset s | commit s |")
-    print("| --- " * (len(KNOWN) + 3) + "|")
-    print(f"| events | {' | '.join(map(str, counts))} | | |")
+    rows = [["events", *map(str, counts), "", ""]]
     with tempfile.TemporaryDirectory() as folder:
         for every, noise_m in FILES:
             path = Path(folder) / "drive.parquet"
@@ -89,11 +88,9 @@ def main() -> None:
             medians = (
                 float(np.median([abs(getattr(a, at) - getattr(b, at)) for a, b in pairs])) for at in ("onset", "commit")
             )
-            print(
-                f"| {100 / every:g} Hz, {100 * noise_m or 1:g} cm | {' | '.join(map(str, counts))} | "
-                f"{' | '.join(f'{median:.3f}' for median in medians)} |",
-                flush=True,
-            )
+            file = f"{100 / every:g} Hz, {100 * noise_m or 1:g} cm{' of noise' if noise_m else ''}"
+            rows.append([file, *map(str, counts), *(f"{median:.3f}" for median in medians)])
+    print(markdown(["file", *(known.text for known in KNOWN), "onset s", "commit s"], rows))
 
 
 if __name__ == "__main__":

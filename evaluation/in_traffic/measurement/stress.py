@@ -6,6 +6,7 @@ DIR/metrics.json      the natural result, with the scores of the stimulated worl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +31,7 @@ def with_stress(
     out: Path,
     engine: Engine | None = None,
     feedback: Feedback = SILENT,
+    against: Sequence[Run] = (),
     source: MotionSource | None = None,
 ) -> TrafficEvaluation:
     """Evaluate a run in the stimulated world, too, and add that to the result of natural traffic and to its file.
@@ -37,7 +39,7 @@ def with_stress(
     study: of the stimulated world. out: folder of the natural evaluation. Other arguments and errors as in
     `evaluate_traffic`.
     """
-    stressed = evaluate_traffic(run, study, out / STRESS, engine, feedback, source=source).result
+    stressed = evaluate_traffic(run, study, out / STRESS, engine, feedback, against, source).result
     stress = StressResult(
         vehicle_hours=stressed.vehicle_hours, prediction=stressed.prediction, recognition=stressed.recognition
     )
