@@ -17,9 +17,9 @@ import typer
 from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
+from isac_cosim.command_line.commands.registration import add_commands
 from isac_cosim.command_line.exit_codes import exit_code
-from isac_cosim.command_line.help import HelpfulCommand, examples
-from isac_cosim.command_line.road_network import network_app
+from isac_cosim.command_line.help import NO_COMMAND, HelpfulCommand, examples
 from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import FLOOR
 
@@ -29,12 +29,13 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="From a SUMO road network to an evaluated predictor of driver intentions, fed by simulated ISAC sensing.",
 )
-app.add_typer(network_app, name="network")
 
 
-@app.callback()
-def common(version: opt.Version = False) -> None:
+@app.callback(invoke_without_command=True)
+def common(context: typer.Context, version: opt.Version = False) -> None:
     """Take the options that come before a command."""
+    if context.invoked_subcommand is None:
+        raise InputError(NO_COMMAND)
 
 
 @app.command(
@@ -247,6 +248,7 @@ def train(
     uv: opt.SeesUv = True,
     lanes: opt.SeesLanes = True,
     truth: opt.TrueTraining = False,
+    log: opt.Log = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -256,7 +258,7 @@ def train(
     """
     from isac_cosim.command_line.training import TrainArguments, train_and_show
 
-    arguments = TrainArguments(model, epochs, seed, held_out, uv, lanes, truth)
+    arguments = TrainArguments(model, epochs, seed, held_out, uv, lanes, truth, log)
     output.print_json(as_json, train_and_show(dataset, out, arguments, output.console_of(quiet)))
 
 
@@ -396,6 +398,9 @@ def bench(
     result = benchmarks.run_all(output.feedback_of(console)) if what is None else benchmarks.run(what)
     show_bench(result, console)
     output.print_json(as_json, result)
+
+
+add_commands(app)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

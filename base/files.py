@@ -5,21 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 from reprlib import Repr
 from typing import Any
 
-from filelock import FileLock, Timeout
+from filelock import BaseFileLock, FileLock, Timeout
 
 from isac_cosim.base.errors import InputError, writing
 
 LOCK_FILE = ".lock"
-"""Name of the file that is locked while a command writes a folder. It stays there, empty."""
+"""Name of the file that is locked while a command writes a folder. The command deletes it at its end."""
 DIGEST = r"^[0-9a-f]{64}$"
 """A SHA-256 digest, hexadecimal."""
 SHORT = Repr()
@@ -45,6 +47,28 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A temporary folder beside `out`, which becomes it if all goes well, and is removed otherwise.
+
+    Raises InputError where `out` exists already, unless it is an empty folder.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out} exists and is not an empty folder: give another folder with -o")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    try:
+        yield folder
+        if out.exists():  # it may be the current folder, which cannot be replaced
+            for file in sorted(folder.iterdir()):
+                file.rename(out / file.name)
+        else:
+            folder.chmod(0o755)
+            folder.rename(out)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -152,7 +176,21 @@ def claim(folder: Path, mark: str, kind: str) -> Iterator[None]:
     try:
         yield
     finally:
-        lock.release()
+        _let_go(lock, folder / LOCK_FILE)
+
+
+def _let_go(lock: BaseFileLock, path: Path) -> None:
+    """Delete a lock's file, and release the lock.
+
+    In this order, so that nobody else can hold the file that is deleted. Who opened it before that and locks it
+    afterwards has locked a file without a name, which filelock notices. Windows deletes no file that is open.
+    """
+    with suppress(OSError):
+        path.unlink()
+    lock.release()
+    if os.name == "nt":
+        with suppress(OSError):
+            path.unlink()
 
 
 def _is_ours(folder: Path, mark: str) -> bool:

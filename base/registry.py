@@ -24,18 +24,28 @@ class Registry(Mapping[str, Item], Generic[Item]):
 
     kind: what the implementations are, in the singular, for error messages: "estimator". items: those of this project.
     group: the entry point group through which installed packages offer more; their names follow, sorted. A name of this
-    project cannot be replaced. An offered implementation is imported when it is first looked up, not before.
+    project cannot be replaced. An offered implementation is imported when it is first looked up, not before. unlisted:
+    names that are looked up but not listed, of what results may name and users cannot choose.
     """
 
-    def __init__(self, kind: str, items: Mapping[str, Item], group: str | None = None) -> None:
+    def __init__(
+        self,
+        kind: str,
+        items: Mapping[str, Item],
+        group: str | None = None,
+        unlisted: Mapping[str, Item] | None = None,
+    ) -> None:
         self.kind = kind
         self._items = dict(items)
         self._group = group
+        self._unlisted = dict(unlisted or {})
 
     def __getitem__(self, name: str) -> Item:
         """Return an implementation. Raises InputError for an unknown name, or one that cannot be imported."""
         if name in self._items:
             return self._items[name]
+        if name in self._unlisted:
+            return self._unlisted[name]
         if name not in self._offered:
             raise InputError(self.unknown(name))
         entry_point = self._offered[name]
@@ -56,7 +66,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         return len(self._items.keys() | self._offered.keys())
 
     def __contains__(self, name: object) -> bool:
-        return name in self._items or name in self._offered
+        return name in self._items or name in self._unlisted or name in self._offered
 
     def package(self, name: str) -> str | None:
         """Return the name of the installed package that offers an implementation; None for those of this project."""

@@ -10,6 +10,12 @@ from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from isac_cosim.base.errors import InputError
 
+NO_COMMAND = (
+    "name a command: `cosim run` runs the quick study and writes its report into results/quick, "
+    "`cosim generate motorway -o data --samples 500` makes a dataset, and `cosim --help` lists all commands"
+)
+"""What is said where no command is given."""
+
 
 def examples(*lines: str) -> str:
     """Return the epilog of a command's help: how it is used, one line each, without the leading `cosim`."""
@@ -71,6 +77,7 @@ def _imported(place: str) -> Any:
 PLACEHOLDERS: Mapping[str, Callable[[], str]] = {
     "benches": _registered("benchmarks:BENCHES"),
     "estimators": _registered("isac_cosim.isacsim.radio.estimators:ESTIMATORS"),
+    "export_step_s": lambda: f"{_imported('isac_cosim.labeling.export.exporting:STEP_S'):g}",
     "fusion_methods": _registered("isac_cosim.isacsim.tracking.fusion_methods:FUSION_METHODS"),
     "height_m": _default("isac_cosim.isacsim.scenarios.site_placement:PlacementSettings", "height_m"),
     "motion_sources": _registered("isac_cosim.isacsim.traffic.sources.registry:MOTION_SOURCES"),

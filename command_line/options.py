@@ -67,6 +67,10 @@ Snr = Annotated[
         help="SNR per antenna element, dB: a range to draw from, one value, or `link` for the link budget.",
     ),
 ]
+Log = Annotated[
+    str | None,
+    typer.Option(metavar="tensorboard", help="Write the curves of a network for TensorBoard as well, into the run."),
+]
 Network = Annotated[
     str | None,
     typer.Option(

@@ -25,8 +25,9 @@ def replay_and_show(source: Path, data: Path | None, episode: str, page: Path, c
     from isac_cosim.base.workers.engine import LocalEngine
     from isac_cosim.evaluation.report.page import check_page, write_content
     from isac_cosim.evaluation.report.parts import Part
-    from isac_cosim.evaluation.report.replay.making import find_episode, replay_of
+    from isac_cosim.evaluation.report.replay.making import replay_of
     from isac_cosim.labeling.dataset.dataset import META_FILE, Dataset
+    from isac_cosim.labeling.dataset.finding import find_episode
     from isac_cosim.models.runs.run import CARD_FILE, load_run
 
     check_page(page)

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import shortened
+from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import output
 
 if TYPE_CHECKING:
     from isac_cosim.models.runs.run import Run
     from isac_cosim.models.runs.settings import TrainSettings
+
+
+LOGS = "tensorboard"
+"""What `--log` takes."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,7 @@ class TrainArguments:
     uv: bool = True
     lanes: bool = True
     truth: bool = False
+    log: str | None = None
 
     def settings(self, of_streams: bool) -> TrainSettings:
         """Return the settings of the training. Raises InputError if options do not fit each other or the data."""
@@ -61,13 +69,20 @@ def train_and_show(data: Path, out: Path, arguments: TrainArguments, console: Co
     from isac_cosim.models.training.on_streams import train_on_streams
 
     if not (data / META_FILE).is_file():
-        return output.show_run(_on_records(data, out, arguments.settings(False), console), console)
+        settings = arguments.settings(False)
+        _check_log(arguments.log, settings.model)
+        run = _on_records(data, out, settings, console, arguments.log is not None)
+        if (out / LOGS).is_dir():
+            print_line(console, f"tensorboard --logdir {out} shows the curves")
+        return output.show_run(run, console)
+    if arguments.log is not None:
+        raise InputError("--log applies to a dataset of records, and these are streams; remove it")
     streams = Streams.open(data)
     run = train_on_streams(streams, out, arguments.settings(True), output.feedback_of(console))
     return output.show_run(run, console)
 
 
-def _on_records(data: Path, out: Path, settings: TrainSettings, console: Console) -> Run:
+def _on_records(data: Path, out: Path, settings: TrainSettings, console: Console, logs: bool) -> Run:
     """Train a predictor on records, with a warning of what its scores will lack."""
     from isac_cosim.base.feedback import Foreword
     from isac_cosim.evaluation.on_windows.coverage import lacking
@@ -77,6 +92,20 @@ def _on_records(data: Path, out: Path, settings: TrainSettings, console: Console
 
     dataset = Dataset.open(data)
     foreword = Foreword(output.feedback_of(console), lacking(dataset, settings, EvaluateSettings()), output.warn)
-    run = train(dataset, out, settings, foreword)
+    run = train(dataset, out, settings, foreword, logs=logs)
     foreword.say()
     return run
+
+
+def _check_log(log: str | None, model: str) -> None:
+    """Raise InputError where `--log` names something else than LOGS, or what is not installed, or no network."""
+    if log is None:
+        return
+    if log != LOGS:
+        raise InputError(f"--log {shortened(log)}: curves can be logged for {LOGS} alone; give --log {LOGS}")
+    if find_spec(LOGS) is None:
+        raise InputError(f"--log {LOGS} needs TensorBoard: pip install '.[{LOGS}]' in a checkout")
+    from isac_cosim.models.predictors.registry import PREDICTORS
+
+    if not PREDICTORS[model].is_network:
+        raise InputError(f"--log applies to networks, which learn in epochs: remove it, or --model {model}")

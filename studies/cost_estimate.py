@@ -53,10 +53,13 @@ class StudyEstimate:
         """Return how many trainings run at the same time on that many workers."""
         return min(self.most_at_once, max(1, workers // self.threads))
 
+    def generating_s(self, workers: int) -> float:
+        """Return the time of the datasets on that many workers, s."""
+        return self.cpu_s / min(workers, max(1, self.episodes))
+
     def seconds(self, workers: int) -> float:
         """Return the time on that many workers, s."""
-        generating_s = self.cpu_s / min(workers, max(1, self.episodes))
-        return round(generating_s + self.training_s / self.trainings_at_once(workers), 1)
+        return round(self.generating_s(workers) + self.training_s / self.trainings_at_once(workers), 1)
 
 
 def estimate_study(study: Study) -> StudyEstimate:

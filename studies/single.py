@@ -24,11 +24,18 @@ from isac_cosim.evaluation.on_windows.coverage import lacking
 from isac_cosim.evaluation.on_windows.evaluation import evaluate
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report.report import write_report
+from isac_cosim.labeling.dataset.meta import Meta, read_description
 from isac_cosim.labeling.generation.generate import generate
+from isac_cosim.models.runs.run import RunCard, read_card
+from isac_cosim.models.training.progress import Steps, slowdown_now
 from isac_cosim.models.training.training import train
+from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study
 
 STUDY_FILE = "study.json"
+RUNS = ("run", "floor")
+BUSY = 1.5
+"""From this slowdown on it is said that the machine has other work."""
 
 
 def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> EvaluationResult:
@@ -37,16 +44,32 @@ def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
     engine: what runs the episodes. feedback: where progress is reported.
     Raises InputError where the folder holds something else or another study.
     """
+    cost = estimate_study(study)
+    slowdown = slowdown_now(engine.workers)
     with claim_study(out, study):
-        dataset = generate(study.dataset, out / "dataset", engine, feedback)
+        if slowdown > BUSY:
+            feedback.message(f"the machine does other work: that makes this take about {slowdown:.1f} times as long")
+        steps = Steps(feedback, cost.seconds(engine.workers), slowdown)
+        generating_s = cost.generating_s(engine.workers)
+        title = f"1 of 3: generating about {cost.samples} samples from {cost.episodes} episodes"
+        with steps.step(title, generating_s, _is_complete(read_description(out / "dataset"))):
+            dataset = generate(study.dataset, out / "dataset", engine, feedback)
         for line in lacking(dataset, study.training, study.evaluation):
             feedback.message(f"warning: {line}")
-        trained = train(dataset, out / "run", study.training, feedback)
-        # On the same split, of which the first training has said what there is to say.
-        floor = train(dataset, out / "floor", study.floor, feedback, warns=False)
-        evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])
-        write_report(evaluation, dataset, out / "report")
+        title = f"2 of 3: training {study.training.model}, and {study.floor.model} to compare it with"
+        with steps.step(title, 0.8 * cost.training_s, all(_is_complete(read_card(out / run)) for run in RUNS)):
+            trained = train(dataset, out / RUNS[0], study.training, feedback)
+            # On the same split, of which the first training has said what there is to say.
+            floor = train(dataset, out / RUNS[1], study.floor, feedback, warns=False)
+        with steps.step("3 of 3: measuring both, and the report", 0.2 * cost.training_s, False):
+            evaluation = evaluate(trained, dataset, out / "report", study.evaluation, against=[floor])
+            write_report(evaluation, dataset, out / "report")
     return evaluation.result
+
+
+def _is_complete(described: Meta | RunCard | None) -> bool:
+    """Return whether an earlier command finished a dataset or a run, by what it says of itself."""
+    return described is not None and described.complete
 
 
 @contextmanager

@@ -33,7 +33,7 @@ from isac_cosim.labeling.generation.resense import ResenseSettings, resense
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.models import FLOOR
 from isac_cosim.models.data.windows import SplitSettings, split
-from isac_cosim.models.training.progress import Steps
+from isac_cosim.models.training.progress import Steps, slowdown_now
 from isac_cosim.studies.cell_tasks import CellEvaluation, CellTraining, run_tasks
 from isac_cosim.studies.cost_estimate import cell_s, estimate_study
 from isac_cosim.studies.single import claim_study
@@ -81,7 +81,7 @@ class Sweep:
         self.untrained: set[tuple[Cell, int]] = set()
         self.unmeasured: set[tuple[Cell, str]] = set()
         self.estimate = estimate_study(study)
-        self.steps = Steps(feedback, self.estimate.seconds(engine.workers))
+        self.steps = Steps(feedback, self.estimate.seconds(engine.workers), slowdown_now(engine.workers))
 
     def make_datasets(self) -> None:
         """Generate the dataset of every network and sense it in every way; leave out networks without samples."""

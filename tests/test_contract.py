@@ -208,7 +208,7 @@ PATHS = (
 ARGUMENTS = {
     "run": ("study.toml",), "generate": ("road",), "sense": ("data",), "inspect": ("data",), "train": ("data",),
     "evaluate": ("run", "--data", "data"), "network import": ("map.osm",), "network sites": ("bare.net.xml",),
-    "bench": ("echo",),
+    "bench": ("echo",), "describe": ("data",), "export": ("data", "--sample", "road-2-0", "--csv"),
 }  # fmt: skip
 OPTIONS = {
     "--windows": "100", "--seeds": "1:3", "--snr": "0:10", "--jobs": "2", "--cluster": "tcp://127.0.0.1:9",
@@ -216,8 +216,21 @@ OPTIONS = {
     "--pattern": "random", "--records": "9", "--model": "trees", "--epochs": "2", "--seed": "3", "--data": "data",
     "--held-out": "overtake", "--against": "run", "--box": "9.9,51.9,10.1,52.1", "--spacing": "100", "--set-back": "10",
     "--height": "12", "--vehicles": "20", "--alone": "run", "--colour": "red",
+    "--episode": "road-2", "--step": "0.1", "--log": "tensorboard",
 }  # fmt: skip
-FLAGS = ("--dry-run", "--json", "--quiet", "--verbose", "--verify", "--no-blockage", "--truth", "--help", "--", "-x")
+FLAGS = (
+    "--fcd",
+    "--dry-run",
+    "--json",
+    "--quiet",
+    "--verbose",
+    "--verify",
+    "--no-blockage",
+    "--truth",
+    "--help",
+    "--",
+    "-x",
+)
 odd_words = st.one_of(
     st.sampled_from(PATHS),
     st.sampled_from(ODD_TEXTS).filter(lambda text: "\x00" not in text),
@@ -272,6 +285,7 @@ READERS = {
     ),
     "data/shards/road-2.parquet": (
         "inspect data", "inspect data --verify", "train data -o new", "evaluate run --data data",
+        "export data --sample road-2-0 --csv -o new",
     ),
     "data/roads/road.parquet": ("sense data -o new --sensor truth", "evaluate run --data data"),
     "results/study.json": ("run study.toml -o results",),

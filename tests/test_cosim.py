@@ -88,7 +88,7 @@ BAD = {
     "generate motorway": "Missing option '-o'",
     "generate motorway -o new --colour red": "No such option: --colour",
     "generate -o new": "Missing argument 'SCENARIO'",
-    "": "Missing command",
+    "": "name a command: `cosim run` runs the quick study",
     "network": "Missing command",
     "fly": "No such command 'fly'",
     "inspect empty": "empty: not a dataset",

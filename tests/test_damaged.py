@@ -50,7 +50,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dataset = write_dataset(folder / "data", seeds=3, per_class=1, passing=True)
     for model in RUNS:
         train(dataset, folder / model, TrainSettings.model_validate({**SMALL, "model": model}))
-        (folder / model / ".lock").unlink()
+        (folder / model / ".lock").unlink(missing_ok=True)
     return folder
 
 

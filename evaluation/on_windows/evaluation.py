@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,16 +77,16 @@ class SharedEnds:
 def evaluate(
     run: Run,
     dataset: Dataset,
-    out: str | Path,
+    out: str | Path | None,
     settings: EvaluateSettings | None = None,
     against: Sequence[Run] = (),
     explains: bool = False,
 ) -> Evaluation:
     """Measure a run on the seeds of a dataset that it was not trained or chosen on; write metrics.json and predictions.
 
-    out: folder to write. against: runs to compare with on the same windows, e.g. floors, each with its paired
-    difference. Runs that differ in the training seed alone are also summed up in `over_training_seeds`. explains:
-    whether what the modules of a CaSTFormer do is part of the result.
+    out: folder to write; with None, nothing is written. against: runs to compare with on the same windows, e.g. floors,
+    each with its paired difference. Runs that differ in the training seed alone are also summed up in
+    `over_training_seeds`. explains: whether what the modules of a CaSTFormer do is part of the result.
     Raises InputError where no unseen seed is left, the sampling rates differ, or `out` holds something else.
     """
     origin = {"digest": dataset.digest, "study": dataset.meta.study}
@@ -101,7 +102,7 @@ def evaluate_records(
     run: Run,
     records: Records,
     made_of: Mapping[str, object],
-    out: str | Path,
+    out: str | Path | None,
     settings: EvaluateSettings,
     against: Sequence[Run] = (),
     pull_outs: PullOuts | None = None,
@@ -113,9 +114,11 @@ def evaluate_records(
     made_of: `digest` and `study` of the dataset that the records come from. pull_outs: of that dataset; without them,
     it is not asked whether the TV passes the UV. dependence: of the test samples on those that the run was trained on.
     """
-    with claim(Path(out), METRICS_FILE, "evaluation"):
-        origin = DatasetOrigin.model_validate(made_of)
+    origin = DatasetOrigin.model_validate(made_of)
+    with claim(Path(out), METRICS_FILE, "evaluation") if out is not None else nullcontext():
         evaluation = _evaluate([run, *against], records, origin, settings, pull_outs, dependence, explains)
+        if out is None:
+            return evaluation
         write_json(Path(out) / METRICS_FILE, evaluation.result.model_dump(mode="json"))
         write_predictions(evaluation.measured, Path(out), evaluation.passing)
     return evaluation

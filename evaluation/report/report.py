@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.explained import inspect_windows
+from isac_cosim.evaluation.on_windows.predictions import check_rates
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report import page, terminal
 from isac_cosim.evaluation.report.explained_part import FIGURE as EXPLAINED_FIGURE
@@ -29,6 +31,7 @@ from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.evaluation.report.verdict import seeds_text
 from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
+from isac_cosim.labeling.dataset.finding import of_one, shard_of
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
@@ -36,7 +39,7 @@ from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.models.runs.run import CARD_FILE, Run
 
 if TYPE_CHECKING:
-    from isac_cosim.labeling.dataset.dataset import Dataset, Shard
+    from isac_cosim.labeling.dataset.dataset import Dataset
 
 END_STEP_S = 0.05
 """Time between the ends of the windows that are predicted in a drawn record, s."""
@@ -59,15 +62,26 @@ def write_report(evaluation: Evaluation, dataset: Dataset, folder: str | Path) -
     draw_record(view, dataset.roads(scenario), dataset.sites(scenario), out / RECORD_FIGURE)
     if evaluation.result.explained is not None:
         draw_explained(explained_record(evaluated.run, records, row, view), out / EXPLAINED_FIGURE)
-    replay = replay_of(dataset, _shard_of(dataset, row), LocalEngine(1), evaluated.run).beginning_with(choice.sample_id)
+    replay = replay_of(dataset, shard_of(dataset, row)[0], LocalEngine(1), evaluated.run).beginning_with(
+        choice.sample_id
+    )
     cells = confused(evaluated.predictions, evaluation.result)
     return write_page(evaluation.result, out, choice.rule, replay, cells)
 
 
-def _shard_of(dataset: Dataset, row: int) -> Shard:
-    """Return the shard that holds a row of the dataset."""
-    ends = np.cumsum(dataset.meta.shards.numbers("samples"))
-    return dataset.meta.shards[int(np.searchsorted(ends, row, side="right"))]
+def draw_sample(dataset: Dataset, row: int, path: Path, run: Run | None = None) -> None:
+    """Draw a sample of a dataset as a PNG, with what a run answers along it if there is one.
+
+    row: in the order of `dataset.frame()`. Raises InputError where the run was trained on other rates.
+    """
+    shard, within = shard_of(dataset, row)
+    alone = of_one(dataset, shard)
+    records = Records.of(alone)
+    if run is not None:
+        check_rates(run, records)
+    scenario = shard.episode.scenario
+    view = record_view(run, records, alone.record("tv_truth", within), within)
+    draw_record(view, dataset.roads(scenario), dataset.sites(scenario), path)
 
 
 def write_page(
@@ -132,20 +146,18 @@ def _ends_along(run: Run, records: Records, row: int) -> Ends:
     return Ends(np.full(len(steps), row), steps)
 
 
-def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> RecordView:
-    """Return what is drawn of one record, with the run's predictions for every window in it.
+def record_view(run: Run | None, records: Records, truth: Float32Array, row: int) -> RecordView:
+    """Return what is drawn of one record, with a run's predictions for every window in it if there is a run.
 
     truth: true states of the TV, as they are stored, (6, S). row: of the record.
     """
     table = records.table.iloc[row]
     onset = float(table["t_onset"] - table["t_start"])
     n_tv, n_uv = records.tv.shape[2], records.uv.shape[2]
-    ends = _ends_along(run, records, row)
     point = records.points[row]
-    windows = cut(records, ends, run.card.settings.windows)
     snr_db = float(table["snr_db"])
     snr_note = f", {snr_db:.1f} dB per site and antenna element" if np.isfinite(snr_db) else ""
-    return RecordView(
+    view = RecordView(
         title=f"{spoken(Intention(int(table['label'])).text).capitalize()}: {table['sample_id']}{snr_note}",
         tv=in_plane(records.tv[row], *point),
         truth=in_plane(truth, *point),
@@ -153,7 +165,13 @@ def record_view(run: Run, records: Records, truth: Float32Array, row: int) -> Re
         t_tv=np.arange(n_tv) / records.tv_rate_hz - onset,
         t_uv=np.arange(n_uv) / records.uv_rate_hz - onset,
         commit_s=float(table["t_commit"] - table["t_onset"]),
+    )
+    if run is None:
+        return view
+    ends = _ends_along(run, records, row)
+    return replace(
+        view,
         classes=run.card.classes,
         t_end=ends.step / records.uv_rate_hz - onset,
-        probabilities=run.answer(windows).probabilities,
+        probabilities=run.answer(cut(records, ends, run.card.settings.windows)).probabilities,
     )

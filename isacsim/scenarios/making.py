@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from isac_cosim.base import landlock
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.files import new_folder
 from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.isacsim.scenarios.corners import CORNER_SHIFT_M, SharpCorners, sharp_corners, speed_limits
 from isac_cosim.isacsim.scenarios.demand import DemandSettings, make_demand
@@ -86,7 +83,8 @@ def add_sites(
     scenario = load_without_sites(where)
     if scenario.sites:
         raise InputError(f"{where} has {len(scenario.sites)} sites already: use it without `network sites`")
-    with _new_folder(out) as folder:
+    check_name(name_of(out), out)
+    with new_folder(out) as folder:
         return _complete(scenario, folder, out, placement, demand, seed, corner_shift_m)
 
 
@@ -111,7 +109,8 @@ def import_map(
     if not source.name.endswith(MAP_ENDINGS):
         raise InputError(f"{source} is not an OpenStreetMap file: give one that ends in {', '.join(MAP_ENDINGS)}")
     read_through(source)
-    with _new_folder(out) as folder:
+    check_name(name_of(out), out)
+    with new_folder(out) as folder:
         network = folder / f"{name_of(out)}.net.xml"
         _netconvert(source, network, box, lefthand)
         try:
@@ -234,23 +233,3 @@ def _converted(source: Path, options: list[str]) -> tuple[bytes | None, str]:
         )
         made = network.read_bytes() if process.returncode == 0 and network.is_file() else None
         return made, process.stderr
-
-
-@contextmanager
-def _new_folder(out: Path) -> Iterator[Path]:
-    """A temporary folder beside `out`, which becomes it if all goes well, and is removed otherwise."""
-    check_name(name_of(out), out)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out} exists and is not an empty folder: give another folder with -o")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f".{name_of(out)}-", dir=out.parent))
-    try:
-        yield folder
-        if out.exists():  # it may be the current folder, which cannot be replaced
-            for file in sorted(folder.iterdir()):
-                file.rename(out / file.name)
-        else:
-            folder.chmod(0o755)
-            folder.rename(out)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from pydantic import Field
@@ -77,7 +78,7 @@ def panels(name: str, pole: Array, heading: float, side: float, settings: Placem
 def sites_file(sites: Iterable[Site], origin: tuple[float, float] = (0.0, 0.0)) -> str:
     """Return an additional file with the sites as POIs, which sumo-gui and netedit show. origin: of their plane, m."""
     lines = [
-        f'<poi id="{site.id}" x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
+        f'<poi id={quoteattr(site.id)} x="{site.x + origin[0]:.2f}" y="{site.y + origin[1]:.2f}" type="{SITE_TYPE}" '
         f'color="red" layer="100">\n    <param key="height" value="{in_full(site.height_m)}"/>\n'
         f'    <param key="azimuth" value="{site.azimuth_deg:.1f}"/>\n  </poi>'
         for site in sites

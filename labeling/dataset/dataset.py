@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -119,7 +120,7 @@ class Dataset:
     folder: str = SHARDS
 
     @classmethod
-    def open(cls, path: str | Path) -> Dataset:
+    def open(cls, path: str | Path) -> Self:
         """Open a folder. Raises InputError if it is not a finished dataset, or if a shard is missing."""
         folder = Path(path)
         meta = read_meta(folder)

@@ -82,6 +82,8 @@ class EpisodePlan:
     """Finished episodes that the run has not reached. Nothing is kept of those that it has, as they may be millions."""
     _counts: Counter[str] = field(default_factory=Counter)
     _idle: int = 0
+    _enough_at: int | None = None
+    """Length of the run when it first held as many samples as were asked for, of whatever intentions."""
 
     def add(self, job: EpisodeJob, episode: Counts | Lost) -> None:
         """Add a finished episode: its samples by intention, or why it was lost."""
@@ -93,6 +95,9 @@ class EpisodePlan:
             self._counts.update(counts)
             self._idle = 0 if counts else self._idle + 1
             self.length += 1
+            wanted = self.selection.windows
+            if self._enough_at is None and wanted is not None and self._counts.total() >= wanted:
+                self._enough_at = self.length
 
     @property
     def done(self) -> bool:
@@ -109,6 +114,23 @@ class EpisodePlan:
     def hopeless(self) -> bool:
         """Whether too many episodes in a row held no sample."""
         return self.selection.windows is not None and self._idle >= self.selection.patience
+
+    @property
+    def difference(self) -> str | None:
+        """Why the run holds another number of samples than was asked for, in a sentence; None where it does not."""
+        wanted, found = self.selection.windows, self._counts.total()
+        if wanted is None or found == wanted:
+            return None
+        said = f"{found} samples, where {wanted} were asked for: "
+        if found < wanted:
+            last = "the episodes hold none" if self.hopeless else "the seeds hold no more; name more with --seeds"
+            return said + last
+        if self._enough_at is not None and (more := self.length - self._enough_at):
+            least = self.selection.min_per_class
+            found_none = ", and did not find them" if self.short() else ""
+            episodes = f"{more} more episode{'' if more == 1 else 's'}"
+            return f"{said}{episodes} ran to have {least} of every known intention{found_none}"
+        return f"{said}an episode is kept whole, and the last one that was needed ends there"
 
     def short(self) -> tuple[str, ...]:
         """Return the known intentions of which the run so far holds fewer samples than required."""

@@ -26,6 +26,8 @@ from isac_cosim.labeling.dataset.dataset import (
     write_meta,
 )
 from isac_cosim.labeling.generation.journal import Journal
+from isac_cosim.labeling.publication.card import README_FILE
+from isac_cosim.labeling.publication.describing import write_descriptions
 
 
 def fingerprint(*identity: Any) -> str:
@@ -95,6 +97,7 @@ def _prepare(out: Path) -> None:
                 folder.mkdir(exist_ok=True)
         remove_partial(out, "*.json")
         remove_partial(out, INDEX_FILE)
+        remove_partial(out, README_FILE)
         for folder in (out / SHARDS, out / DROPPED_PULL_OUTS):
             remove_partial(folder, "*.parquet")
     except OSError as error:
@@ -133,7 +136,7 @@ def finish(
     lost: Sequence[Lost] = (),
     short: Sequence[str] = (),
 ) -> None:
-    """Write the index and the finished `dataset.json`, and delete the shards that turned out not to be needed.
+    """Write the index, the finished `dataset.json` and what is made from it; delete the shards that are not needed.
 
     journal: the entries of the folder's shards. files: names of the shards that belong to the dataset, in its order.
     lost: episodes that failed. short: known intentions with too few samples. Raises RunError if all episodes failed,
@@ -156,5 +159,7 @@ def finish(
         "lost": tuple(lost),
         "short": tuple(short),
     }
-    write_meta(out, started.model_copy(update=update))
+    finished = started.model_copy(update=update)
+    write_meta(out, finished)
+    write_descriptions(out, finished)
     journal.remove()

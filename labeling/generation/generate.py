@@ -87,6 +87,8 @@ def generate(
             )
         files = (shard_name(job.scenario, job.seed) for job in plan.kept())
         finish(out, started, journal, files, plan.lost, plan.short())
+        if (difference := plan.difference) is not None:
+            feedback.message(difference)
     return Dataset.open(out)
 
 

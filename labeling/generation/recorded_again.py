@@ -58,12 +58,16 @@ class Recorder:
                 )
         return cls(dataset.path, study, source, where, why, remedy)
 
+    def scenario(self, name: str) -> Scenario:
+        """Return a scenario of the dataset, by its name. Raises InputError where it cannot be read."""
+        return _load(self.source, self.where[name])
+
     def record(self, scenario: str, seed: int, stored: Sequence[Sample]) -> Recording:
         """Return the recording of an episode, from which samples were made.
 
         stored: the samples. Raises InputError if the motion of one of them differs in a single bit.
         """
-        recording = recorded(self.source, _load(self.source, self.where[scenario]), seed)
+        recording = recorded(self.source, self.scenario(scenario), seed)
         for sample in stored:
             if not self._has(recording, sample):
                 raise InputError(

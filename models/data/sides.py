@@ -10,6 +10,8 @@ import numpy as np
 from isac_cosim.base.arrays import BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven, vehicles
+from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Records, SplitSettings
 
 if TYPE_CHECKING:
@@ -39,6 +41,16 @@ def on_side(records: Records, sides: Sides, side: str, settings: SplitSettings) 
     later = np.isin(groups, [group for name in TESTED_AFTER.get(side, ()) for group in sides.get(name, ())])
     vehicle = vehicles(records.table)
     return chosen & ~np.isin(vehicle, vehicle[later])
+
+
+def is_taught(records: Records, settings: FitSettings) -> BoolArray:
+    """Return which records are of an intention that is trained, (N,)."""
+    return np.asarray(np.isin(records.label, [i for i in KNOWN if i is not settings.left_out]))
+
+
+def taught(records: Records, sides: Sides, side: str, settings: FitSettings) -> Records:
+    """Return the records of a side that are of an intention that is trained."""
+    return records.take(is_taught(records, settings) & on_side(records, sides, side, settings.split))
 
 
 def trained_on(records: Records, sides: Sides, settings: SplitSettings) -> BoolArray:

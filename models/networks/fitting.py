@@ -14,6 +14,7 @@ from typing import Any
 
 import lightning
 from lightning.pytorch.callbacks import Callback, EarlyStopping, LambdaCallback, ModelCheckpoint
+from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.strategies import DDPStrategy
 from torch.multiprocessing.spawn import ProcessRaisedException
 
@@ -39,6 +40,8 @@ from isac_cosim.models.networks.network import WindowNetwork
 from isac_cosim.models.networks.several_devices import PrivateDDP
 
 CHECKPOINTS = "checkpoints"
+LOGS = "tensorboard"
+"""Folder of the curves that TensorBoard shows."""
 LAST = "last"
 """Name of the checkpoint of the last epoch, from which an interrupted training goes on."""
 NETWORK_PREFIX = "network."
@@ -60,26 +63,33 @@ def fit_network(
     settings: FitSettings,
     folder: Path,
     feedback: Feedback,
+    logs: bool = False,
 ) -> BestEpoch:
     """Train a network, or resume where its training stopped, and give it the weights of the best epoch.
 
     training, validation: records of the intentions to learn. folder: the run's, where the history and the checkpoints
-    are kept. feedback: where progress is reported. Raises InputError if a checkpoint is damaged, OutputError if nothing
-    can be written, DivergedError if a loss is not finite.
+    are kept. feedback: where progress is reported. logs: whether the curves are also written for TensorBoard, into
+    LOGS in the folder. Raises InputError if a checkpoint is damaged, OutputError if nothing can be written,
+    DivergedError if a loss is not finite.
     """
     # Networks do not look at lanes, and the lookup of lane maps cannot be sent to other processes.
     data = WindowData(replace(training, lane_maps=None), replace(validation, lane_maps=None), settings)
     network.fit_scale(*data.first_windows())
     alpha = inverse_frequency(training.label, network.n_classes) if settings.loss.class_weights else None
     monitor = Monitor(MONITOR, "max", "macro-F1", over_text(data.validated, KNOWN))
-    return fit_module(NetworkModule(network, settings, alpha), data, monitor, folder, feedback)
+    return fit_module(NetworkModule(network, settings, alpha), data, monitor, folder, feedback, logs)
 
 
 def fit_module(
-    module: TrainedModule, data: lightning.LightningDataModule, monitor: Monitor, folder: Path, feedback: Feedback
+    module: TrainedModule,
+    data: lightning.LightningDataModule,
+    monitor: Monitor,
+    folder: Path,
+    feedback: Feedback,
+    logs: bool = False,
 ) -> BestEpoch:
     """Train a module's network, or resume where its training stopped; otherwise as `fit_network`."""
-    best = _run_epochs(module, data, monitor, folder, feedback)
+    best = _run_epochs(module, data, monitor, folder, feedback, logs)
     weights = {
         name.removeprefix(NETWORK_PREFIX): value
         for name, value in best["state_dict"].items()
@@ -92,20 +102,26 @@ def fit_module(
 
 
 def _run_epochs(
-    module: TrainedModule, data: lightning.LightningDataModule, monitor: Monitor, folder: Path, feedback: Feedback
+    module: TrainedModule,
+    data: lightning.LightningDataModule,
+    monitor: Monitor,
+    folder: Path,
+    feedback: Feedback,
+    logs: bool,
 ) -> dict[str, Any]:
     """Train to the last epoch, and return the checkpoint of the best one."""
     optimiser, checkpoints = module.settings.optimiser, folder / CHECKPOINTS
     stopping = EarlyStopping(monitor.name, mode=monitor.mode, patience=optimiser.patience)
     keep = partial(_Keeper, checkpoints, enable_version_counter=False, save_on_train_epoch_end=True)
     best = keep("best", monitor=monitor.name, mode=monitor.mode)
+    history = History(folder / HISTORY_FILE)
     callbacks: list[Callback] = [
-        History(folder / HISTORY_FILE),
+        history,
         stopping,
         best,
         keep(LAST),  # after the best: what it says of the best one is then of the same epoch
         LambdaCallback(on_train_start=partial(_stay_stopped, stopping)),
-        EpochProgress(feedback, module.settings.model, monitor),
+        EpochProgress(feedback, history, module.settings.model, monitor),
     ]
     last = checkpoints / f"{LAST}.ckpt"
     with _quiet(), ExitStack() as stack:
@@ -116,7 +132,8 @@ def _run_epochs(
             accelerator=optimiser.accelerator, devices=optimiser.devices,
             strategy=strategy, precision=optimiser.precision,
             max_epochs=optimiser.epochs, callbacks=callbacks,
-            gradient_clip_val=optimiser.clip_norm or None, logger=False,
+            gradient_clip_val=optimiser.clip_norm or None,
+            logger=TensorBoardLogger(folder, name=LOGS, version="") if logs else False,
             num_sanity_val_steps=0, enable_progress_bar=False, enable_model_summary=False, default_root_dir=folder,
             plugins=[Checkpoints()],
         )  # fmt: skip

@@ -26,6 +26,7 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.augment import AugmentSettings, augmented
 from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.data.labelled_windows import epoch_ends, validation_ends
 from isac_cosim.models.data.pre_onset import pre_onset_windows
 from isac_cosim.models.data.windows import Ends, Records, Windows, cut, draw_ends
 from isac_cosim.models.networks.losses import exposure_loss
@@ -51,9 +52,7 @@ class WindowData(lightning.LightningDataModule):
         super().__init__()
         self.training, self.validation, self.settings = training, validation, settings
         self.next_epoch = 0
-        self.fixed = draw_ends(
-            validation, settings.windows, "validation", settings.seed, per_record=settings.validation_ends
-        )
+        self.fixed = validation_ends(validation, settings)
 
     @property
     def validated(self) -> list[Intention]:
@@ -68,11 +67,7 @@ class WindowData(lightning.LightningDataModule):
 
     def epoch_ends(self, epoch: int) -> Ends:
         """Return the ends of an epoch's training windows of known intentions, shuffled."""
-        settings = self.settings
-        ends = draw_ends(
-            self.training, settings.windows, "train", settings.seed, epoch, per_record=settings.ends_per_record
-        )
-        return ends[stream("shuffle", settings.seed, epoch).permutation(len(ends))]
+        return epoch_ends(self.training, self.settings, epoch)
 
     def epoch_windows(self, epoch: int) -> LabelledEnds:
         """Return the ends and labels of an epoch's training windows, shuffled.
@@ -316,13 +311,14 @@ class History(Callback):
 
 
 class EpochProgress(Callback):
-    """The progress bar of a training: the batches that are done, with epoch and score beside it.
+    """The progress of a training: a bar of the batches that are done, and a line about every epoch.
 
-    name: of the predictor. monitor: the score that is shown.
+    history: adds its row of an epoch before this says anything. name: of the predictor. monitor: the score that is
+    shown.
     """
 
-    def __init__(self, feedback: Feedback, name: str, monitor: Monitor) -> None:
-        self.feedback, self.name, self.monitor = feedback, name, monitor
+    def __init__(self, feedback: Feedback, history: History, name: str, monitor: Monitor) -> None:
+        self.feedback, self.history, self.name, self.monitor = feedback, history, name, monitor
         self.bar = ExitStack()
         self.move: Move | None = None
         self.done, self.total, self.note = 0, 1, ""
@@ -349,6 +345,16 @@ class EpochProgress(Callback):
             epoch = f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
             self.note = f"{epoch}, {shown} {float(score):.3f}{self.monitor.over}"
             self._show()
+
+    def on_train_epoch_end(self, trainer: lightning.Trainer, _: lightning.LightningModule) -> None:
+        """Say what the epoch has taught, in a line that stays."""
+        if not trainer.is_global_zero:
+            return
+        rows, monitor = self.history.rows, self.monitor
+        best = (max if monitor.mode == "max" else min)(row[monitor.name] for row in rows)
+        score = f"validation {monitor.shown} {rows[-1][monitor.name]:.3f}{monitor.over}, best {best:.3f}"
+        epoch = f"{self.name}, epoch {trainer.current_epoch + 1}/{trainer.max_epochs}"
+        self.feedback.message(f"{epoch}: {score}; training loss {rows[-1]['train_loss']:.3g}")
 
     def on_train_end(self, *_: Any) -> None:
         """Close the bar."""

@@ -59,7 +59,7 @@ class NetworkPredictor(Predictor):
 
         seed_weights(task.settings.seed)
         network = cls.build(task.settings, task.shape)
-        fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback)
+        fitted = fit_network(network, task.training, task.validation, task.settings, task.folder, feedback, task.logs)
         network.eval().to(answering_device(task.settings.optimiser.accelerator))
         summary = FitSummary(fitted.best_epoch, network.parameter_count, fitted.score, network.lstm_precision)
         return cls(network, summary)

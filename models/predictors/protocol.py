@@ -1,10 +1,13 @@
-"""What a predictor is: the base class of every predictor, what it is given to be fitted, and what it answers."""
+"""What a predictor is: the base class of every predictor, what it is given to be fitted, and what it answers.
+
+A function can stand in the place of one, to be measured.
+"""
 
 from __future__ import annotations
 
 import importlib.util
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Self
@@ -12,7 +15,7 @@ from typing import ClassVar, Self
 import numpy as np
 from scipy.special import expit
 
-from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import Settings
@@ -80,7 +83,7 @@ class FitTask:
 
     training, validation: records of the intentions to learn; the test records are kept away. settings: those of the
     training; `settings.of(...)` gives the predictor's own section. shape: of the windows. folder: the run's folder,
-    where a long training may keep what it resumes from.
+    where a long training may keep what it resumes from. logs: whether networks write their curves for TensorBoard.
     """
 
     training: Records
@@ -88,6 +91,7 @@ class FitTask:
     settings: FitSettings
     shape: WindowShape
     folder: Path
+    logs: bool = False
 
     def training_ends(self, per_record: int) -> tuple[Ends, IntArray]:
         """Draw `per_record` window ends from every training record. Returns them with their labels, (n,)."""
@@ -203,6 +207,57 @@ class Predictor(ABC):
         The default is that of a predictor that computes simple statistics of every window once.
         """
         return STATISTICS_S * workload.scale * (workload.training * settings.ends_per_record + workload.tested)
+
+
+Answer = Callable[[Float32Array, Float32Array], "Array | Outputs"]
+"""Answers n windows, TV (n, 6, T) and UV (n, 6, U): probabilities (n, G) of the known intentions, or `Outputs`."""
+
+
+class AskedPredictor(Predictor):
+    """A function in the place of a predictor: somebody else's model, measured as this project's are.
+
+    The features of an answer that has probabilities alone are its logits.
+    """
+
+    display_name = "a function"
+    summary = "a function of windows, which Python gives to isac_cosim.evaluate"
+
+    def __init__(self, answer: Answer, name: str) -> None:
+        self._answer = answer
+        self.display_name = name  # type: ignore[misc]  # of a class elsewhere, of a function here
+
+    @classmethod
+    def check_requirements(cls) -> None:
+        raise InputError("a function is no predictor that can be trained or loaded: name another one")
+
+    @classmethod
+    def fit(cls, task: FitTask, feedback: Feedback) -> Self:
+        raise NotImplementedError
+
+    def save(self, folder: Path) -> None:
+        raise NotImplementedError
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        raise NotImplementedError
+
+    def __call__(self, windows: Windows) -> Outputs:
+        """Ask the function. Raises InputError where it does not answer with probabilities of the known intentions."""
+        answer = self._answer(windows.tv, windows.uv)
+        if isinstance(answer, Outputs):
+            return answer
+        probabilities = np.asarray(answer, dtype=np.float64)
+        if probabilities.shape != (len(windows), len(KNOWN)):
+            raise InputError(
+                f"{self.display_name}: answers {len(windows)} windows with shape {probabilities.shape}; return "
+                f"probabilities ({len(windows)}, {len(KNOWN)})"
+            )
+        if not ((probabilities >= 0).all() and np.allclose(probabilities.sum(axis=1), 1, atol=1e-3)):
+            raise InputError(
+                f"{self.display_name}: answers with numbers that are no probabilities; each row must add up to 1"
+            )
+        logits = np.log(np.maximum(probabilities, LEAST_PROBABILITY))
+        return Outputs(logits, logits)
 
 
 def among_known(logits: Array, taught: IntArray) -> Array:

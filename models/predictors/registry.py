@@ -23,7 +23,7 @@ from isac_cosim.models.predictors.ensemble import EnsemblePredictor
 from isac_cosim.models.predictors.inception_time import InceptionTimePredictor
 from isac_cosim.models.predictors.minirocket import MinirocketPredictor
 from isac_cosim.models.predictors.multirocket_hydra import MultirocketHydraPredictor
-from isac_cosim.models.predictors.protocol import Predictor
+from isac_cosim.models.predictors.protocol import AskedPredictor, Predictor
 from isac_cosim.models.predictors.rule import RulePredictor
 from isac_cosim.models.predictors.trees import TreesPredictor
 
@@ -46,7 +46,9 @@ OWN: Mapping[str, type[Predictor]] = {
     "multirocket-hydra": MultirocketHydraPredictor,
 }
 """The predictors of this project."""
-PREDICTORS: Registry[type[Predictor]] = Registry("predictor", OWN, GROUP)
+ASKED = "function"
+"""The name, in results, of a function that was evaluated in the place of a predictor. Nobody is offered it."""
+PREDICTORS: Registry[type[Predictor]] = Registry("predictor", OWN, GROUP, {ASKED: AskedPredictor})
 
 
 def section_name(name: str) -> str:

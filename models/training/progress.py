@@ -6,7 +6,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import psutil
+
 from isac_cosim.base.feedback import Feedback
+from isac_cosim.base.workers.engine import cpu_count
 
 SURE_S = 60.0
 """After so much work, the time that steps took counts as much as the time expected of them, s."""
@@ -15,12 +18,13 @@ SURE_S = 60.0
 class Steps:
     """Reports each step as it starts, with an estimate of the time that all the remaining ones will take.
 
-    expected_s: expected time of all steps together, s. The estimate is scaled by how much longer or shorter than
-    expected the steps took that were done so far.
+    expected_s: expected time of all steps together on an idle machine, s. slowdown: how many times as long other work
+    on the machine makes them take, as it looks at the beginning. The estimate is scaled by that, and more and more by
+    how much longer or shorter than expected the steps took that were done so far.
     """
 
-    def __init__(self, feedback: Feedback, expected_s: float) -> None:
-        self.feedback, self.left_s = feedback, expected_s
+    def __init__(self, feedback: Feedback, expected_s: float, slowdown: float = 1.0) -> None:
+        self.feedback, self.left_s, self.slowdown = feedback, expected_s, slowdown
         self.took_s = self.expected_s = 0.0
 
     def skip(self, expected_s: float) -> None:
@@ -36,7 +40,7 @@ class Steps:
         """
         began = time.monotonic()
         if not standing:
-            left_s = self.left_s * (self.took_s + SURE_S) / (self.expected_s + SURE_S)
+            left_s = self.left_s * (self.took_s + SURE_S * self.slowdown) / (self.expected_s + SURE_S)
             self.feedback.message(f"{title}; about {spoken_time(left_s)} left")
         try:
             yield
@@ -45,6 +49,20 @@ class Steps:
             if not standing:
                 self.took_s += time.monotonic() - began
                 self.expected_s += expected_s
+
+
+def slowdown_now(workers: int) -> float:
+    """Return how many times as long work takes beside what else this machine does at the moment; 1 if it is idle.
+
+    workers: processor cores that the work would use. The other work is the load average of the last minute, of which
+    the cores that this process may use are taken to have their share.
+    """
+    cores = cpu_count()
+    try:
+        others = float(psutil.getloadavg()[0]) * cores / (psutil.cpu_count() or cores)
+    except OSError:
+        return 1.0
+    return max(1.0, (min(workers, cores) + others) / cores)
 
 
 def spoken_time(seconds: float) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import multiprocessing
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -73,6 +75,36 @@ def test_a_folder_of_this_kind_is_held(tmp_path: Path, content: tuple[str, ...])
             raise AssertionError("held twice")
     with claim(tmp_path, "run.json", "run"):
         pass
+
+
+def test_no_lock_is_left(tmp_path: Path) -> None:
+    """Neither by a command that ends, nor by one that fails."""
+    with claim(tmp_path / "done", "run.json", "run"):
+        assert (tmp_path / "done" / LOCK_FILE).is_file()
+    with pytest.raises(RuntimeError), claim(tmp_path / "failed", "run.json", "run"):
+        raise RuntimeError
+    assert not any(path.is_file() for path in tmp_path.rglob("*"))
+
+
+def count_up(folder: Path, times: int) -> None:
+    """Add to a number in a folder, as often as the folder can be had."""
+    number = folder / "run.json"
+    while times:
+        with suppress(InputError), claim(folder, "run.json", "run"):
+            number.write_text(str(int(number.read_text()) + 1))
+            times -= 1
+
+
+def test_a_folder_is_never_held_twice_although_the_lock_is_deleted(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("0")
+    context = multiprocessing.get_context("fork")
+    processes = [context.Process(target=count_up, args=(tmp_path, 200)) for _ in range(3)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+        assert process.exitcode == 0
+    assert (tmp_path / "run.json").read_text() == "600"
 
 
 @pytest.mark.parametrize("content", ["notes.txt", ".run.json", "4711-run.json"])

@@ -65,7 +65,7 @@ class Listening(Feedback):
 
 
 def run(by: str, dataset: str | None = None) -> list[str]:
-    """Run the study with a split into the folder `by`; what it said of vehicles on two sides.
+    """Run the study with a split into the folder `by`; what it said.
 
     dataset: one that the same settings have made, to save the time.
     """
@@ -75,14 +75,26 @@ def run(by: str, dataset: str | None = None) -> list[str]:
         if dataset is not None:
             shutil.copytree(dataset, Path(by, "dataset"))
     run_study(study, Path(by), InlineEngine(), listening)
-    return [line for line in listening.said if "also trained on" in line]
+    return listening.said
+
+
+def of_dependence(said: list[str]) -> list[str]:
+    """What was said of vehicles on two sides."""
+    return [line for line in said if "also trained on" in line]
+
+
+def steps(said: list[str]) -> list[str]:
+    """The steps that were said to begin, each with the time that is left."""
+    return [line.partition(":")[0] for line in said if " of 3: " in line and "; about " in line]
 
 
 def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
-    (line,) = run("seed")
+    said = run("seed")
+    assert steps(said) == ["1 of 3", "2 of 3", "3 of 3"]
+    (line,) = of_dependence(said)
     assert line.startswith("warning: ")
     metrics = json.loads(Path("seed/report/metrics.json").read_text())
     assert metrics["dependence"]["shared_tv"] > 0.2 * metrics["dependence"]["samples"]
@@ -93,7 +105,9 @@ def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     assert shares in Path("seed/report/index.html").read_text()
 
     # The same dataset, with each vehicle on one side.
-    assert run("vehicle", dataset="seed/dataset") == []
+    said = run("vehicle", dataset="seed/dataset")
+    assert steps(said) == ["2 of 3", "3 of 3"]
+    assert of_dependence(said) == []
     parted = json.loads(Path("vehicle/report/metrics.json").read_text())
     assert parted["dependence"]["samples"] == metrics["dependence"]["samples"]
     assert parted["dependence"]["shared_tv"] == 0

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import cosim
 from isac_cosim.base.feedback import Feedback, Foreword
-from isac_cosim.models.networks.fitting import CHECKPOINTS
+from isac_cosim.command_line import training
+from isac_cosim.models.networks.fitting import CHECKPOINTS, LOGS
 from isac_cosim.models.runs.run import CARD_FILE
 from tests.support.forged import forge_dataset
 from tests.support.made_up_dataset import write_dataset
@@ -87,3 +89,54 @@ def test_a_foreword_comes_once_and_before_the_first_report() -> None:
     foreword.message("c")
     foreword.say()
     assert said == ["b", "a", "c"]
+
+
+def test_every_epoch_says_what_it_has_taught(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """In lines that stay; the scores are those of the history."""
+    assert cosim.main(["train", "data", "-o", "new", "--epochs", "2"]) == 0
+    lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("asi-bip, epoch ")]
+    history = pd.read_csv(folder / "new" / "history.csv")
+    scores, best = history["validation_macro_f1"], history["validation_macro_f1"].cummax()
+    assert len(lines) == len(history) == 2
+    for k, line in enumerate(lines):
+        assert line.startswith(f"asi-bip, epoch {k + 1}/2: validation macro-F1 {scores[k]:.3f}")
+        assert f", best {best[k]:.3f}; training loss {history['train_loss'][k]:.3g}" in line
+
+
+def test_curves_are_logged_for_tensorboard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """They are those of the history, and the training is the same as without."""
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    assert cosim.main(["train", "data", "-o", "logged", "--epochs", "2", "--log", "tensorboard"]) == 0
+    assert "tensorboard --logdir logged shows the curves" in capfd.readouterr().err
+    events = accumulator.EventAccumulator(str(folder / "logged" / LOGS)).Reload()
+    history = pd.read_csv(folder / "logged" / "history.csv")
+    for name in ("validation_macro_f1", "train_loss"):
+        logged = [event.value for event in events.Scalars(name)]
+        assert logged == pytest.approx(history[name].tolist(), rel=1e-6)
+    assert cosim.main(["train", "data", "-o", "plain", "--epochs", "2", "--quiet"]) == 0
+    assert (folder / "plain" / "weights.pt").read_bytes() == (folder / "logged" / "weights.pt").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "installed", "line"),
+    [
+        (["--log", "tensorboard"], False, "--log tensorboard needs TensorBoard: pip install '.[tensorboard]'"),
+        (["--log", "wandb"], True, "--log 'wandb': curves can be logged for tensorboard alone"),
+        (["--log", "tensorboard", "--model", "trees"], True, "--log applies to networks"),
+        (["--log", "tensorboard", "--model", "treees"], True, "did you mean trees?"),
+    ],
+)
+def test_what_cannot_be_logged_is_refused_before_anything_is_written(
+    folder: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    options: list[str],
+    installed: bool,
+    line: str,
+) -> None:
+    monkeypatch.setattr(training, "find_spec", lambda _: object() if installed else None)
+    assert cosim.main(["train", "data", "-o", "new", *options]) == 2
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert line in error
+    assert not (folder / "new").exists()

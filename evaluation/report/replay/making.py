@@ -8,15 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
-from isac_cosim.base.files import shortened
-from isac_cosim.base.registry import nearest
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.predictions import check_rates
 from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay, at_rate
-from isac_cosim.evaluation.report.replay.others import Around, around, of_one
+from isac_cosim.evaluation.report.replay.others import Around, around
 from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
+from isac_cosim.labeling.dataset.finding import of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Ends, Records, cut, end_bounds, fitting
@@ -36,26 +34,6 @@ SIDES = {
     "unused": "The predictor's seeds include this episode, which was left unused: nothing was fitted to it.",
     "test": "The predictor was neither trained nor chosen on this episode.",
 }
-
-
-def find_episode(dataset: Dataset, name: str) -> Shard:
-    """Return the shard of an episode, `SCENARIO-SEED`. Raises InputError if there is none, or if it has no record."""
-    names = {shard.file.removesuffix(".parquet"): shard for shard in dataset.meta.shards}
-    if name not in names:
-        hint = nearest(name, names)
-        raise InputError(
-            f"--episode {shortened(name)}: {dataset.path} has no such episode; {hint}it has {_listed([*names])}"
-        )
-    if not names[name].samples:
-        others = [other for other, shard in names.items() if shard.samples]
-        raise InputError(f"--episode {name}: has no record to show; episodes with records are {_listed(others)}")
-    return names[name]
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return the first of some names as a text."""
-    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
-    return (", ".join(names[:5]) + more) or "none"
 
 
 def replay_of(

@@ -16,8 +16,8 @@ from isac_cosim.evaluation.report.replay.content import LENGTH_M, WIDTH_M, Vehic
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
+from isac_cosim.labeling.dataset.finding import of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard_index import ShardIndex
 from isac_cosim.labeling.generation.recorded_again import Recorder
 
 STEP_S = 0.2
@@ -56,11 +56,6 @@ def around(dataset: Dataset, shard: Shard, engine: Engine, feedback: Feedback) -
     if outcome.result is None:
         return None, f"{WHY}, and that failed ({outcome.error})"
     return outcome.result, ""
-
-
-def of_one(dataset: Dataset, shard: Shard) -> Dataset:
-    """Return the dataset with this shard alone."""
-    return replace(dataset, meta=dataset.meta.model_copy(update={"shards": ShardIndex.of([shard])}))
 
 
 @limited()

@@ -117,3 +117,33 @@ def test_progress_waits_for_the_rarest_class() -> None:
     plan.add(jobs[0], episode(jobs[0], [9, 9, 9, 9, 9, 1]))
     assert plan.progress() == (2, 10)
     assert plan.short() == (NAMES[5],)
+
+
+def plan_of(episodes: list[int], wanted: int, least: int = 0, patience: int = 99) -> EpisodePlan:
+    """A plan whose episodes hold so many samples, all of one intention."""
+    jobs = Jobs((("road", "road", range(1, len(episodes) + 1)),))
+    plan = EpisodePlan(jobs, SelectionSettings(windows=wanted, min_per_class=least, patience=patience))
+    for job, count in zip(jobs, episodes, strict=True):
+        plan.add(job, {NAMES[0]: count})
+    return plan
+
+
+def test_another_number_of_samples_than_was_asked_for_is_explained() -> None:
+    assert plan_of([2, 4], 6).difference is None
+    assert plan_of([2, 10], 6).difference == (
+        "12 samples, where 6 were asked for: an episode is kept whole, and the last one that was needed ends there"
+    )
+    assert plan_of([2, 3], 6).difference == (
+        "5 samples, where 6 were asked for: the seeds hold no more; name more with --seeds"
+    )
+    assert plan_of([2, 0, 0], 6, patience=2).difference == "2 samples, where 6 were asked for: the episodes hold none"
+    assert plan_of([7, 1, 2], 6, least=1).difference == (
+        "10 samples, where 6 were asked for: 2 more episodes ran to have 1 of every known intention, "
+        "and did not find them"
+    )
+
+
+def test_no_number_asked_for_is_none_to_explain() -> None:
+    plan = EpisodePlan(Jobs((("road", "road", range(1, 2)),)), SelectionSettings(windows=None))
+    plan.add(plan.jobs[0], {NAMES[0]: 3})
+    assert plan.difference is None

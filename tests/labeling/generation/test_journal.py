@@ -151,7 +151,7 @@ def test_a_large_dataset_is_finished_without_reading_its_shards(
     assert dataset.meta.shards[:-1] == noted
     assert dataset.meta.shards[-1].episode.seed == count
     assert sorted(path.name for path in out.iterdir() if path.is_file()) == [
-        ".lock", "dataset.json", "log.jsonl", "shards.parquet",
+        "README.md", "croissant.json", "dataset.json", "log.jsonl", "shards.parquet",
     ]  # fmt: skip
 
 

@@ -135,7 +135,7 @@ def test_a_predictor_of_an_installed_package_is_trained_loaded_and_evaluated(rec
     assert settings.optimiser.epochs == 7
     run = train_records(records, MADE_OF, tmp_path / "run", settings, SILENT)
     assert {path.name for path in run.path.iterdir()} == {
-        ".lock", "run.json", "nearest.npz", "reference.npz", "pre_onset.skops",
+        "run.json", "nearest.npz", "reference.npz", "pre_onset.skops",
     }  # fmt: skip
     loaded = load_run(run.path)
     assert loaded.card.settings.model_dump()["nearest_mean"] == {"ends_per_record": 3}

@@ -17,8 +17,9 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.first_screen import confused
 from isac_cosim.evaluation.report.replay.content import Replay
-from isac_cosim.evaluation.report.replay.making import find_episode, replay_of
+from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.evaluation.report.report import write_page
+from isac_cosim.labeling.dataset.finding import find_episode
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from tests.evaluation.report.replay.test_making import HereEngine

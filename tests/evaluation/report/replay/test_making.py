@@ -12,9 +12,10 @@ from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.evaluation.report.replay import others
 from isac_cosim.evaluation.report.replay.content import at_rate
-from isac_cosim.evaluation.report.replay.making import find_episode, replay_of
+from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.dataset.finding import find_episode, of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.generation import recorded_again
 from isac_cosim.models.data.windows import Ends, Records, cut, end_bounds
@@ -78,7 +79,7 @@ def test_the_likeliest_intention_at_the_last_measured_window_decides_what_is_wro
 ) -> None:
     shard = find_episode(dataset, "toy-1")
     shown = replay_of(dataset, shard, HereEngine(), trees_run)
-    records = Records.of(others.of_one(dataset, shard))
+    records = Records.of(of_one(dataset, shard))
     windows = trees_run.card.settings.windows
     _, last = end_bounds(records, windows)
     likeliest = trees_run.answer(cut(records, Ends(np.arange(len(records)), last), windows)).probabilities.argmax(
