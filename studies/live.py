@@ -22,6 +22,7 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluati
 from isac_cosim.evaluation.in_traffic.settings import DEVELOPMENT_H
 from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
 from isac_cosim.isacsim.traffic.sources.registry import source_class
+from isac_cosim.labeling.generation.settings import SeedRange
 from isac_cosim.labeling.streams.cost_estimate import PREDICTED_S, estimate
 from isac_cosim.labeling.streams.generate import generate_streams
 from isac_cosim.models.training.on_streams import train_on_streams
@@ -43,7 +44,7 @@ def run_live_study(study: Study, out: Path, engine: Engine, feedback: Feedback =
         floor = study.stream_floor
         against = [] if floor is None else [train_on_streams(streams, out / "floor", floor, feedback)]
         live, scenario, source = study.live, study.dataset.scenarios[0], study.dataset.source
-        chosen = (run.card, scenario, live.seeds, live.development)
+        chosen = (run.card, scenario, _ends(live.seeds), None if live.development is None else _ends(live.development))
         worlds = source_class(source).natural is not None
         natural = study_of(*chosen, natural=worlds, source=source)
         evaluation = evaluate_traffic(run, natural, out / LIVE, engine, feedback, against)
@@ -71,11 +72,15 @@ def estimate_live(study: Study) -> LiveEstimate | None:
     if streams is None:
         return None
     per_episode_h, live = streams.vehicle_hours / streams.episodes, study.live
-    measured = live.seeds[1] - live.seeds[0] + 1
+    measured = len(live.seeds)
     developed = DEVELOPMENT_H / per_episode_h
     if live.development is not None:
-        developed = live.development[1] - live.development[0] + 1
+        developed = len(live.development)
     evaluated = (measured + developed) * (2 if live.stress else 1)
     hours, watching_s = evaluated * per_episode_h, streams.cpu_s / streams.episodes
     cpu_s = streams.cpu_s + evaluated * watching_s + hours * PREDICTED_S
     return LiveEstimate(streams.episodes, streams.vehicle_hours, round(hours, 1), round(cpu_s, 1), streams.bytes)
+
+
+def _ends(seeds: SeedRange) -> tuple[int, int]:
+    return seeds.first, seeds.last

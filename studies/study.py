@@ -16,7 +16,7 @@ from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.sensors import DEFAULT
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
-from isac_cosim.labeling.generation.settings import DatasetStudy
+from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 from isac_cosim.models import FLOOR
 from isac_cosim.models.hazards.registry import DEFAULT as DEFAULT_ON_STREAMS
 from isac_cosim.models.hazards.registry import FLOOR as FLOOR_ON_STREAMS
@@ -30,12 +30,12 @@ QUICK = "quick.toml"
 class LiveSection(Settings):
     """How the predictor of a study of streams is evaluated live.
 
-    seeds, development: first and last seed to measure, and on which alarms are chosen; by default as
-    `evaluate --traffic` has them. stress: whether the stimulated world is measured beside natural traffic.
+    seeds, development: those to measure, and on which alarms are chosen; by default as `evaluate --traffic` has them.
+    stress: whether the stimulated world is measured beside natural traffic.
     """
 
-    seeds: tuple[int, int] = SEEDS
-    development: tuple[int, int] | None = None
+    seeds: SeedRange = SeedRange(first=SEEDS[0], last=SEEDS[1])
+    development: SeedRange | None = None
     stress: bool = False
 
 

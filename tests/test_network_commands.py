@@ -31,7 +31,7 @@ def test_sites_are_placed_along_a_users_network(siteless: Path, capfd: pytest.Ca
             '<time><step-length value="1"/></time><output><fcd-output value="big.xml"/></output></configuration>',
         )
     )
-    before = {path: path.read_bytes() for path in user.iterdir()}
+    before = {path: path.read_bytes() for path in user.iterdir() if path.is_file()}
     folder = siteless.parent / "scenario"
     assert cosim.main(["network", "sites", str(user), "-o", str(folder), "--spacing", "300", "--json"]) == 0
     printed = capfd.readouterr()

@@ -14,12 +14,11 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap, Windows
+from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.blocks import FEATURES, steps_of
-from isac_cosim.models.hazards.decisions import uv_for
 from isac_cosim.models.hazards.predictor import HazardFacts, HazardPredictor, Hazards, StreamTask, hazards_of
-from isac_cosim.models.hazards.sequences import Sequences, samples_of
 from isac_cosim.models.hazards.settings import CausalSettings, StreamFitSettings
-from isac_cosim.models.hazards.targets import ASKED
+from isac_cosim.models.hazards.sight import samples_of, uv_for
 from isac_cosim.models.networks.causal import CausalNetwork, CausalState, layers_within
 from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
 from isac_cosim.models.networks.network import seed_weights
@@ -56,6 +55,7 @@ class CausalPredictor(HazardPredictor):
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
         # Lightning takes seconds to import, and only training needs it.
         from isac_cosim.models.hazards.hazard_training import fit_hazards
+        from isac_cosim.models.hazards.sequences import Sequences
 
         facts, length = task.facts(), task.settings.causal.sequence
         training, validation = (

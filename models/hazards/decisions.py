@@ -10,6 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.errors import InputError
+from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import Intention, outward
@@ -156,20 +158,20 @@ def by_vehicle(events: Sequence[LiveEvent]) -> dict[str, list[LiveEvent]]:
     return of_vehicle
 
 
-def without_uv(windows: Windows, settings: WindowSettings, shape: WindowShape) -> Windows:
-    """Return windows in which the TV takes the place of the UV, so that nothing is left of the UV's reports.
-
-    Their roads must be known.
-    """
-    on_map = windows.on_map
-    assert on_map is not None, "windows of streams come with their roads"
-    uv = uv_for(on_map.tv, on_map.uv.shape[2], shape)
-    windows = in_frame(on_map.tv, uv, settings, shape.tv_rate_hz, shape.uv_rate_hz)
-    return replace(windows, on_map=replace(on_map, uv=uv))
+Features = Callable[[Windows], Array]
+"""What a predictor computes of n windows, (n, F)."""
 
 
-def uv_for(tv: Array, length: int, shape: WindowShape) -> Array:
-    """Return the TV's own states at the rate of the UV's reports, (n, 6, length), from those at its rate, (n, 6, T)."""
-    ratio = shape.tv_rate_hz / shape.uv_rate_hz
-    at = tv.shape[2] - 1 - np.rint(np.arange(length)[::-1] * ratio).astype(np.int64)
-    return tv[:, :, np.maximum(at, 0)]
+def gathered(
+    side: StreamSide, features: Features, feedback: Feedback, title: str
+) -> tuple[Float32Array, Targets, Array]:
+    """Return features (n, F), right answers and weights (n,) of the decisions of a side."""
+    parts: list[tuple[Float32Array, IntArray, IntArray, Array]] = []
+    with feedback.bar(title, "episodes") as move:
+        for batch in side.batches(move):
+            values = features(batch.windows).astype(np.float32)
+            parts.append((values, batch.targets.interval, batch.targets.passing, batch.weight))
+    if not parts:
+        raise InputError(f"{side.streams.path}: no decision to train on; generate more streams")
+    values, interval, passing, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return values, Targets(interval, passing), weight

@@ -13,8 +13,8 @@ from torch.utils.data import DataLoader, Dataset
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.models.data.fit_settings import FitSettings
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 from isac_cosim.models.hazards.predictor import HazardFacts, StreamTask
-from isac_cosim.models.hazards.targets import ASKED, IGNORED
 from isac_cosim.models.networks.fitting import BestEpoch, fit_module
 from isac_cosim.models.networks.lightning_module import Monitor, TrainedModule
 from isac_cosim.models.networks.network import torch_seed

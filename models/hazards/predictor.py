@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.files import replace_file
@@ -19,10 +18,13 @@ from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.labeling.intentions import KNOWN, LANE_CHANGES, Intention
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows, WindowSettings
-from isac_cosim.models.hazards.decisions import StreamSide, without_uv
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 from isac_cosim.models.hazards.settings import Horizon, StreamFitSettings
-from isac_cosim.models.hazards.targets import ASKED, IGNORED, Targets
+from isac_cosim.models.hazards.sight import without_uv
 from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
+
+if TYPE_CHECKING:
+    from isac_cosim.models.hazards.decisions import StreamSide
 
 HAZARDS_FILE = "hazards.json"
 NEVER = -20.0
@@ -255,22 +257,3 @@ def _platt(log_odds: Array, true: BoolArray, weight: Array) -> Calibration:
     slope = float(line.coef_[0, 0])
     # A line that falls says that the predictor knows nothing of the validation seeds, which calibration cannot mend.
     return Calibration(slope=slope, offset=float(line.intercept_[0])) if slope > 0 else Calibration()
-
-
-Features = Callable[[Windows], Array]
-"""What a predictor computes of n windows, (n, F)."""
-
-
-def gathered(
-    side: StreamSide, features: Features, feedback: Feedback, title: str
-) -> tuple[Float32Array, Targets, Array]:
-    """Return features (n, F), right answers and weights (n,) of the decisions of a side."""
-    parts: list[tuple[Float32Array, IntArray, IntArray, Array]] = []
-    with feedback.bar(title, "episodes") as move:
-        for batch in side.batches(move):
-            values = features(batch.windows).astype(np.float32)
-            parts.append((values, batch.targets.interval, batch.targets.passing, batch.weight))
-    if not parts:
-        raise InputError(f"{side.streams.path}: no decision to train on; generate more streams")
-    values, interval, passing, weight = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return values, Targets(interval, passing), weight

@@ -17,21 +17,11 @@ from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import outward
 from isac_cosim.labeling.streams.store import StoredStretch, StreamFacts
 from isac_cosim.models.data.windows import OnMap
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 from isac_cosim.models.hazards.blocks import steps_of
-from isac_cosim.models.hazards.decisions import StreamSide, by_vehicle, uv_for
-from isac_cosim.models.hazards.targets import ASKED, IGNORED, Targets, targets_of
-from isac_cosim.models.predictors.protocol import WindowShape
-
-
-def samples_of(shape: WindowShape, step_s: float) -> tuple[int, int]:
-    """Return the samples of the TV's and the UV's stream in a step. Raises InputError if they are not whole numbers."""
-    samples = step_s * shape.tv_rate_hz, step_s * shape.uv_rate_hz
-    if any(abs(number - round(number)) > 1e-6 or round(number) < 1 for number in samples):
-        raise InputError(
-            f"decisions every {step_s:g} s are not whole numbers of samples at {shape.tv_rate_hz:g} and "
-            f"{shape.uv_rate_hz:g} Hz; a causal network needs that"
-        )
-    return round(samples[0]), round(samples[1])
+from isac_cosim.models.hazards.decisions import StreamSide, by_vehicle
+from isac_cosim.models.hazards.sight import samples_of, uv_for
+from isac_cosim.models.hazards.targets import Targets, targets_of
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
-from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.samples.pull_outs import DROPPED
 from isac_cosim.labeling.streams.events import LiveEvent
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 
-ASKED = tuple(intention for intention in KNOWN if intention is not Intention.OVERTAKE)
-"""The intentions that have a hazard, in the order of its columns."""
-IGNORED = -1
-"""The answer to decisions that nothing is learned from: neutral events, and the time after a commit."""
 PASSES: dict[str, int] = {"passed_did_not_return": 1, "unresolved": IGNORED}
 """Whether pull-outs that are in no class pass the UV."""
 assert set(PASSES) == set(DROPPED)

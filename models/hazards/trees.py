@@ -12,16 +12,18 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.statistics import recent_motion, statistics
 from isac_cosim.models.data.windows import Windows
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 from isac_cosim.models.hazards.lanes_and_uv import situation_of
-from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredictor, Hazards, StreamTask, gathered
+from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredictor, Hazards, StreamTask
 from isac_cosim.models.hazards.settings import HazardTreesSettings
-from isac_cosim.models.hazards.targets import ASKED, IGNORED, Targets
 from isac_cosim.models.predictors.protocol import WindowShape
 from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
+
+    from isac_cosim.models.hazards.targets import Targets
 
 PASSING = "passing"
 
@@ -46,6 +48,8 @@ class SituationTrees(HazardPredictor):
 
     @classmethod
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
+        from isac_cosim.models.hazards.decisions import gathered  # loaded only here, because it takes long
+
         facts, settings = task.facts(), task.settings.trees
         untrained = cls(facts, task.shape, {})
 

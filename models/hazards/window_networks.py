@@ -9,21 +9,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from isac_cosim.base.feedback import Feedback
-from isac_cosim.base.temporary import TemporaryFolder
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.hazards.hazard_training import fit_hazards
+from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.lanes_and_uv import N_SITUATION, situation_of
 from isac_cosim.models.hazards.predictor import HazardFacts, HazardPredictor, Hazards, StreamTask, hazards_of
-from isac_cosim.models.hazards.stored_windows import Inputs, StoredWindows
-from isac_cosim.models.hazards.targets import ASKED
 from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
 from isac_cosim.models.networks.network import WindowNetwork, seed_weights
 from isac_cosim.models.predictors.asi_bip import AsiBipPredictor
@@ -31,6 +28,9 @@ from isac_cosim.models.predictors.castformer import CastformerPredictor
 from isac_cosim.models.predictors.inception_time import InceptionTimePredictor
 from isac_cosim.models.predictors.network_predictor import WEIGHTS_FILE, NetworkPredictor
 from isac_cosim.models.predictors.protocol import FitSummary, WindowShape
+
+if TYPE_CHECKING:
+    from isac_cosim.models.hazards.stored_windows import Inputs
 
 BESIDE = 32
 """Width of the layer beside the network."""
@@ -92,6 +92,11 @@ class WindowNetworkOnStreams(HazardPredictor):
 
     @classmethod
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
+        # What training alone needs takes seconds to import.
+        from isac_cosim.base.temporary import TemporaryFolder
+        from isac_cosim.models.hazards.hazard_training import fit_hazards
+        from isac_cosim.models.hazards.stored_windows import StoredWindows
+
         facts = task.facts()
         seed_weights(task.fit.seed)
         network = cls._built(facts, task.fit, task.shape)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.special import expit
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError, RunError
@@ -47,7 +46,7 @@ class Outputs:
     def probabilities(self) -> Array:
         """Softmax of the logits, or the sigmoid of each where they are not exclusive, (n, G)."""
         if not self.exclusive:
-            return np.asarray(expit(self.logits))
+            return np.asarray(0.5 * (1.0 + np.tanh(self.logits / 2)))
         e = np.exp(self.logits - self.logits.max(axis=1, keepdims=True))
         return np.asarray(e / e.sum(axis=1, keepdims=True))
 

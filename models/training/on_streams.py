@@ -17,10 +17,10 @@ from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention, outward
 from isac_cosim.labeling.streams.dataset import Streams
 from isac_cosim.models.data.windows import SplitSettings
+from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.decisions import StreamSide
 from isac_cosim.models.hazards.predictor import HazardPredictor, StreamTask
 from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
-from isac_cosim.models.hazards.targets import ASKED
 from isac_cosim.models.runs.run import (
     CARD_FILE,
     REFERENCE_FILE,

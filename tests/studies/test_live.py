@@ -24,8 +24,8 @@ kind = "link"
 least_events = 1
 trees = { rounds = 5, least_leaf = 2 }
 [live]
-seeds = [1001, 1001]
-development = [2001, 2001]
+seeds = { first = 1001, last = 1001 }
+development = { first = 2001, last = 2001 }
 stress = true
 """
 

@@ -12,10 +12,10 @@ from torch.nn import functional
 from isac_cosim.base.arrays import Array
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap, Windows, WindowSettings, in_frame
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
 from isac_cosim.models.hazards.blocks import FEATURES, steps_of
 from isac_cosim.models.hazards.causal import CausalPredictor
 from isac_cosim.models.hazards.hazard_training import hazard_loss
-from isac_cosim.models.hazards.targets import ASKED, IGNORED
 from isac_cosim.models.networks.causal import CausalNetwork, layers_within, receptive_field
 from tests.models.hazards.test_predictor import SHAPE, facts
 from tests.support.scripted import LANES

@@ -12,6 +12,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Windows, WindowSettings
+from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.predictor import (
     NEVER,
     Calibration,
@@ -21,7 +22,6 @@ from isac_cosim.models.hazards.predictor import (
     both,
     within_horizons,
 )
-from isac_cosim.models.hazards.targets import ASKED
 from isac_cosim.models.predictors.protocol import WindowShape
 
 SHAPE = WindowShape(6, 880, 220, 400.0, 100.0)

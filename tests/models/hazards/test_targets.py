@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.streams.events import LiveEvent
-from isac_cosim.models.hazards.targets import ASKED, IGNORED, counted_intentions, targets_of
+from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.targets import counted_intentions, targets_of
 
 HORIZONS = (0.5, 1.0, 2.0)
 LEFT, BRAKE = ASKED.index(Intention.LEFT_LANE_CHANGE), ASKED.index(Intention.HARD_BRAKE)

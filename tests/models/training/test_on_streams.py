@@ -12,9 +12,10 @@ import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.labeling.streams.dataset import Streams
+from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.decisions import StreamSide
 from isac_cosim.models.hazards.settings import StreamFitSettings
-from isac_cosim.models.hazards.targets import ASKED, targets_of
+from isac_cosim.models.hazards.targets import targets_of
 from isac_cosim.models.hazards.window_networks import AsiBipOnStreams
 from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape

@@ -1,0 +1,42 @@
+"""What a predictor may see of windows and streams."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from isac_cosim.base.arrays import Array
+from isac_cosim.base.errors import InputError
+from isac_cosim.models.data.windows import Windows, WindowSettings, in_frame
+from isac_cosim.models.predictors.protocol import WindowShape
+
+
+def without_uv(windows: Windows, settings: WindowSettings, shape: WindowShape) -> Windows:
+    """Return windows in which the TV takes the place of the UV, so that nothing is left of the UV's reports.
+
+    Their roads must be known.
+    """
+    on_map = windows.on_map
+    assert on_map is not None, "windows of streams come with their roads"
+    uv = uv_for(on_map.tv, on_map.uv.shape[2], shape)
+    windows = in_frame(on_map.tv, uv, settings, shape.tv_rate_hz, shape.uv_rate_hz)
+    return replace(windows, on_map=replace(on_map, uv=uv))
+
+
+def uv_for(tv: Array, length: int, shape: WindowShape) -> Array:
+    """Return the TV's own states at the rate of the UV's reports, (n, 6, length), from those at its rate, (n, 6, T)."""
+    ratio = shape.tv_rate_hz / shape.uv_rate_hz
+    at = tv.shape[2] - 1 - np.rint(np.arange(length)[::-1] * ratio).astype(np.int64)
+    return tv[:, :, np.maximum(at, 0)]
+
+
+def samples_of(shape: WindowShape, step_s: float) -> tuple[int, int]:
+    """Return the samples of the TV's and the UV's stream in a step. Raises InputError if they are not whole numbers."""
+    samples = step_s * shape.tv_rate_hz, step_s * shape.uv_rate_hz
+    if any(abs(number - round(number)) > 1e-6 or round(number) < 1 for number in samples):
+        raise InputError(
+            f"decisions every {step_s:g} s are not whole numbers of samples at {shape.tv_rate_hz:g} and "
+            f"{shape.uv_rate_hz:g} Hz; a causal network needs that"
+        )
+    return round(samples[0]), round(samples[1])
