@@ -16,7 +16,7 @@ from isac_cosim.isacsim.scenarios.scenario import bundled, load
 def siteless(tmp_path: Path) -> Path:
     """The folder of a scenario without sites."""
     folder = tmp_path / "siteless"
-    shutil.copytree(bundled()["motorway"], folder)
+    shutil.copytree(bundled()["motorway"], folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "sites.add.xml").write_text("<additional/>")
     return folder
 
@@ -31,7 +31,7 @@ def test_sites_are_placed_along_a_users_network(siteless: Path, capfd: pytest.Ca
             '<time><step-length value="1"/></time><output><fcd-output value="big.xml"/></output></configuration>',
         )
     )
-    before = {path: path.read_bytes() for path in user.iterdir() if path.is_file()}
+    before = {path: path.read_bytes() for path in user.iterdir()}
     folder = siteless.parent / "scenario"
     assert cosim.main(["network", "sites", str(user), "-o", str(folder), "--spacing", "300", "--json"]) == 0
     printed = capfd.readouterr()

@@ -21,7 +21,7 @@ from isac_cosim.models.networks.network import torch_seed
 
 VALIDATED = 64
 """Validation sequences in a batch."""
-MONITOR = Monitor("validation_loss", "min", "validation loss")
+MONITOR = Monitor("validation_loss", "min", "loss")
 Batch = list[Tensor]
 """What a network sees of B items, then interval (B, ..., 5), passing and weight (B, ...) of their decisions."""
 
