@@ -63,6 +63,8 @@ SECTIONS = {
 """The part of each section of a dataset's study; the others are of the traffic."""
 TECHNICAL = re.compile(r"_?(MOST_|BATCH|AT_ONCE|READABLE|FORMER|ROW)|.*(CPU_S|BYTES|_KEPT)$")
 """Constants that say how much is read or computed at once, or what earlier versions had: no figure rests on them."""
+ESTIMATES = ".cost_estimate"
+"""What the names of modules end in whose constants say what something costs."""
 Settings = dict[str, JsonValue]
 """Settings by their dotted name."""
 ABSENT: Final = "(absent)"
@@ -122,7 +124,8 @@ def _modules(room: str) -> Iterator[ModuleType]:
     module = importlib.import_module(f"{NAME}.{room}")
     yield module
     for found in pkgutil.walk_packages(getattr(module, "__path__", ()), f"{module.__name__}."):
-        yield importlib.import_module(found.name)
+        if not found.name.endswith(ESTIMATES):
+            yield importlib.import_module(found.name)
 
 
 @cache

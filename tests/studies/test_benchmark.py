@@ -10,6 +10,7 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.radio import blockage
+from isac_cosim.labeling.streams import cost_estimate
 from isac_cosim.models.data import windows
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies import benchmark
@@ -97,6 +98,11 @@ def test_other_settings_are_refused_by_the_name_of_their_part(frozen: Frozen, mo
 
 def test_settings_of_predictors_are_free(frozen: Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(windows, "START_SHARE", 0.9)
+    check(TINY, frozen)
+
+
+def test_what_it_costs_is_no_setting(frozen: Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost_estimate, "SENSED_S", 1.0)
     check(TINY, frozen)
 
 
