@@ -74,6 +74,10 @@ class Study(Settings):
     @model_validator(mode="after")
     def _streams_of_one_scenario(self) -> Self:
         if not self.streams:
+            if self.training.streams is not None:
+                raise ValueError(
+                    "training.streams: is of trainings on streams; set dataset.streams = true, or remove it"
+                )
             return self
         if self.sweep is not None:
             raise ValueError("sweep: records are swept, not streams; remove it, or dataset.streams")

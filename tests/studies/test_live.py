@@ -69,6 +69,7 @@ def test_the_bundled_study_says_what_it_costs(capsys: pytest.CaptureFixture[str]
         ({"dataset": {"streams": True}, "sweep": {"models": ["trees"]}}, "records are swept"),
         ({"dataset": {"streams": True}, "training": {"model": "rule"}}, "is not trained on streams"),
         ({"dataset": {"streams": "perhaps"}}, "streams"),
+        ({"training": {"model": "trees", "streams": {}}}, r"dataset\.streams = true"),
     ],
 )
 def test_what_does_not_go_with_streams_is_refused(content: dict[str, object], message: str) -> None:
