@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 
@@ -44,9 +45,13 @@ def confirm(recent: Float32Array, k: int) -> Float32Array:
     return np.asarray(np.sort(recent, axis=0)[-k])
 
 
-def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray:
+@overload
+def is_too_soon(gap_s: float, refractory_s: float) -> bool: ...
+@overload
+def is_too_soon(gap_s: Array, refractory_s: float) -> BoolArray: ...
+def is_too_soon(gap_s: Array | float, refractory_s: float) -> BoolArray | bool:
     """Return whether an alarm comes too soon after the one before, s, of the same vehicle and intention."""
-    return np.asarray(np.asarray(gap_s) < refractory_s - SLACK_S)
+    return gap_s < refractory_s - SLACK_S
 
 
 @dataclass
@@ -210,7 +215,7 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise:
     for place in np.flatnonzero(soon).tolist():
         # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
         last = place - 1 if kept[place - 1] else last
-        kept[place] = not times[place] - times[last] < refractory_s - SLACK_S
+        kept[place] = not is_too_soon(times[place] - times[last], refractory_s)
     return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
 
 

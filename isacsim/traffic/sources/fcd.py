@@ -89,10 +89,6 @@ class FcdSource(FileSource):
     fcd: FcdSettings
     sections: ClassVar = {"fcd": FcdSettings}
 
-    @property
-    def settings(self) -> FcdSettings:
-        return self.fcd
-
     def open(self, where: Path) -> Opened:
         if where.is_dir():
             raise InputError(f"{where}: is a folder; give the file that SUMO wrote with --fcd-output")

@@ -69,10 +69,6 @@ class LevelxSource(FileSource):
     levelx: LevelxSettings
     sections: ClassVar = {"levelx": LevelxSettings}
 
-    @property
-    def settings(self) -> LevelxSettings:
-        return self.levelx
-
     def file_at(self, where: Path) -> Path:
         return files_of(where).tracks
 

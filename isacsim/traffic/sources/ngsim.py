@@ -63,10 +63,6 @@ class NgsimSource(FileSource):
     ngsim: NgsimSettings
     sections: ClassVar = {"ngsim": NgsimSettings}
 
-    @property
-    def settings(self) -> NgsimSettings:
-        return self.ngsim
-
     def open(self, where: Path) -> Opened:
         if where.is_dir():
             raise InputError(f"{where}: is a folder; give a file of NGSIM, such as trajectories-0500-0515.txt")

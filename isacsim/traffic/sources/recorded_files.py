@@ -84,9 +84,11 @@ class FileSource(MotionSource):
     default_seeds = (1, 10_000)
 
     @property
-    @abstractmethod
     def settings(self) -> FileSettings:
-        """The settings of the source."""
+        """The settings of the source: its only section."""
+        (section,) = self.sections
+        settings: FileSettings = getattr(self, section)
+        return settings
 
     def file_at(self, where: Path) -> Path:
         """Return the file that holds the trajectories of what the user named, a file or a folder. Raises InputError."""
