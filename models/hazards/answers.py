@@ -2,7 +2,7 @@
 
 from isac_cosim.labeling.intentions import KNOWN, Intention
 
-ASKED = tuple(intention for intention in KNOWN if intention is not Intention.OVERTAKE)
+WITH_HAZARD = tuple(intention for intention in KNOWN if intention is not Intention.OVERTAKE)
 """The intentions that have a hazard, in the order of its columns."""
 IGNORED = -1
 """The answer to decisions that nothing is learned from: neutral events, and the time after a commit."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
@@ -14,27 +13,21 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap, Windows
-from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.blocks import FEATURES, steps_of
-from isac_cosim.models.hazards.predictor import HazardFacts, HazardPredictor, Hazards, StreamTask, hazards_of
-from isac_cosim.models.hazards.settings import CausalSettings, StreamFitSettings
+from isac_cosim.models.hazards.predictor import HazardFacts, Hazards, NetworkOnStreams, StreamTask, hazards_of, n_logits
+from isac_cosim.models.hazards.settings import StreamFitSettings
 from isac_cosim.models.hazards.sight import samples_of, uv_for
 from isac_cosim.models.networks.causal import CausalNetwork, CausalState, layers_within
-from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
 from isac_cosim.models.networks.network import seed_weights
-from isac_cosim.models.predictors.network_predictor import WEIGHTS_FILE
 from isac_cosim.models.predictors.protocol import FitSummary, Outputs, WindowShape
 
-if TYPE_CHECKING:
-    pass
 
-
-class CausalPredictor(HazardPredictor):
+class CausalPredictor(NetworkOnStreams):
     """A causal convolution over steps of the length of the time between decisions; a window shows the latest steps."""
 
     display_name = "causal network"
     summary = "a causal convolution that runs along the stream, one step a decision"
-    is_network = True
+    network: CausalNetwork
     optimiser_defaults: ClassVar[dict[str, object]] = {
         "epochs": 25,
         "learning_rate": 2e-3,
@@ -46,10 +39,15 @@ class CausalPredictor(HazardPredictor):
     def __init__(
         self, facts: HazardFacts, shape: WindowShape, network: CausalNetwork, fit_summary: FitSummary | None = None
     ) -> None:
-        super().__init__(facts, shape)
-        self.network = network
-        self.fit_summary = fit_summary or FitSummary()
+        super().__init__(facts, shape, network, fit_summary)
         self.samples = samples_of(shape, facts.decision_s)
+
+    @classmethod
+    def built(cls, facts: HazardFacts, settings: FitSettings, shape: WindowShape) -> CausalNetwork:
+        """Return an untrained network that depends on no more steps than a window holds."""
+        streams: StreamFitSettings = settings.streams  # type: ignore[attr-defined]
+        layers = layers_within(shape.tv_length // samples_of(shape, facts.decision_s)[0])
+        return CausalNetwork(len(FEATURES), streams.causal.width, layers, n_logits(facts), streams.causal.dropout)
 
     @classmethod
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
@@ -63,22 +61,11 @@ class CausalPredictor(HazardPredictor):
             for side, purpose in ((task.training, "train on"), (task.validation, "choose on"))
         )
         seed_weights(task.fit.seed)
-        network = _built(facts, task.shape, task.settings.causal)
+        network = cls.built(facts, task.fit, task.shape)
         network.fit_scale(torch.from_numpy(training.steps.reshape(-1, training.steps.shape[2])))
         fitted = fit_hazards(network, training.items(), validation.items(), task, facts, feedback)
         summary = FitSummary(fitted.best_epoch, network.parameter_count)
         return cls(facts, task.shape, network.eval(), summary).calibrated(task.validation)
-
-    def save(self, folder: Path) -> None:
-        self.save_facts(folder)
-        write_tensors(folder / WEIGHTS_FILE, {name: value.clone() for name, value in self.network.state_dict().items()})
-
-    @classmethod
-    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        facts = cls.load_facts(folder)
-        streams: StreamFitSettings = settings.streams  # type: ignore[attr-defined]
-        network = read_weights(folder / WEIGHTS_FILE, lambda: _built(facts, shape, streams.causal))
-        return cls(facts, shape, network.eval())
 
     def hazards(self, windows: Windows) -> Hazards:
         with torch.inference_mode():
@@ -127,10 +114,3 @@ class CausalPredictor(HazardPredictor):
 
 def _unknown(scenario: str) -> LaneMap:
     raise AssertionError("the lanes are not looked at")
-
-
-def _built(facts: HazardFacts, shape: WindowShape, settings: CausalSettings) -> CausalNetwork:
-    """Return an untrained network that depends on no more steps than a window holds."""
-    layers = layers_within(shape.tv_length // samples_of(shape, facts.decision_s)[0])
-    outputs = len(ASKED) * len(facts.horizons_s) + 1
-    return CausalNetwork(len(FEATURES), settings.width, layers, outputs, settings.dropout)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import lightning
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -13,10 +12,10 @@ from torch.utils.data import DataLoader, Dataset
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.models.data.fit_settings import FitSettings
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.predictor import HazardFacts, StreamTask
 from isac_cosim.models.networks.fitting import BestEpoch, fit_module
-from isac_cosim.models.networks.lightning_module import Monitor, TrainedModule
+from isac_cosim.models.networks.lightning_module import Monitor, ResumedData, TrainedModule
 from isac_cosim.models.networks.network import torch_seed
 
 VALIDATED = 64
@@ -48,10 +47,10 @@ def hazard_loss(
 ) -> Tensor:
     """Return the weighted mean over decisions of the cross-entropy of all hazards that are asked, a scalar.
 
-    logits: (..., 5 H + 1). interval: (..., 5). passing, weight: (...). learned: which of ASKED are, (5,).
+    logits: (..., 5 H + 1). interval: (..., 5). passing, weight: (...). learned: which of WITH_HAZARD are, (5,).
     A hazard is asked until the intention has begun.
     """
-    of_intervals = logits[..., :-1].reshape(*logits.shape[:-1], len(ASKED), horizons)
+    of_intervals = logits[..., :-1].reshape(*logits.shape[:-1], len(WITH_HAZARD), horizons)
     number = torch.arange(horizons, device=logits.device)
     answer = interval[..., None]
     asked = (answer >= number) & (answer != IGNORED) & learned[:, None]
@@ -90,11 +89,10 @@ class _Module(TrainedModule):
         return hazard_loss(logits, interval, passing, weight, self.get_buffer("learned"), self.horizons)
 
 
-class _Data(lightning.LightningDataModule):
+class _Data(ResumedData):
     def __init__(self, training: Dataset[Any], validation: Dataset[Any], settings: FitSettings) -> None:
         super().__init__()
         self.training, self.validation, self.settings = training, validation, settings
-        self.next_epoch = 0
 
     def train_dataloader(self) -> DataLoader[Any]:
         """Return the training sequences; each epoch has an order of its own, also where it is resumed."""
@@ -103,21 +101,6 @@ class _Data(lightning.LightningDataModule):
     def val_dataloader(self) -> DataLoader[Any]:
         """Return the validation sequences."""
         return DataLoader(self.validation, VALIDATED)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps of the data: the epoch to go on with."""
-        return {"next_epoch": self.epoch + 1}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on with the epoch that a checkpoint names."""
-        self.next_epoch = state["next_epoch"]
-
-    @property
-    def epoch(self) -> int:
-        """The number of the present epoch."""
-        # A resumed trainer counts itself forward only after it has asked for the first batch.
-        assert self.trainer is not None
-        return max(int(self.trainer.current_epoch), self.next_epoch)
 
 
 class _Shuffled(torch.utils.data.Sampler[int]):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
+from torch import nn
 
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.base.errors import InputError
@@ -18,10 +19,12 @@ from isac_cosim.base.settings import Settings, read_json
 from isac_cosim.labeling.intentions import KNOWN, LANE_CHANGES, Intention
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows, WindowSettings
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.settings import Horizon, StreamFitSettings
 from isac_cosim.models.hazards.sight import without_uv
-from isac_cosim.models.predictors.protocol import FitTask, Outputs, Predictor, WindowShape
+from isac_cosim.models.networks.checkpoints import read_weights, write_weights
+from isac_cosim.models.predictors.network_predictor import WEIGHTS_FILE
+from isac_cosim.models.predictors.protocol import FitSummary, FitTask, Outputs, Predictor, WindowShape
 
 if TYPE_CHECKING:
     from isac_cosim.models.hazards.decisions import StreamSide
@@ -63,7 +66,7 @@ class HazardFacts(Settings):
 
     @model_validator(mode="after")
     def _is_of_asked(self) -> Self:
-        asked = [intention.text for intention in ASKED]
+        asked = [intention.text for intention in WITH_HAZARD]
         if unknown := {*self.learned, *self.calibration} - set(asked):
             raise ValueError(f"learned or calibration: {min(unknown)} is not one of {', '.join(asked)}")
         if self.change_out not in [change.text for change in LANE_CHANGES]:
@@ -72,16 +75,16 @@ class HazardFacts(Settings):
 
     @property
     def is_learned(self) -> BoolArray:
-        """Which of ASKED are learned, (5,)."""
-        return np.array([intention.text in self.learned for intention in ASKED])
+        """Which of WITH_HAZARD are learned, (5,)."""
+        return np.array([intention.text in self.learned for intention in WITH_HAZARD])
 
 
 @dataclass(frozen=True)
 class Hazards:
     """What a predictor says of n windows, as log-odds.
 
-    intervals: that an intention of ASKED begins within each interval, if not in an earlier one, (n, 5, H). passing:
-    that a pull-out, if it is one, passes the UV, (n,).
+    intervals: that an intention of WITH_HAZARD begins within each interval, if not in an earlier one, (n, 5, H).
+    passing: that a pull-out, if it is one, passes the UV, (n,).
     """
 
     intervals: Array
@@ -106,7 +109,7 @@ class StreamTask:
     def facts(self) -> HazardFacts:
         """Return what the predictor will be, not calibrated yet. Raises InputError if no intention can be learned."""
         events, least = self.training.events(), self.settings.least_events
-        learned = tuple(intention.text for intention in ASKED if events[intention] >= least)
+        learned = tuple(intention.text for intention in WITH_HAZARD if events[intention] >= least)
         if not learned:
             raise InputError(
                 f"{self.training.streams.path}: no intention has {least} events on the training seeds; generate more "
@@ -171,7 +174,7 @@ class HazardPredictor(Predictor):
     def answered(self, hazards: Hazards) -> Outputs:
         """Return the calibrated answer that hazards make."""
         begins = within_horizons(hazards.intervals)[:, :, -1]
-        for column, intention in enumerate(ASKED):
+        for column, intention in enumerate(WITH_HAZARD):
             scale = self.facts.calibration.get(intention.text, Calibration())
             begins[:, column] = scale.slope * begins[:, column] + scale.offset
         begins[:, ~self.facts.is_learned] = NEVER
@@ -190,7 +193,7 @@ class HazardPredictor(Predictor):
         interval = np.concatenate([batch.targets.interval for _, batch in parts])
         weight = np.concatenate([batch.weight for _, batch in parts])
         fitted = {}
-        for column, intention in enumerate(ASKED):
+        for column, intention in enumerate(WITH_HAZARD):
             judged = interval[:, column] != IGNORED
             begins = interval[judged, column] < len(self.facts.horizons_s)
             if intention.text in self.facts.learned and begins.sum() >= LEAST_TO_CALIBRATE and not begins.all():
@@ -212,9 +215,9 @@ class HazardPredictor(Predictor):
         return facts
 
     def _with_overtakes(self, begins: Array, passing: Array) -> Array:
-        """Return the log-odds of KNOWN, (n, 6). begins: those of ASKED, (n, 5). passing: of a pull-out, (n,)."""
+        """Return the log-odds of KNOWN, (n, 6). begins: those of WITH_HAZARD, (n, 5). passing: of a pull-out, (n,)."""
         log_odds = np.full((len(begins), len(KNOWN)), NEVER)
-        log_odds[:, [KNOWN.index(intention) for intention in ASKED]] = begins
+        log_odds[:, [KNOWN.index(intention) for intention in WITH_HAZARD]] = begins
         change = KNOWN.index(Intention[self.facts.change_out.upper()])
         pulls_out = log_odds[:, change].copy()
         log_odds[:, KNOWN.index(Intention.OVERTAKE)] = both(pulls_out, passing)
@@ -222,9 +225,42 @@ class HazardPredictor(Predictor):
         return log_odds
 
 
+class NetworkOnStreams(HazardPredictor):
+    """A network whose logits are those of `hazards_of`. A subclass implements `built`, `fit_streams` and `hazards`."""
+
+    is_network = True
+
+    def __init__(
+        self, facts: HazardFacts, shape: WindowShape, network: nn.Module, fit_summary: FitSummary | None = None
+    ) -> None:
+        super().__init__(facts, shape)
+        self.network = network
+        self.fit_summary = fit_summary or FitSummary()
+
+    @classmethod
+    @abstractmethod
+    def built(cls, facts: HazardFacts, settings: FitSettings, shape: WindowShape) -> nn.Module:
+        """Return the untrained network."""
+
+    def save(self, folder: Path) -> None:
+        self.save_facts(folder)
+        write_weights(folder / WEIGHTS_FILE, self.network)
+
+    @classmethod
+    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
+        facts = cls.load_facts(folder)
+        network = read_weights(folder / WEIGHTS_FILE, lambda: cls.built(facts, settings, shape))
+        return cls(facts, shape, network.eval())
+
+
+def n_logits(facts: HazardFacts) -> int:
+    """Return how many logits make the hazards of a window, 5 H + 1."""
+    return len(WITH_HAZARD) * len(facts.horizons_s) + 1
+
+
 def hazards_of(logits: Array, facts: HazardFacts) -> Hazards:
-    """Return the hazards in a network's logits, (n, 5 H + 1): those of ASKED, interval by interval, then of passing."""
-    intervals = logits[:, :-1].reshape(len(logits), len(ASKED), len(facts.horizons_s)).copy()
+    """Return the hazards in a network's logits, (n, 5 H + 1): of each intention and interval, then of passing."""
+    intervals = logits[:, :-1].reshape(len(logits), len(WITH_HAZARD), len(facts.horizons_s)).copy()
     intervals[:, ~facts.is_learned] = NEVER
     return Hazards(intervals, logits[:, -1] if facts.passing else np.full(len(logits), NEVER))
 

@@ -17,7 +17,7 @@ from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import outward
 from isac_cosim.labeling.streams.store import StoredStretch, StreamFacts
 from isac_cosim.models.data.windows import OnMap
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.blocks import steps_of
 from isac_cosim.models.hazards.decisions import StreamSide, by_vehicle
 from isac_cosim.models.hazards.sight import samples_of, uv_for
@@ -88,7 +88,7 @@ def _segments(side: StreamSide, facts: StreamFacts, stretch: StoredStretch, targ
             uv = uv_for(tv[None], uv.shape[1], shape)[0]
         scenario = np.full(1, facts.scenario, dtype=object)
         on_map = OnMap(tv[None], uv[None], shape.tv_rate_hz, scenario, side.lane_maps)
-        interval = np.full((int(at[-1]) + 1, len(ASKED)), IGNORED, np.int64)
+        interval = np.full((int(at[-1]) + 1, len(WITH_HAZARD)), IGNORED, np.int64)
         passing = np.full(len(interval), IGNORED, np.int64)
         interval[at], passing[at] = targets.interval[rows], targets.passing[rows]
         yield steps_of(on_map, samples, side.settings.lanes)[0], interval, passing
@@ -99,7 +99,7 @@ def _chunks(steps: Float32Array, interval: IntArray, passing: IntArray, length: 
     before = len(steps) - len(interval)
     missing = -len(interval) % length
     steps = np.concatenate([steps, np.repeat(steps[-1:], missing, axis=0)])
-    interval = np.concatenate([interval, np.full((missing, len(ASKED)), IGNORED)])
+    interval = np.concatenate([interval, np.full((missing, len(WITH_HAZARD)), IGNORED)])
     passing = np.concatenate([passing, np.full(missing, IGNORED)])
     return [
         (steps[k : k + before + length], interval[k : k + length], passing[k : k + length])

@@ -15,7 +15,7 @@ from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.samples.pull_outs import DROPPED
 from isac_cosim.labeling.streams.events import LiveEvent
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 
 PASSES: dict[str, int] = {"passed_did_not_return": 1, "unresolved": IGNORED}
 """Whether pull-outs that are in no class pass the UV."""
@@ -26,8 +26,8 @@ assert set(PASSES) == set(DROPPED)
 class Targets:
     """The right answers to n decisions of a vehicle.
 
-    interval: number of the interval before onset for each of ASKED, or the number of horizons where none begins, or
-    IGNORED, (n, 5). passing: 1 where a pull-out passes its UV, 0 where it does not, IGNORED elsewhere, (n,).
+    interval: number of the interval before onset for each of WITH_HAZARD, or the number of horizons where none begins,
+    or IGNORED, (n, 5). passing: 1 where a pull-out passes its UV, 0 where it does not, IGNORED elsewhere, (n,).
     """
 
     interval: IntArray
@@ -43,15 +43,15 @@ def targets_of(
 ) -> Targets:
     """Return the answers to decisions at some instants (s), (n,). events: of the vehicle. change_out: a pull-out."""
     none, reach_s = len(horizons_s), horizons_s[-1]
-    interval = np.full((len(time_s), len(ASKED)), none, np.int64)
+    interval = np.full((len(time_s), len(WITH_HAZARD)), none, np.int64)
     passing = np.full(len(time_s), IGNORED, np.int64)
     counted = [event for event in events if _counts(event)]
     for event in events:
-        column = ASKED.index(_asked(event, change_out))
+        column = WITH_HAZARD.index(_asked(event, change_out))
         # What counts is ignored only after its commit; from before its onset until then it is positive, below.
         interval[_within(time_s, event.onset - reach_s, event.end), column] = IGNORED
     for event in counted:
-        column = ASKED.index(_asked(event, change_out))
+        column = WITH_HAZARD.index(_asked(event, change_out))
         rows = _within(time_s, event.onset - reach_s, event.commit)
         until_s = np.maximum(event.onset - time_s[rows], 0.0)
         interval[rows, column] = np.minimum(np.searchsorted(np.asarray(horizons_s) + 1e-9, until_s), none - 1)
@@ -78,7 +78,7 @@ def _within(time_s: Array, first_s: float, last_s: float) -> BoolArray:
 
 
 def counted_intentions(event: LiveEvent, change_out: Intention) -> set[Intention]:
-    """Return the intentions of ASKED, and OVERTAKE, that an event is one more event to learn of."""
+    """Return the intentions of WITH_HAZARD, and OVERTAKE, that an event is one more event to learn of."""
     if not _counts(event):
         return set()
     return {_asked(event, change_out)} | (

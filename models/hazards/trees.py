@@ -12,7 +12,7 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.statistics import recent_motion, statistics
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.lanes_and_uv import situation_of
 from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredictor, Hazards, StreamTask
 from isac_cosim.models.hazards.settings import HazardTreesSettings
@@ -85,9 +85,9 @@ class SituationTrees(HazardPredictor):
     def hazards(self, windows: Windows) -> Hazards:
         values = self.features(windows, self.facts, self.shape).astype(np.float32)
         n, horizons = len(values), len(self.facts.horizons_s)
-        intervals = np.full((n, len(ASKED), horizons), NEVER)
+        intervals = np.full((n, len(WITH_HAZARD), horizons), NEVER)
         repeated = _with_interval(np.repeat(values, horizons, axis=0), np.tile(np.arange(horizons), n))
-        for column, intention in enumerate(ASKED):
+        for column, intention in enumerate(WITH_HAZARD):
             if intention.text in self.trees:
                 odds = self.trees[intention.text].decision_function(repeated)
                 intervals[:, column] = odds.reshape(n, horizons)
@@ -119,7 +119,7 @@ def _rows_of(name: str, targets: Targets, horizons: int) -> tuple[IntArray, IntA
     if name == PASSING:
         judged = np.flatnonzero(targets.passing != IGNORED)
         return judged, None, targets.passing[judged], np.ones(len(judged))
-    answer = targets.interval[:, [intention.text for intention in ASKED].index(name)]
+    answer = targets.interval[:, [intention.text for intention in WITH_HAZARD].index(name)]
     interval, number = np.arange(horizons), np.arange(len(answer))[:, None]
     begins, in_turn = (answer < horizons)[:, None], number % horizons == interval
     asked = np.where(begins, answer[:, None] >= interval, in_turn) & (answer != IGNORED)[:, None]

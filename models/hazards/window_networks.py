@@ -8,7 +8,6 @@ without them.
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -18,15 +17,13 @@ from torch import Tensor, nn
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.hazards.asked import ASKED
 from isac_cosim.models.hazards.lanes_and_uv import N_SITUATION, situation_of
-from isac_cosim.models.hazards.predictor import HazardFacts, HazardPredictor, Hazards, StreamTask, hazards_of
-from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
+from isac_cosim.models.hazards.predictor import HazardFacts, Hazards, NetworkOnStreams, StreamTask, hazards_of, n_logits
 from isac_cosim.models.networks.network import WindowNetwork, seed_weights
 from isac_cosim.models.predictors.asi_bip import AsiBipPredictor
 from isac_cosim.models.predictors.castformer import CastformerPredictor
 from isac_cosim.models.predictors.inception_time import InceptionTimePredictor
-from isac_cosim.models.predictors.network_predictor import WEIGHTS_FILE, NetworkPredictor
+from isac_cosim.models.predictors.network_predictor import NetworkPredictor
 from isac_cosim.models.predictors.protocol import FitSummary, WindowShape
 
 if TYPE_CHECKING:
@@ -77,18 +74,16 @@ class HazardNetwork(nn.Module):
         return torch.as_tensor(logits)
 
 
-class WindowNetworkOnStreams(HazardPredictor):
+class WindowNetworkOnStreams(NetworkOnStreams):
     """A network that answers windows. kind: the predictor on records with the same network."""
 
     kind: ClassVar[type[NetworkPredictor]]
-    is_network = True
+    network: HazardNetwork
 
-    def __init__(
-        self, facts: HazardFacts, shape: WindowShape, network: HazardNetwork, fit_summary: FitSummary | None = None
-    ) -> None:
-        super().__init__(facts, shape)
-        self.network = network
-        self.fit_summary = fit_summary or FitSummary()
+    @classmethod
+    def built(cls, facts: HazardFacts, settings: FitSettings, shape: WindowShape) -> HazardNetwork:
+        body = cls.kind.build(settings, replace(shape, n_classes=n_logits(facts)))
+        return HazardNetwork(body, N_SITUATION if facts.lanes else 0)
 
     @classmethod
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
@@ -99,11 +94,15 @@ class WindowNetworkOnStreams(HazardPredictor):
 
         facts = task.facts()
         seed_weights(task.fit.seed)
-        network = cls._built(facts, task.fit, task.shape)
+        network = cls.built(facts, task.fit, task.shape)
         untrained = cls(facts, task.shape, network)
+
+        def inputs(windows: Windows) -> Inputs:
+            return untrained.inputs(untrained.seen(windows))
+
         with TemporaryFolder() as folder:
             training, validation = (
-                StoredWindows.written(folder.path / name, side, untrained.inputs, feedback)
+                StoredWindows.written(folder.path / name, side, inputs, feedback)
                 for name, side in (("train", task.training), ("validation", task.validation))
             )
             network.fit_scale(*training.some(SCALED_BY))
@@ -111,32 +110,15 @@ class WindowNetworkOnStreams(HazardPredictor):
         summary = FitSummary(fitted.best_epoch, network.parameter_count)
         return cls(facts, task.shape, network.eval(), summary).calibrated(task.validation)
 
-    def save(self, folder: Path) -> None:
-        self.save_facts(folder)
-        write_tensors(folder / WEIGHTS_FILE, {name: value.clone() for name, value in self.network.state_dict().items()})
-
-    @classmethod
-    def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:
-        facts = cls.load_facts(folder)
-        network = read_weights(folder / WEIGHTS_FILE, lambda: cls._built(facts, settings, shape))
-        return cls(facts, shape, network.eval())
-
     def hazards(self, windows: Windows) -> Hazards:
         with torch.inference_mode():
             logits = self.network(*map(torch.from_numpy, self.inputs(windows)))
         return hazards_of(logits.double().numpy(), self.facts)
 
     def inputs(self, windows: Windows) -> Inputs:
-        """Return what the network sees of windows: tv (n, 6, T), uv (n, 6, U) and the situation (n, F), float32."""
-        seen = self.seen(windows)
-        beside = situation_of(seen) if self.facts.lanes else np.empty((len(seen), 0))
-        return seen.tv, seen.uv, beside.astype(np.float32)
-
-    @classmethod
-    def _built(cls, facts: HazardFacts, settings: FitSettings, shape: WindowShape) -> HazardNetwork:
-        outputs = len(ASKED) * len(facts.horizons_s) + 1
-        body = cls.kind.build(settings, replace(shape, n_classes=outputs))
-        return HazardNetwork(body, N_SITUATION if facts.lanes else 0)
+        """Return what goes into the network: tv (n, 6, T), uv (n, 6, U), situation (n, F). windows: as seen."""
+        beside = situation_of(windows) if self.facts.lanes else np.empty((len(windows), 0))
+        return windows.tv, windows.uv, beside.astype(np.float32)
 
 
 class AsiBipOnStreams(WindowNetworkOnStreams):

@@ -40,6 +40,11 @@ def read_tensors(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is damaged ({reason_of(error)}); delete it, and training starts again") from None
 
 
+def write_weights(path: Path, network: nn.Module) -> None:
+    """Write the weights of a network, completely or not at all. Raises OutputError."""
+    write_tensors(path, {name: value.cpu().clone() for name, value in network.state_dict().items()})
+
+
 def read_weights(path: Path, build: Callable[[], Network]) -> Network:
     """Return a network with the weights in a file.
 

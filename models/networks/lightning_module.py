@@ -45,13 +45,35 @@ Variation = Callable[[int, Windows, IntArray], tuple[Windows, IntArray]]
 LabelledEnds = tuple[Ends, IntArray]
 
 
-class WindowData(lightning.LightningDataModule):
+class ResumedData(lightning.LightningDataModule):
+    """Data that differ from epoch to epoch, also where a training goes on from a checkpoint."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.next_epoch = 0
+
+    @property
+    def epoch(self) -> int:
+        """The number of the present epoch, from 0."""
+        # A resumed trainer counts itself forward only after it has asked for the first batch.
+        assert self.trainer is not None
+        return max(int(self.trainer.current_epoch), self.next_epoch)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what a checkpoint keeps of the data: the epoch to go on with."""
+        return {"next_epoch": self.epoch + 1}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on with the epoch that a checkpoint names."""
+        self.next_epoch = state["next_epoch"]
+
+
+class WindowData(ResumedData):
     """Training windows, drawn anew in each epoch, and fixed validation windows."""
 
     def __init__(self, training: Records, validation: Records, settings: FitSettings) -> None:
         super().__init__()
         self.training, self.validation, self.settings = training, validation, settings
-        self.next_epoch = 0
         self.fixed = validation_ends(validation, settings)
 
     @property
@@ -92,25 +114,12 @@ class WindowData(lightning.LightningDataModule):
         count = len(self.epoch_windows(0)[0])
         # Variation draws for whole batches, so that without it a device need not read the windows of the others.
         variation = self._varied if self.settings.augment != AugmentSettings() else None
-        return self._loader(self.training, lambda: self.epoch_windows(self._epoch()), count, variation)
+        return self._loader(self.training, lambda: self.epoch_windows(self.epoch), count, variation)
 
     def val_dataloader(self) -> DataLoader[Batch]:
         """Return the validation windows, the same in every epoch."""
         fixed = self.fixed, self.validation.label[self.fixed.row]
         return self._loader(self.validation, lambda: fixed, len(self.fixed))
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps of the data: the epoch to go on with."""
-        return {"next_epoch": self._epoch() + 1}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on with the epoch that a checkpoint names."""
-        self.next_epoch = state["next_epoch"]
-
-    def _epoch(self) -> int:
-        # A resumed trainer counts itself forward only after it has asked for the first batch.
-        assert self.trainer is not None
-        return max(int(self.trainer.current_epoch), self.next_epoch)
 
     def _loader(
         self, records: Records, windows: Callable[[], LabelledEnds], n: int, variation: Variation | None = None
@@ -121,7 +130,7 @@ class WindowData(lightning.LightningDataModule):
 
     def _varied(self, k: int, windows: Windows, label: IntArray) -> tuple[Windows, IntArray]:
         """Return the k-th batch of the current epoch, augmented."""
-        rng = stream("augment", self.settings.seed, self._epoch(), k)
+        rng = stream("augment", self.settings.seed, self.epoch, k)
         return augmented(windows, label, self.settings.augment, rng)
 
 

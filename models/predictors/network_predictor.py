@@ -11,7 +11,7 @@ import torch
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.networks.checkpoints import read_weights, write_tensors
+from isac_cosim.models.networks.checkpoints import read_weights, write_weights
 from isac_cosim.models.networks.network import WindowNetwork, seed_weights
 from isac_cosim.models.predictors.protocol import (
     STATISTICS_S,
@@ -65,8 +65,7 @@ class NetworkPredictor(Predictor):
         return cls(network, summary)
 
     def save(self, folder: Path) -> None:
-        tensors = {name: value.cpu().clone() for name, value in self.network.state_dict().items()}
-        write_tensors(folder / WEIGHTS_FILE, tensors)
+        write_weights(folder / WEIGHTS_FILE, self.network)
 
     @classmethod
     def load(cls, folder: Path, settings: FitSettings, shape: WindowShape) -> Self:

@@ -99,8 +99,9 @@ class TrainSettings(FitSettings):
             return optimiser  # The check of `model` reports it.
         explicit = {key: getattr(optimiser, key) for key in optimiser.model_fields_set}
         model = info.data["model"]
-        kind: type[Predictor] = PREDICTORS[model] if model in PREDICTORS else STREAM_PREDICTORS[model]
-        resolved = OptimiserSettings.model_validate({**kind.optimiser_defaults, **explicit})
+        # Those of predictors on streams are filled in before (`_complete_sections`).
+        defaults = PREDICTORS[model].optimiser_defaults if model in PREDICTORS else {}
+        resolved = OptimiserSettings.model_validate({**defaults, **explicit})
         return OptimiserSettings.model_construct(_fields_set=set(explicit), **dict(resolved))
 
     @model_serializer(mode="wrap")

@@ -17,7 +17,7 @@ from isac_cosim.base.workers.threads import limited
 from isac_cosim.labeling.intentions import KNOWN, Intention, outward
 from isac_cosim.labeling.streams.dataset import Streams
 from isac_cosim.models.data.windows import SplitSettings
-from isac_cosim.models.hazards.asked import ASKED
+from isac_cosim.models.hazards.answers import WITH_HAZARD
 from isac_cosim.models.hazards.decisions import StreamSide
 from isac_cosim.models.hazards.predictor import HazardPredictor, StreamTask
 from isac_cosim.models.hazards.registry import STREAM_PREDICTORS
@@ -142,7 +142,7 @@ def _split(episodes: list[str], settings: SplitSettings) -> dict[str, list[str]]
 def _reference(predictor: HazardPredictor, side: StreamSide) -> tuple[Float32Array, IntArray]:
     """Return the features and the intention of decisions before or within events, (n, F) and (n,)."""
     features, label, horizons = list[Float32Array](), list[IntArray](), len(side.settings.horizons_s)
-    number = np.array([intention.value for intention in ASKED])
+    number = np.array([intention.value for intention in WITH_HAZARD])
     for batch in side.batches():
         positive = batch.targets.positive(horizons)
         if positive.any():
@@ -157,7 +157,7 @@ def _reference(predictor: HazardPredictor, side: StreamSide) -> tuple[Float32Arr
 def _remarks(task: StreamTask) -> list[str]:
     """Return what is not learned, a line."""
     events, least = task.training.events(), task.settings.least_events
-    few = [f"{known.text} {events[known]}" for known in ASKED if events[known] < least]
+    few = [f"{known.text} {events[known]}" for known in WITH_HAZARD if events[known] < least]
     if events[Intention.OVERTAKE] < least:
         few.append(f"overtake {events[Intention.OVERTAKE]}")
     return [f"too few events to learn from: {', '.join(few)}; {least} are needed"] if few else []

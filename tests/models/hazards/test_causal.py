@@ -12,7 +12,7 @@ from torch.nn import functional
 from isac_cosim.base.arrays import Array
 from isac_cosim.models.data.lane_map import LaneMap
 from isac_cosim.models.data.windows import OnMap, Windows, WindowSettings, in_frame
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.blocks import FEATURES, steps_of
 from isac_cosim.models.hazards.causal import CausalPredictor
 from isac_cosim.models.hazards.hazard_training import hazard_loss
@@ -128,7 +128,7 @@ def test_the_loss_asks_each_hazard_until_the_intention_has_begun() -> None:
     learned = np.array([True, True, False, True, True])
     total = 0.0
     for i, j in np.ndindex(4, 7):
-        for c in range(len(ASKED)):
+        for c in range(len(WITH_HAZARD)):
             for h in range(3):
                 if learned[c] and interval[i, j, c] != IGNORED and interval[i, j, c] >= h:
                     z = torch.tensor(logits[i, j, 3 * c + h])

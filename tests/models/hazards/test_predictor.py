@@ -12,7 +12,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Windows, WindowSettings
-from isac_cosim.models.hazards.asked import ASKED
+from isac_cosim.models.hazards.answers import WITH_HAZARD
 from isac_cosim.models.hazards.predictor import (
     NEVER,
     Calibration,
@@ -65,7 +65,7 @@ Fixed.__abstractmethods__ = frozenset()
 
 def facts(**given: object) -> HazardFacts:
     content = {
-        "horizons_s": (0.5, 2.0), "learned": [intention.text for intention in ASKED], "passing": True,
+        "horizons_s": (0.5, 2.0), "learned": [intention.text for intention in WITH_HAZARD], "passing": True,
         "change_out": "left_lane_change", "uv": True, "lanes": False, "windows": WindowSettings(),
         "decision_s": 0.1, "hours": 1.0, "events": {},
     }  # fmt: skip

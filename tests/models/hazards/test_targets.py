@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from isac_cosim.labeling.intentions import Intention
 from isac_cosim.labeling.streams.events import LiveEvent
-from isac_cosim.models.hazards.asked import ASKED, IGNORED
+from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
 from isac_cosim.models.hazards.targets import counted_intentions, targets_of
 
 HORIZONS = (0.5, 1.0, 2.0)
-LEFT, BRAKE = ASKED.index(Intention.LEFT_LANE_CHANGE), ASKED.index(Intention.HARD_BRAKE)
+LEFT, BRAKE = WITH_HAZARD.index(Intention.LEFT_LANE_CHANGE), WITH_HAZARD.index(Intention.HARD_BRAKE)
 TIMES = np.round(np.arange(0, 20, 0.1), 9)
 
 
@@ -72,7 +72,7 @@ def test_pull_outs_are_changes_of_lane_whatever_becomes_of_them(made: LiveEvent,
 def test_where_traffic_keeps_left_pull_outs_go_right() -> None:
     made = event("overtake", 10.0, 12.0, 15.0)
     targets = targets_of([made], TIMES, HORIZONS, Intention.RIGHT_LANE_CHANGE)
-    assert (targets.interval[:, ASKED.index(Intention.RIGHT_LANE_CHANGE)] < len(HORIZONS)).any()
+    assert (targets.interval[:, WITH_HAZARD.index(Intention.RIGHT_LANE_CHANGE)] < len(HORIZONS)).any()
     assert (targets.interval[:, LEFT] == len(HORIZONS)).all()
 
 
@@ -89,7 +89,7 @@ def test_every_decision_before_an_onset_has_its_interval(
     horizons = sorted(set(horizons))
     made = event("evasive_swerve", onset, onset + span, onset + span + after)
     targets = targets_of([made], TIMES, horizons, Intention.LEFT_LANE_CHANGE)
-    column = ASKED.index(Intention.EVASIVE_SWERVE)
+    column = WITH_HAZARD.index(Intention.EVASIVE_SWERVE)
     for time_s, answer in zip(TIMES.tolist(), targets.interval[:, column].tolist(), strict=True):
         until = onset - time_s
         if any(abs(abs(until) - edge) < 1e-6 for edge in (0.0, *horizons)) or abs(time_s - onset - span) < 1e-6:
