@@ -140,45 +140,57 @@ class Options:
         return max((option for option in chosen if option is not None), key=lambda option: option.rank, default=None)
 
 
-def reject_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> Options:
-    """Return the options of alarms by the unknown score."""
-    combinations: list[Combination] = []
-    for least in choice.least_probabilities:
-        levels = [reject_levels(truth.episode.answers[predictor], least) for truth in truths]
-        template = AlarmSettings(method="reject", threshold=0.0, least_probability=least)
-        combinations += _combinations(truths, levels, template, choice)
-    return Options(tuple(combinations))
+@dataclass(frozen=True)
+class Candidate:
+    """Levels from which alarms of one kind are chosen.
+
+    template: settings of these alarms, without thresholds. levels: not confirmed, one (n, 6) for each development
+    episode.
+    """
+
+    template: AlarmSettings
+    levels: Sequence[Float32Array]
 
 
-def hazard_options(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> Options:
-    """Return the options of alarms by the log-odds of a run that was trained on streams."""
+def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
+    """Return the levels of alarms by the unknown score."""
+    return [
+        Candidate(
+            AlarmSettings(method="reject", threshold=0.0, least_probability=least),
+            [reject_levels(truth.episode.answers[predictor], least) for truth in truths],
+        )
+        for least in choice.least_probabilities
+    ]
+
+
+def hazard_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
+    """Return the levels of alarms by the log-odds of a run that was trained on streams."""
     levels = [hazard_levels(truth.episode.answers[predictor]) for truth in truths]
-    template = AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise)
-    return Options(tuple(_combinations(truths, levels, template, choice)))
+    return [Candidate(AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise), levels)]
 
 
-def background_options(
+def background_candidates(
     truths: Sequence[Truth], predictor: str, settings: LiveSettings, kept: KeptTrees = NOT_KEPT
-) -> Options:
-    """Return the options of alarms by the trees that know "none"; there are none if the seeds do not suffice."""
+) -> list[Candidate]:
+    """Return the levels of alarms by the trees that know "none"; there are none if the seeds do not suffice."""
     episodes = [truth.episode for truth in truths]
     levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor, kept)
     if levels is None:
-        return Options(())
-    template = AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise)
-    return Options(tuple(_combinations(truths, levels, template, settings.choice)))
+        return []
+    return [Candidate(AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise), levels)]
 
 
-def _combinations(
-    truths: Sequence[Truth], levels: Sequence[Float32Array], template: AlarmSettings, choice: ChoiceSettings
-) -> list[Combination]:
-    """Return a combination for each confirmation. levels: not confirmed, one for each episode."""
+def options_of(truths: Sequence[Truth], candidates: Sequence[Candidate], choice: ChoiceSettings) -> Options:
+    """Return the alarm settings that the development seeds choose among: each candidate with each confirmation."""
     combinations = []
-    for k, n in choice.confirmations:
-        of_episodes = [confirmed(truth.levels(level), k, n) for truth, level in zip(truths, levels, strict=True)]
-        settings = template.model_copy(update={"k": k, "n": n, "refractory_s": choice.refractory_s})
-        combinations.append(Combination.of(truths, of_episodes, settings, choice))
-    return combinations
+    for candidate in candidates:
+        for k, n in choice.confirmations:
+            levels = [
+                confirmed(truth.levels(level), k, n) for truth, level in zip(truths, candidate.levels, strict=True)
+            ]
+            template = candidate.template.model_copy(update={"k": k, "n": n, "refractory_s": choice.refractory_s})
+            combinations.append(Combination.of(truths, levels, template, choice))
+    return Options(tuple(combinations))
 
 
 def _budget(rate: float, hours: float) -> int:

@@ -172,7 +172,7 @@ def evaluate_traffic(
         _check_alone(alone)
     timing_of(study, run.card.shape)
     meta = describe(study.dataset, {where: scenario}, source)
-    named = _named(against)
+    named = _named(run, against)
     cards = {
         "run": run.card.model_dump(mode="json"),
         "against": {name: compared.card.model_dump(mode="json") for name, compared in named.items()},
@@ -288,14 +288,19 @@ def _check_unseen(runs: Sequence[Run], scenario: Scenario, study: LiveStudy) -> 
                 raise InputError(f"{compared.path}: was trained on seed {seed} of {scenario.name}; give other seeds")
 
 
-def _named(runs: Sequence[Run]) -> dict[str, Run]:
-    """Return the compared runs under distinct names."""
-    count = Counter(compared.name for compared in runs)
-    return {
+def _named(run: Run, against: Sequence[Run]) -> dict[str, Run]:
+    """Return the compared runs under distinct names: with their folders, where several runs have one name."""
+    count = Counter(compared.name for compared in (run, *against))
+    reserved = (RUN, RULE, RANDOM, SITUATION, TRUTH)
+    names = [
         compared.name
-        if count[compared.name] == 1 and compared.name not in (RUN, RULE, RANDOM, SITUATION, TRUTH)
-        else f"{compared.name} {k + 1}": compared
-        for k, compared in enumerate(runs)
+        if count[compared.name] == 1 and compared.name not in reserved
+        else f"{compared.name}, {compared.path.resolve().name}"
+        for compared in against
+    ]
+    return {
+        name if names.count(name) == 1 else f"{name} {k + 1}": compared
+        for k, (name, compared) in enumerate(zip(names, against, strict=True))
     }
 
 

@@ -3,7 +3,7 @@
 Changes of lane and swerves take seconds from the first motion to the commit, so that they can be predicted by then.
 Hard brakes and accelerations commit some 0.4 s after their onset, before anybody could act: for them the question is
 whether they are recognised by half a second after the commit. Each question has alarms of its own, chosen on the
-development seeds, and a budget of false alarms of its own.
+development seeds, and a budget of false alarms of its own. So has each intention, in a third answer.
 """
 
 from __future__ import annotations
@@ -13,13 +13,18 @@ from typing import Final
 
 import numpy as np
 
-from isac_cosim.evaluation.in_traffic.alarms.background import KeptTrees
-from isac_cosim.evaluation.in_traffic.measurement import measuring
-from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
-from isac_cosim.evaluation.in_traffic.scores.results import HeadlineResult, HeadlineScores, NearMisses, RateScores
-from isac_cosim.evaluation.in_traffic.scores.scoring import Truth, median_lead
+from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, KeptTrees
+from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms, Prepared
+from isac_cosim.evaluation.in_traffic.scores.results import (
+    BudgetScores,
+    HeadlineResult,
+    Headlines,
+    HeadlineScores,
+    NearMisses,
+    RateScores,
+)
+from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome, Truth, event_scores, median_lead
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, Method
-from isac_cosim.evaluation.in_traffic.streams.store import RUN
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.labeling.streams.events import NEAR_MISS
 
@@ -30,25 +35,32 @@ RECOGNISED: Final = (Intention.HARD_BRAKE, Intention.HARD_ACCEL)
 RECOGNISED_WITHIN_S = 0.5
 LEADS_S = (0.5, 1.0)
 """Lead times at which recall is told, s."""
+OWN_RATES = (1.0, 3.0, 5.0)
+"""False alarms per vehicle-hour for which the alarms of a single intention are chosen."""
 KEEPS_WITHIN = 1.5
 """Alarms keep to a rate of false alarms if they raise at most so many times as many, and no fewer than its inverse."""
 
 
-def prediction(
-    development: Sequence[Truth], measured: Sequence[Truth], live: LiveSettings, method: Method, kept: KeptTrees
-) -> HeadlineResult | None:
-    """Return how well changes of lane and swerves are predicted; None if no alarm can be chosen.
+def headlines(
+    development: Sequence[Truth],
+    measured: Sequence[Truth],
+    predictor: str,
+    live: LiveSettings,
+    method: Method,
+    kept: KeptTrees = NOT_KEPT,
+) -> Headlines:
+    """Return what a predictor answers to both questions; None for one for which no alarm can be chosen.
 
-    development, measured: with five intentions. method: kind of alarm.
+    development, measured: with five intentions. predictor: its name in the episodes. method: kind of alarm. kept: where
+    the trees of this evaluation are kept.
     """
-    return _headline(development, measured, live, method, kept, PREDICTED, 0.0)
-
-
-def recognition(
-    development: Sequence[Truth], measured: Sequence[Truth], live: LiveSettings, method: Method, kept: KeptTrees
-) -> HeadlineResult | None:
-    """Return how well hard brakes and accelerations are recognised, as `prediction`."""
-    return _headline(development, measured, live, method, kept, RECOGNISED, RECOGNISED_WITHIN_S)
+    prepared = Prepared.of(development, measured, predictor, live, method, kept)
+    if prepared is None:
+        return Headlines(prediction=None, recognition=None)
+    return Headlines(
+        prediction=_headline(prepared, live, PREDICTED, 0.0),
+        recognition=_headline(prepared, live, RECOGNISED, RECOGNISED_WITHIN_S),
+    )
 
 
 def keeps_to_rate(measured: float | None, asked: float) -> bool | None:
@@ -57,19 +69,10 @@ def keeps_to_rate(measured: float | None, asked: float) -> bool | None:
 
 
 def _headline(
-    development: Sequence[Truth],
-    measured: Sequence[Truth],
-    live: LiveSettings,
-    method: Method,
-    kept: KeptTrees,
-    intentions: Sequence[Intention],
-    after_commit_s: float,
+    prepared: Prepared, live: LiveSettings, intentions: Sequence[Intention], after_commit_s: float
 ) -> HeadlineResult | None:
     numbers = [KNOWN.index(intention) for intention in intentions]
-    chosen_on, asked_of = (
-        [truth.asking(numbers, after_commit_s) for truth in truths] for truths in (development, measured)
-    )
-    of_run = measuring.measure_methods(chosen_on, asked_of, RUN, live, "", [method], kept).get(method)
+    of_run = prepared.asking(numbers, after_commit_s).measure(live)
     if of_run is None or of_run.result.alarms is None:
         return None
     result, asked = of_run.result, live.choice.false_alarms_per_vehicle_hour
@@ -90,14 +93,15 @@ def _headline(
                 recall=result.by_intention[intention.text].recall,
                 lead_s=_median_lead(of_run, after_commit_s, number),
                 false_alarms_per_vehicle_hour=result.by_intention[intention.text].false_alarms_per_vehicle_hour,
+                own_budget=_own_budget(prepared.asking([number], after_commit_s), live, after_commit_s),
             )
             for intention, number in zip(intentions, numbers, strict=True)
         },
-        recall_at_lead={f"{lead_s:g}": _recall_at(of_run, lead_s + after_commit_s) for lead_s in LEADS_S},
+        recall_at_lead=_recall_at_lead(of_run.outcomes, after_commit_s),
         near_misses=NearMisses(
             events=sum(
                 event.left_out == NEAR_MISS and event.intention in [intention.text for intention in intentions]
-                for truth in measured
+                for truth in prepared.streams.truths
                 for event in truth.episode.facts.events
             ),
             alarms=sum(len(outcome.near_intention) for outcome in of_run.outcomes),
@@ -114,10 +118,32 @@ def _headline(
     )
 
 
-def _recall_at(measured: MeasuredAlarms, before_deadline_s: float) -> float | None:
-    """Return the share of events whose alarm came so long before they had to be named."""
-    leads = np.concatenate([np.empty(0), *(outcome.to_commit for outcome in measured.outcomes)])
-    return float((leads >= before_deadline_s - 1e-9).mean()) if len(leads) else None
+def _own_budget(alone: Prepared, live: LiveSettings, after_commit_s: float) -> list[BudgetScores]:
+    """Return the scores of alarms for a single intention, chosen for each of OWN_RATES."""
+    options, scores = alone.options(live), []
+    for rate in OWN_RATES:
+        chosen = options.choose(rate, "shared")
+        if chosen is None:
+            continue
+        outcomes = alone.streams.outcomes(alone.streams.alarms(chosen.alarms))
+        of_rate = event_scores(outcomes, live.scoring)
+        scores.append(
+            BudgetScores(
+                chosen_for=rate,
+                recall=of_rate.recall,
+                recall_interval=of_rate.recall_interval,
+                false_alarms_per_vehicle_hour=of_rate.false_alarms_per_vehicle_hour,
+                keeps_to_rate=keeps_to_rate(of_rate.false_alarms_per_vehicle_hour, rate),
+                recall_at_lead=_recall_at_lead(outcomes, after_commit_s),
+            )
+        )
+    return scores
+
+
+def _recall_at_lead(outcomes: Sequence[AlarmOutcome], after_commit_s: float) -> dict[str, float | None]:
+    """Return the share of events whose alarm came so long before the commit, by the lead."""
+    leads = np.concatenate([np.empty(0), *(outcome.to_commit for outcome in outcomes)]) - after_commit_s
+    return {f"{lead_s:g}": float((leads >= lead_s - 1e-9).mean()) if len(leads) else None for lead_s in LEADS_S}
 
 
 def _median_lead(measured: MeasuredAlarms, after_commit_s: float, number: int | None = None) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
@@ -22,11 +22,13 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import (
 )
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, Background, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement.choosing import (
+    Candidate,
     Chosen,
     Options,
-    background_options,
-    hazard_options,
-    reject_options,
+    background_candidates,
+    hazard_candidates,
+    options_of,
+    reject_candidates,
 )
 from isac_cosim.evaluation.in_traffic.scores import scoring
 from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
@@ -56,24 +58,25 @@ class MeasuredAlarms:
     chosen: Chosen | None = None
 
 
-@dataclass
+@dataclass(frozen=True)
 class AnswerLevels:
     """The answers of a predictor in several episodes, and their levels.
 
-    predictor: its name in the episodes. background: the trees that know "none", for alarms of that method.
+    predictor: its name in the episodes. background: the trees that know "none", for alarms of that method. answered:
+    the levels that were computed, whatever alarms are asked for.
     """
 
     truths: Sequence[Truth]
     predictor: str
     background: Background | None = None
-    _levels: dict[tuple[str, float], list[Levels]] = field(default_factory=dict)
+    answered: dict[tuple[str, float], list[Float32Array]] = field(default_factory=dict)
 
     def levels(self, settings: AlarmSettings) -> list[Levels]:
         """Return the levels of each episode for alarms of some settings, not confirmed."""
         key = (settings.method, settings.least_probability)
-        if key not in self._levels:
-            self._levels[key] = [truth.levels(self._level(truth, settings)) for truth in self.truths]
-        return self._levels[key]
+        if key not in self.answered:
+            self.answered[key] = [self._level(truth, settings) for truth in self.truths]
+        return [truth.levels(level) for truth, level in zip(self.truths, self.answered[key], strict=True)]
 
     def alarms(self, settings: AlarmSettings) -> list[Alarms]:
         """Return the alarms of each episode."""
@@ -109,6 +112,62 @@ class AnswerLevels:
         return reject_levels(truth.episode.answers[self.predictor], settings.least_probability)
 
 
+@dataclass(frozen=True)
+class Prepared:
+    """A predictor with one kind of alarm: its levels, which do not depend on the intentions that it is asked for.
+
+    development, candidates: the episodes on which its alarms are chosen, and the levels there. streams: the measured
+    episodes.
+    """
+
+    development: Sequence[Truth]
+    candidates: Sequence[Candidate]
+    streams: AnswerLevels
+
+    @classmethod
+    def of(
+        cls,
+        development: Sequence[Truth],
+        measured: Sequence[Truth],
+        predictor: str,
+        live: LiveSettings,
+        method: Method,
+        kept: KeptTrees = NOT_KEPT,
+    ) -> Prepared | None:
+        """Return a predictor with features, by its name in the episodes; None if there is nothing to choose among.
+
+        kept: where the trees of this evaluation are kept.
+        """
+        background = None
+        if method == "background":
+            episodes = [truth.episode for truth in development]
+            background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
+            if background is None:
+                return None
+            candidates = background_candidates(development, predictor, live, kept)
+        elif method == "hazard":
+            candidates = hazard_candidates(development, predictor, live.choice)
+        else:
+            candidates = reject_candidates(development, predictor, live.choice)
+        return cls(development, candidates, AnswerLevels(measured, predictor, background))
+
+    def asking(self, intentions: Sequence[int], after_commit_s: float = 0.0) -> Prepared:
+        """Return the same for alarms of some intentions alone, as `Truth.asking`."""
+        development, measured = (
+            [truth.asking(intentions, after_commit_s) for truth in truths]
+            for truths in (self.development, self.streams.truths)
+        )
+        return Prepared(development, self.candidates, replace(self.streams, truths=measured))
+
+    def options(self, live: LiveSettings) -> Options:
+        """Return the alarm settings that the development seeds choose among."""
+        return options_of(self.development, self.candidates, live.choice)
+
+    def measure(self, live: LiveSettings, name: str = "") -> MeasuredAlarms | None:
+        """Choose alarms, and measure them; None if there is nothing to choose. name: in the result."""
+        return measure(self.streams, self.options(live), live, name)
+
+
 def measure_methods(
     development: Sequence[Truth],
     measured: Sequence[Truth],
@@ -123,20 +182,9 @@ def measure_methods(
     predictor: its name in the episodes. name: in the result. A kind that cannot be chosen is left out. kept: where the
     trees of this evaluation are kept.
     """
-    episodes = [truth.episode for truth in development]
-    background = None
-    if "background" in methods:
-        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
-    streams = AnswerLevels(measured, predictor, background)
-    options: dict[Method, Options] = {}
-    if "reject" in methods:
-        options["reject"] = reject_options(development, predictor, live.choice)
-    if "hazard" in methods:
-        options["hazard"] = hazard_options(development, predictor, live.choice)
-    if background is not None:
-        options["background"] = background_options(development, predictor, live, kept)
-    of_methods = {method: measure(streams, of_method, live, name) for method, of_method in options.items()}
-    results = [(method, result) for method, result in of_methods.items() if result is not None]
+    of_methods = {method: Prepared.of(development, measured, predictor, live, method, kept) for method in methods}
+    measurements = {method: of.measure(live, name) for method, of in of_methods.items() if of is not None}
+    results = [(method, result) for method, result in measurements.items() if result is not None]
     return dict(sorted(results, key=lambda item: _rank(item[1]), reverse=True))
 
 

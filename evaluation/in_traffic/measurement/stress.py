@@ -41,7 +41,10 @@ def with_stress(
     """
     stressed = evaluate_traffic(run, study, out / STRESS, engine, feedback, against, source).result
     stress = StressResult(
-        vehicle_hours=stressed.vehicle_hours, prediction=stressed.prediction, recognition=stressed.recognition
+        vehicle_hours=stressed.vehicle_hours,
+        prediction=stressed.prediction,
+        recognition=stressed.recognition,
+        compared=stressed.compared,
     )
     result = natural.result.model_copy(update={"stress": stress})
     write_json(out / METRICS_FILE, result.model_dump(mode="json"))

@@ -16,7 +16,8 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.versions import OF_EPISODES, versions
 from isac_cosim.base.workers.threads import limited
 from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, KeptTrees
-from isac_cosim.evaluation.in_traffic.measurement import headline, measuring
+from isac_cosim.evaluation.in_traffic.measurement import measuring
+from isac_cosim.evaluation.in_traffic.measurement.headline import headlines
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.scores.curves import recall_lost
 from isac_cosim.evaluation.in_traffic.scores.five_classes import as_five
@@ -24,7 +25,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     AloneResult,
     Coverage,
     FiveClassResult,
-    HeadlineResult,
+    Headlines,
     Latency,
     LiveMadeBy,
     TrafficResult,
@@ -112,7 +113,7 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
     development, measured = evaluated.truths(study.development), evaluated.truths(study.dataset.seeds)
     true_motion = dict[Method, MeasuredAlarms]()
     with feedback.bar("choosing alarms", "predictors") as move:
-        total = 3 + live.streams.truth + (evaluated.alone is not None)
+        total = 4 + live.streams.truth + (evaluated.alone is not None)
         kinds = methods_of(run)
         methods = measuring.measure_methods(development, measured, RUN, live, run.name, kinds, evaluated.kept)
         first = next(iter(methods.values()), measuring.no_alarms(measured, live, run.name))
@@ -126,9 +127,10 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
             for truths in (development, measured)
         )
         five_classes = _five_classes(chosen_on, asked_of, evaluated, method)
-        asked = {} if method is None else _headlines(chosen_on, asked_of, evaluated, method)
+        move(3, total, "what an operator asks")
+        asked = _headlines(chosen_on, asked_of, evaluated, method)
         if live.streams.truth:
-            move(3, total, "true motion")
+            move(4, total, "true motion")
             name = f"{run.name} on true motion"
             true_motion = measuring.measure_methods(development, measured, TRUTH, live, name, kinds, evaluated.kept)
         if evaluated.alone is not None:
@@ -151,13 +153,15 @@ def summarise(evaluated: Evaluated, described: Any, feedback: Feedback = SILENT)
         truth=_truth(true_motion, methods, live) if live.streams.truth else None,
         alone=alone,
         five_classes=five_classes,
-        **asked,
+        **dict(asked.pop(RUN)),
+        compared=asked,
         made_by=LiveMadeBy(
             study=study,
             scenario=described,
             development=[f"{evaluated.scenario}-{seed}" for seed in study.development],
             seeds=[f"{evaluated.scenario}-{seed}" for seed in study.dataset.seeds],
             run=run.card,
+            against={name: compared.card for name, compared in evaluated.against.items()},
             versions=versions(OF_EPISODES),
         ),
     )
@@ -218,12 +222,26 @@ def _five_classes(
 
 
 def _headlines(
-    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method
-) -> dict[str, HeadlineResult | None]:
-    """Return what an operator asks, by its key in the result. Truths: with five intentions."""
-    live, kept = evaluated.study.live, evaluated.kept
-    questions = {"prediction": headline.prediction, "recognition": headline.recognition}
-    return {key: question(development, measured, live, method, kept) for key, question in questions.items()}
+    development: Sequence[Truth], measured: Sequence[Truth], evaluated: Evaluated, method: Method | None
+) -> dict[str, Headlines]:
+    """Return what an operator asks, answered by the run (RUN), by what it is compared with, and on true motion.
+
+    method: the run's kind of alarm; None if it raises none. Truths: with five intentions.
+    """
+    run, live, kept = evaluated.run, evaluated.study.live, evaluated.kept
+    asked: dict[str, tuple[str, Method]] = {RULE: (RULE, "reject")}
+    asked |= {name: (name, methods_of(compared)[0]) for name, compared in evaluated.against.items()}
+    if not run.is_of_streams:
+        asked[SITUATION] = (RULE, "background")
+    if method is not None:
+        asked[RUN] = (RUN, method)
+        if live.streams.truth:
+            asked[f"{run.name} on true motion"] = (TRUTH, method)
+    answers = {
+        name: headlines(development, measured, predictor, live, of_predictor, kept)
+        for name, (predictor, of_predictor) in asked.items()
+    }
+    return {RUN: Headlines(prediction=None, recognition=None), **answers}
 
 
 def _truth(

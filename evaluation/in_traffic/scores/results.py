@@ -181,13 +181,15 @@ class Latency(Settings):
 
 
 class LiveMadeBy(Settings):
-    """The origin of a result: study, seeds, scenario, run and versions."""
+    """The origin of a result: study, seeds, scenario, run and versions. against: the compared runs, by their names in
+    the result; empty in results of earlier versions."""
 
     study: LiveStudy
     scenario: JsonValue
     development: list[str]
     seeds: list[str]
     run: RunCard
+    against: dict[str, RunCard] = Field(default_factory=dict)
     versions: dict[str, str]
 
 
@@ -244,16 +246,6 @@ class FiveClassResult(AlarmResult):
     baselines: dict[str, AlarmResult]
 
 
-class HeadlineScores(Settings):
-    """The scores of one intention: events, the share that was named in time, and the median time from alarm to commit
-    of these, s, negative after the commit."""
-
-    events: int
-    recall: float | None
-    lead_s: float | None
-    false_alarms_per_vehicle_hour: float | None
-
-
 class RateScores(Settings):
     """The scores of alarms that were chosen for a rate of false alarms; keeps_to_rate: as in `HeadlineResult`."""
 
@@ -261,6 +253,28 @@ class RateScores(Settings):
     recall: float | None
     false_alarms_per_vehicle_hour: float | None
     keeps_to_rate: bool | None
+
+
+class BudgetScores(RateScores):
+    """The scores of alarms for a single intention, which has the whole rate of false alarms for itself.
+
+    recall_at_lead: as in `HeadlineResult`.
+    """
+
+    recall_interval: Interval | None
+    recall_at_lead: dict[str, float | None]
+
+
+class HeadlineScores(Settings):
+    """The scores of one intention: events, the share that was named in time, and the median time from alarm to commit
+    of these, s, negative after the commit. own_budget: of alarms for this intention alone, chosen for several rates;
+    empty in results of earlier versions."""
+
+    events: int
+    recall: float | None
+    lead_s: float | None
+    false_alarms_per_vehicle_hour: float | None
+    own_budget: list[BudgetScores] = Field(default_factory=list)
 
 
 class NearMisses(Settings):
@@ -297,12 +311,19 @@ class HeadlineResult(Settings):
     at: list[RateScores]
 
 
-class StressResult(Settings):
-    """The same questions in the stimulated world, on the same seeds: a stress test. vehicle_hours: with predictions."""
+class Headlines(Settings):
+    """What a predictor answers to an operator's two questions, as in `TrafficResult`."""
 
-    vehicle_hours: float
     prediction: HeadlineResult | None
     recognition: HeadlineResult | None
+
+
+class StressResult(Headlines):
+    """The same questions in the stimulated world, on the same seeds: a stress test. vehicle_hours: with predictions.
+    compared: as in `TrafficResult`."""
+
+    vehicle_hours: float
+    compared: dict[str, Headlines] = Field(default_factory=dict)
 
 
 class TrafficResult(AlarmResult, ResultWithOptionalParts):
@@ -314,8 +335,9 @@ class TrafficResult(AlarmResult, ResultWithOptionalParts):
     the run on true motion, with that setting. alone: another run for TVs without a UV, if one was given. five_classes:
     the same with five intentions; None in results of earlier versions, or if no vehicle was predicted.
     prediction: changes of lane and swerves by their commit. recognition: hard brakes and accelerations by half a second
-    after it. Both are None in results of earlier versions, or if no alarm can be chosen. stress: both in the stimulated
-    world; absent where that was not asked for.
+    after it. Both are None in results of earlier versions, or if no alarm can be chosen. compared: the same questions
+    asked of the baselines and, with that setting, of the run on true motion; empty in results of earlier versions.
+    stress: both in the stimulated world; absent where that was not asked for.
     answers: what result parts of installed packages measured, by the part's name; absent where there are none.
     """
 
@@ -335,6 +357,7 @@ class TrafficResult(AlarmResult, ResultWithOptionalParts):
     five_classes: FiveClassResult | None = None
     prediction: HeadlineResult | None = None
     recognition: HeadlineResult | None = None
+    compared: dict[str, Headlines] = Field(default_factory=dict)
     stress: StressResult | None = None
     answers: dict[str, JsonValue] | None = None
     made_by: LiveMadeBy

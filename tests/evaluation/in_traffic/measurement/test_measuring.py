@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from isac_cosim.evaluation.in_traffic.measurement.choosing import reject_options
+from isac_cosim.evaluation.in_traffic.measurement.choosing import options_of, reject_candidates
 from isac_cosim.evaluation.in_traffic.measurement.measuring import AnswerLevels, MeasuredAlarms, measure, measure_random
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings
@@ -42,7 +42,8 @@ def settings(sharing: Literal["shared", "separate"]) -> LiveSettings:
 
 def measured(sharing: Literal["shared", "separate"]) -> MeasuredAlarms:
     live = settings(sharing)
-    options = reject_options([truth(1, 0)], RUN, live.choice)
+    development = [truth(1, 0)]
+    options = options_of(development, reject_candidates(development, RUN, live.choice), live.choice)
     result = measure(AnswerLevels([truth(2, 0), truth(3, 1)], RUN), options, live, "toy")
     assert result is not None
     return result

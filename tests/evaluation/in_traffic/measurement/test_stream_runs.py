@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -10,17 +11,20 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.in_traffic.alarms.alarms import LEAST_PROBABILITY, NEVER, hazard_levels
 from isac_cosim.evaluation.in_traffic.alarms.stream import levelling
-from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
+from isac_cosim.evaluation.in_traffic.measurement.evaluation import _named, evaluate_traffic, study_of
+from isac_cosim.evaluation.in_traffic.measurement.headline import OWN_RATES
 from isac_cosim.evaluation.in_traffic.measurement.summary import SITUATION, TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import AlongAnswering, Answers, answering_of
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RUN, read_episode
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
+from isac_cosim.evaluation.report.live.compared_part import LiveCompared
+from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.inference import Infer
-from isac_cosim.models.runs.run import Run
+from isac_cosim.models.runs.run import Run, load_run
 from isac_cosim.models.training.on_streams import train_on_streams
 from tests.support.made_up import MADE_OF
 from tests.support.scripted import InlineEngine, ScriptedSource
@@ -71,6 +75,43 @@ def test_five_classes_have_the_odds_of_the_pull_out(evaluation: TrafficEvaluatio
     assert evaluation.result.five_classes is not None
     assert evaluation.result.five_classes.by_intention["left_lane_change"].recall == 1.0
     assert evaluation.result.prediction is not None
+
+
+def test_everything_compared_is_asked_what_an_operator_asks(evaluation: TrafficEvaluation) -> None:
+    result = evaluation.result
+    assert result.compared.keys() == {"rule", "causal network"} == result.made_by.against.keys() | {"rule"}
+    of_network = result.compared["causal network"].prediction
+    assert of_network is not None
+    assert of_network.events == result.prediction.events if result.prediction else None
+
+
+def test_an_intention_has_a_budget_of_its_own(evaluation: TrafficEvaluation) -> None:
+    """A softer budget names no fewer, and one intention alone has no fewer alarms than among others."""
+    assert evaluation.result.prediction is not None
+    left = evaluation.result.prediction.by_intention["left_lane_change"]
+    assert [scores.chosen_for for scores in left.own_budget] == list(OWN_RATES)
+    recalls = [scores.recall or 0.0 for scores in left.own_budget]
+    assert recalls == sorted(recalls)
+    assert recalls[0] >= (left.recall or 0.0) > 0.0
+    for scores in left.own_budget:
+        assert (scores.recall_at_lead["1"] or 0.0) <= (scores.recall_at_lead["0.5"] or 0.0) <= (scores.recall or 0.0)
+
+
+def test_the_page_shows_everything_that_was_compared(evaluation: TrafficEvaluation, tmp_path: Path) -> None:
+    shown = {part.name: part for part in LiveCompared().parts(Shown(evaluation.result, tmp_path))}
+    assert shown.keys() == {"live-compared-stimulated", "live-own-budgets-stimulated"}
+    predictors = [row["predictor"] for row in shown["live-compared-stimulated"].rows]
+    assert predictors == [evaluation.result.name, "rule of the road", "causal network"]
+    assert " at " in str(shown["live-compared-stimulated"].rows[0]["predicted, 1 an hour"])
+    left = [row for row in shown["live-own-budgets-stimulated"].rows if row["intention"] == "left lane change"]
+    assert len(left) == 3
+
+
+def test_runs_of_one_kind_are_told_apart_by_their_folders(runs: dict[str, Run], tmp_path: Path) -> None:
+    others = [load_run(copytree(runs["trees"].path, tmp_path / place)) for place in ("a/again", "b/again", "c")]
+    names = list(_named(runs["trees"], [*others, runs["causal"]]))
+    again = runs["trees"].name
+    assert names == [f"{again}, again 1", f"{again}, again 2", f"{again}, c", "causal network"]
 
 
 def test_answers_on_disk_are_the_odds_of_each_intention(
