@@ -75,13 +75,19 @@ class Combination:
             truths, levels, np.tile(common[:, None], len(KNOWN)), template.refractory_s, template.rise
         )
         events = sum((np.bincount(truth.table.intention, minlength=len(KNOWN)) for truth in truths), _no_events())
-        groups = groups_of(events, choice.least_events)
+        asked = truths[0].asked if truths else None
+        groups = groups_of(events, choice.least_events, asked)
         candidates = [candidate_thresholds(levels, choice.thresholds, group) for group in groups]
         # The columns are independent: one row holds the thresholds of all groups, and infinity where a group has fewer.
         table = np.full((max(map(len, candidates)), len(KNOWN)), np.inf)
         for group, values in zip(groups, candidates, strict=True):
             table[: len(values), list(group)] = values[:, None]
-        sweep = ThresholdSweep.of(truths, levels, table, template.refractory_s, template.rise)
+        # A single group has the thresholds that all intentions share.
+        sweep = (
+            shared
+            if len(groups) == 1
+            else ThresholdSweep.of(truths, levels, table, template.refractory_s, template.rise)
+        )
         counts = sweep.by_intention.sum(axis=1).astype(np.int64)
         hours = float(sum(truth.episode.vehicle_hours for truth in truths))
         parts = [
@@ -206,12 +212,15 @@ SILENT = -1
 """The choice of a group that raises no alarm."""
 
 
-def groups_of(events: IntArray, least_events: int) -> list[tuple[int, ...]]:
+def groups_of(events: IntArray, least_events: int, asked: Sequence[int] | None = None) -> list[tuple[int, ...]]:
     """Return the groups of intentions that share a threshold, as numbers in KNOWN.
 
     events: number of development events of each intention, (6,). An intention with at least `least_events` is a group
-    of its own; the others, whose own curves would say little, form one group.
+    of its own; the others, whose own curves would say little, form one group. asked: the intentions that alarms are
+    raised for, all if None; a single one needs no group beside it.
     """
+    if asked is not None and len(asked) == 1:
+        return [tuple(range(len(KNOWN)))]
     frequent = np.flatnonzero(events >= least_events).tolist()
     rare = tuple(k for k in range(len(KNOWN)) if k not in frequent)
     return [*((k,) for k in frequent), *([rare] if rare else [])]
