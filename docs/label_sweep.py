@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from isac_cosim.base.settings import Settings
+from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
@@ -45,11 +46,12 @@ def changed(settings: LabelSettings, section: str, name: str, factor: float) -> 
 
 
 def thresholds(settings: LabelSettings) -> Iterator[tuple[str, str, float]]:
-    """Yield section, name and value of every threshold in the settings."""
+    """Yield section, name and value of every threshold in the settings: of all that are numbers."""
     yield "", "width_s", settings.width_s
     for section in settings.active_detectors():
         for name, value in getattr(settings, section).model_dump().items():
-            yield section, name, value
+            if isinstance(value, float | int) and not isinstance(value, bool):
+                yield section, name, value
 
 
 def table(recordings: Sequence[Recording]) -> str:
@@ -61,8 +63,8 @@ def table(recordings: Sequence[Recording]) -> str:
     for section, name, value in thresholds(base):
         low, high = (counts(scenes, changed(base, section, name, 1 + s)) for s in (-SHARE, SHARE))
         cells = [f"{low[i]} / {high[i]}" if {low[i], high[i]} != {default[i]} else "" for i in ORDER]
-        rows.append([f"{section}.{name}".lstrip("."), f"{value:g}", *cells])
-    return markdown(["threshold", "default", *(i.text for i in ORDER)], rows)
+        rows.append([f"`{section}.{name}`".replace("`.", "`"), f"{value:g}", *cells])
+    return markdown(["threshold", "default", *(spoken(i.text) for i in ORDER)], rows)
 
 
 def main() -> None:
