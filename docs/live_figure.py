@@ -1,6 +1,6 @@
 """The figure of docs/live.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
 
-    python docs/live_figure.py docs/live/motorway.json docs/images/live_recall.png
+    python docs/live_figure.py METRICS.json [FURTHER.json ...] docs/images/live_recall.png
 
 Draws the recall of alarms that were chosen on the development seeds for each rate of false alarms and then frozen,
 against the rate that they had on the measured seeds.
@@ -39,10 +39,12 @@ def draw(predictors: Mapping[str, AlarmResult], path: Path) -> None:
 
 
 def main() -> None:
-    """Draw the result that the command line names first into the file that it names second."""
+    """Draw the results that the command line names into the file that it names last."""
     tables = runpy.run_path(str(Path(__file__).with_name("live_tables.py")))
-    predictors = tables["compared"](tables["read_result"](Path(sys.argv[1])))
-    draw({name: alarms for name, alarms in predictors.items() if tables["TRUE_MOTION"] not in name}, Path(sys.argv[2]))
+    first, *further = map(Path, sys.argv[1:-1])
+    read = tables["read_result"]
+    predictors = tables["of_five"](read(first), [read(path) for path in further if path.is_file()])
+    draw({name: trainings[0] for name, trainings in predictors.items()}, Path(sys.argv[-1]))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """The tables of docs/live.md and docs/live/tables.md, from what `cosim evaluate RUN --traffic SCENARIO` measured.
 
-    python docs/live_tables.py FOLDER/metrics.json
+    python docs/live_tables.py METRICS.json [FURTHER.json ...]
 
-Prints them in Markdown. Intervals in brackets are 95 % intervals over the measured seeds. Of an evaluation with
-`--advisories`, these are the arms of the closed loop; of one with `--natural`, the tables that differ most.
+Prints them in Markdown. Predictors of further evaluations of the same traffic, where they are there, stand beside that
+of the first. Of several trainings of one predictor, a cell is their mean, with the standard deviation, and the 95 %
+interval over the measured seeds is that of the first. Of an evaluation with `--advisories`, the tables are the arms of
+the closed loop.
 """
 
 from __future__ import annotations
@@ -12,27 +14,33 @@ import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.evaluation.closed_loop.results import ArmDifference, ClosedLoopResult
+from isac_cosim.evaluation.in_traffic.measurement.headline import OWN_RATES
 from isac_cosim.evaluation.in_traffic.scores.results import (
     AlarmResult,
-    AloneResult,
     EventScores,
+    HeadlineResult,
+    Headlines,
+    HeadlineScores,
     LeadTimes,
     RecallLost,
     TrafficResult,
 )
-from isac_cosim.evaluation.in_traffic.settings import Sharing
 from isac_cosim.evaluation.report.figures import spoken
+from isac_cosim.evaluation.report.live.compared_part import SHOWN
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
 
 RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""
-METHODS = {"reject": "unknown score", "background": "answer “none”", "hazard": "its log-odds"}
-TRUE_MOTION = "true motion"
-BASELINES = {"rule": "rule of the road", "situation": "trees on the situation"}
+BUDGETS = ("predictor", "intention", "events", *(f"{rate:g} an hour" for rate in OWN_RATES))
+RANDOM = "random"
+Of = TypeVar("Of")
 SAFETY = {
     "ttc_below_3_s": ("TTC < 3 s", 1),
     "ttc_below_1_5_s": ("TTC < 1.5 s", 2),
@@ -50,91 +58,131 @@ def read_result(path: Path) -> TrafficResult:
     return (ClosedLoopResult if "arms" in content else TrafficResult).model_validate(content)
 
 
-def tables(result: TrafficResult) -> Iterator[str]:
-    """Yield each table with its heading."""
-    where, predictors = result.scenario, compared(result)
+def tables(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> Iterator[str]:
+    """Yield each table with its heading. further: of the same traffic, whose predictors are compared."""
     if isinstance(result, ClosedLoopResult):
-        yield _arms(f"Arms of the closed loop, {where}", result)
-        yield _against_none(f"Arms against none, {where}", result)
+        yield _arms(f"Arms of the closed loop, {result.scenario}", result)
+        yield _against_none(f"Arms against none, {result.scenario}", result)
         return
-    if left_alone := result.made_by.study.dataset.maneuvers.quiet:
-        where += " left alone"
-    yield _recalls(f"Recall at rates of false alarms, {where}", predictors, "separate")
-    yield _by_intention(f"Recall by intention, {where}", list(result.by_intention), predictors)
-    if not left_alone:
-        sensed = {name: alarms for name, alarms in predictors.items() if TRUE_MOTION not in name}
-        yield _recalls(f"One threshold for all intentions, {where}", sensed, "shared")
-    if result.five_classes is not None:
-        five = {_named(result): result.five_classes, **_baselines(result.five_classes.baselines)}
-        yield _recalls(f"Overtakes as lane changes, {where}", five, "separate")
+    world = (result.made_by.study.dataset.world or "former").partition("-")[0]
+    where = f"{result.scenario}, {world}"
+    yield _recalls(f"All maneuvers, {where}", of_five(result, further))
+    yield _recalls(f"Six intentions, {where}", beside(result, result.baselines, {of.name: of for of in further}))
+    asked = beside(asked_of(result), result.compared, {of.name: asked_of(of) for of in further}, result.name)
+    yield _asked(f"What an operator asks, {where}", asked)
+    if budgets := list(_budgets(asked)):
+        yield _part(f"A budget for each intention, {where}", BUDGETS, budgets)
     if result.truth is not None:
         yield _sensing_costs(f"What sensing costs, {where}", result.truth.lost)
     yield _leads(f"Lead times of the frozen alarms, {where}", {"all": result.over_all, **result.by_intention})
-    if left_alone:
-        return
-    yield _origins(f"Events by origin, {where}", result)
+    if world != "natural":
+        yield _origins(f"Events by origin, {where}", result)
     yield _driving(f"Driving time, {where}", result)
-    if result.alone is not None:
-        yield _recalls(f"Driving without a UV, {where}", _alone(result.alone), "separate")
 
 
-def compared(result: TrafficResult) -> dict[str, AlarmResult]:
-    """Return what is compared: both kinds of alarm of the run, the baselines, and the run on true motion."""
-    name = _named(result)
-    of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in result.methods.items()}
-    truth = result.truth.methods if result.truth is not None else {}
-    of_truth = {f"{name}, {TRUE_MOTION}, {METHODS[method]}": alarms for method, alarms in truth.items()}
-    return {**of_run, **_baselines(result.baselines), **of_truth}
+def of_five(result: TrafficResult, further: Sequence[TrafficResult] = ()) -> dict[str, list[AlarmResult]]:
+    """Return the scores with five intentions, by predictor and training."""
+    assert result.five_classes is not None
+    others = {of.name: of.five_classes for of in further if of.five_classes is not None}
+    return beside(result.five_classes, result.five_classes.baselines, others)
 
 
-def _named(result: TrafficResult) -> str:
-    return result.made_by.run.settings.predictor_class.display_name
+def asked_of(result: TrafficResult) -> Headlines:
+    """Return what an operator asks of the run itself."""
+    return Headlines(prediction=result.prediction, recognition=result.recognition)
 
 
-def _alone(alone: AloneResult) -> dict[str, AlarmResult]:
-    """Return what is compared where a vehicle has no UV."""
-    name = alone.run.settings.predictor_class.display_name
-    of_run = {f"{name}, {METHODS[method]}": alarms for method, alarms in alone.methods.items()}
-    return {**of_run, **_baselines(alone.baselines)}
+def beside(own: Of, compared: Mapping[str, Of], further: Mapping[str, Of], name: str = "") -> dict[str, list[Of]]:
+    """Return a run's scores and those that it is compared with by the names of predictors, with all trainings of one.
+
+    name: of the run; `own.name` if empty. Random alarms are left out.
+    """
+    shown = {name or own.name: own, **compared, **further}  # type: ignore[attr-defined]
+    found: dict[str, list[Of]] = {}
+    for predictor, scores in shown.items():
+        if predictor != RANDOM:
+            found.setdefault(SHOWN.get(predictor, predictor).partition(", ")[0], []).append(scores)
+    return found
 
 
-def _baselines(baselines: Mapping[str, AlarmResult]) -> dict[str, AlarmResult]:
-    return {BASELINES.get(name, name): alarms for name, alarms in baselines.items() if alarms.frozen_at}
+def _recalls(title: str, predictors: Mapping[str, list[AlarmResult]]) -> str:
+    """Return the recall of alarms that were chosen for each of the rates, with a threshold for each intention."""
+    rows = []
+    for name, trainings in predictors.items():
+        points = [
+            {point.false_alarms_per_vehicle_hour: point for point in alarms.frozen_at.get("separate", ())}
+            for alarms in trainings
+        ]
+        cells = []
+        for rate in RATES:
+            at_rate = [of_training[rate] for of_training in points if rate in of_training]
+            recall = _mean([point.recall for point in at_rate])
+            interval = _in(at_rate[0].recall_interval) if at_rate else ""
+            cells.append(f"{recall}{interval} at {_mean([point.measured for point in at_rate], 1, spread=False)}")
+        rows.append((name, str(len(trainings)), *cells))
+    return _part(title, ("predictor", "trainings", *(f"chosen for {rate:g}" for rate in RATES)), rows)
 
 
-def _recalls(title: str, predictors: Mapping[str, AlarmResult], way: Sharing) -> str:
-    """Return the recall of alarms that were chosen for each of the rates. way: of choosing thresholds."""
-    head = ("predictor", "chosen for", "false alarms", "recall", "late too", "median lead, s")
-    rows = [
-        (
-            name,
-            f"{point.false_alarms_per_vehicle_hour:g}",
-            _number(point.measured, 1),
-            _number(point.recall, 3) + _in(point.recall_interval),
-            _number(point.recall_with_detection, 2),
-            _number(point.median_lead_s, 1),
-        )
-        for name, alarms in predictors.items()
-        for point in alarms.frozen_at.get(way, ())
-        if point.false_alarms_per_vehicle_hour in RATES
-    ]
+def _asked(title: str, predictors: Mapping[str, list[Headlines]]) -> str:
+    """Return the two questions: recall for each rate, and how early, of alarms that were chosen for 1."""
+    rows = []
+    for name, trainings in predictors.items():
+        for word, answers in _questions(trainings).items():
+            points = [{point.chosen_for: point for point in answer.at} for answer in answers]
+            cells = [
+                f"{_mean([of[rate].recall for of in points if rate in of])} at "
+                f"{_mean([of[rate].false_alarms_per_vehicle_hour for of in points if rate in of], 1, spread=False)}"
+                for rate in RATES
+            ]
+            early = [_mean([answer.recall_at_lead.get(lead) for answer in answers]) for lead in ("0.5", "1")]
+            lead = _mean([answer.lead_s for answer in answers], 1, spread=False)
+            rows.append((name, word, str(answers[0].events), *cells, *early, lead))
+    head = (
+        "predictor",
+        "",
+        "events",
+        *(f"chosen for {rate:g}" for rate in RATES),
+        "0.5 s before",
+        "1 s before",
+        "lead, s",
+    )
     return _part(title, head, rows)
 
 
-def _by_intention(title: str, intentions: Sequence[str], predictors: Mapping[str, AlarmResult]) -> str:
-    """Return the recall of each intention, with a threshold for each."""
-    head = ("predictor", "chosen for", *map(spoken, intentions))
-    rows = [
-        (
-            name,
-            f"{point.false_alarms_per_vehicle_hour:g}",
-            *(_number(point.by_intention.get(intention), 2) for intention in intentions),
-        )
-        for name, alarms in predictors.items()
-        for point in alarms.frozen_at.get("separate", ())
-        if point.false_alarms_per_vehicle_hour in (RATES[0], RATES[-1])
-    ]
-    return _part(title, head, rows)
+def _questions(trainings: Sequence[Headlines]) -> dict[str, list[HeadlineResult]]:
+    asked = {
+        "predicted": [headlines.prediction for headlines in trainings],
+        "recognised": [headlines.recognition for headlines in trainings],
+    }
+    answered = {word: [answer for answer in answers if answer is not None] for word, answers in asked.items()}
+    return {word: answers for word, answers in answered.items() if answers}
+
+
+def _budgets(predictors: Mapping[str, list[Headlines]]) -> Iterator[tuple[str, ...]]:
+    """Yield the recall of alarms for a single intention, chosen for rates of its own; a row each."""
+    for name, trainings in predictors.items():
+        for answers in _questions(trainings).values():
+            for intention in answers[0].by_intention:
+                scores = [answer.by_intention[intention] for answer in answers]
+                if scores[0].own_budget:
+                    yield name, spoken(intention), str(scores[0].events), *_own(scores)
+
+
+def _own(trainings: Sequence[HeadlineScores]) -> Iterator[str]:
+    for budgets in zip(*(scores.own_budget for scores in trainings), strict=True):
+        recall = _mean([budget.recall for budget in budgets])
+        rate = _mean([budget.false_alarms_per_vehicle_hour for budget in budgets], 1, spread=False)
+        second = _mean([budget.recall_at_lead.get("1") for budget in budgets], spread=False)
+        yield f"{recall} at {rate}; {second} by 1 s before"
+
+
+def _mean(values: Sequence[float | None], digits: int = 2, spread: bool = True) -> str:
+    """Return the mean of trainings, with the standard deviation where there are several."""
+    known = np.array([value for value in values if value is not None])
+    if not len(known):
+        return ""
+    deviation = f" ± {known.std(ddof=1):.{digits}f}" if spread and len(known) > 1 else ""
+    return f"{known.mean():.{digits}f}{deviation}"
 
 
 def _sensing_costs(title: str, lost: Sequence[RecallLost]) -> str:
@@ -143,7 +191,7 @@ def _sensing_costs(title: str, lost: Sequence[RecallLost]) -> str:
             f"{row.false_alarms_per_vehicle_hour:g}",
             f"{row.truth:.3f}",
             f"{row.sensed:.3f}",
-            f"{row.lost:+.3f}{_in(row.interval, '+')}",
+            f"{row.lost:+.3f}{_in(row.interval, '+.3f')}",
         )
         for row in lost
     ]
@@ -173,7 +221,7 @@ def _origins(title: str, result: AlarmResult) -> str:
         (
             name,
             f"{scores.events}",
-            _number(scores.recall, 3) + _in(scores.recall_interval),
+            _number(scores.recall, 2) + _in(scores.recall_interval),
             f"{scores.false_alarms}",
             f"{scores.vehicle_hours:.1f}",
         )
@@ -185,8 +233,6 @@ def _origins(title: str, result: AlarmResult) -> str:
 def _driving(title: str, result: TrafficResult) -> str:
     coverage = result.coverage
     shares = {"predicted": coverage.share or 0.0, **coverage.uncovered}
-    if result.alone is not None:
-        shares["of the rest, predicted from the TV alone"] = result.alone.share or 0.0
     rows = [(spoken(name), f"{100.0 * share:.1f} %") for name, share in shares.items()]
     return _part(title, (f"of {coverage.driving_hours:.1f} hours", "share"), rows)
 
@@ -253,8 +299,8 @@ def _number(value: float | None, digits: int) -> str:
     return "" if value is None else f"{value:.{digits}f}"
 
 
-def _in(interval: Interval | None, sign: str = "") -> str:
-    return "" if interval is None else f" ({interval.low:{sign}.3f} to {interval.high:{sign}.3f})"
+def _in(interval: Interval | None, shown: str = ".2f") -> str:
+    return "" if interval is None else f" ({interval.low:{shown}} to {interval.high:{shown}})"
 
 
 def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -262,8 +308,9 @@ def _part(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 
 def main() -> None:
-    """Print the tables of the result that the command line names."""
-    for part in tables(read_result(Path(sys.argv[1]))):
+    """Print the tables of the results that the command line names."""
+    first, *further = map(Path, sys.argv[1:])
+    for part in tables(read_result(first), [read_result(path) for path in further if path.is_file()]):
         print(part)
 
 
