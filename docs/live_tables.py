@@ -32,7 +32,7 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     TrafficResult,
 )
 from isac_cosim.evaluation.report.figures import spoken
-from isac_cosim.evaluation.report.live.compared_part import SHOWN
+from isac_cosim.evaluation.report.live_parts import SHOWN
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
 

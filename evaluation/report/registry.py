@@ -13,7 +13,6 @@ from isac_cosim.evaluation.report import live_parts, window_parts
 from isac_cosim.evaluation.report.dependence_part import DependentSeeds
 from isac_cosim.evaluation.report.explained_part import Explained
 from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatrix, MovingRoad
-from isac_cosim.evaluation.report.live.compared_part import LiveCompared
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
 
@@ -33,7 +32,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "how-measured": window_parts.HowMeasured(),
         "explained": Explained(),
         "live-headline": live_parts.LiveHeadline(),
-        "live-compared": LiveCompared(),
+        "live-compared": live_parts.LiveCompared(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),
         "live-figures": live_parts.LiveFigures(),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -33,7 +34,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
-from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset
+from isac_cosim.isacsim.traffic.trajectory_files.planes import M_PER_DEG, in_plane, net_offset, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
@@ -96,7 +97,7 @@ class FcdSource(FileSource):
             raise InputError(f"{where}: FCD does not say where lanes are; name the network by --network SCENARIO")
         road = scenario.load_without_sites(self.fcd.network)
         read = _xml(where) if _is_xml(where) else _table(where)
-        x, y = _in_plane(read.x, read.y, road, where)
+        x, y, unit_m = _in_plane(read.x, read.y, road, where)
         rows = Rows(
             read.vehicle, np.rint(read.time * 1e3).astype(np.int64), x, y,
             _lane_numbers(read, road, where),
@@ -108,7 +109,7 @@ class FcdSource(FileSource):
         states = observed(rows, vehicles, where)
         noise_m = self.fcd.noise_m
         if noise_m is None:
-            noise_m = noise_of_rounding(rounding_of(read.x, read.y))
+            noise_m = noise_of_rounding(unit_m * rounding_of(read.x, read.y))
         remarks = check_observed(self.fcd, states, LanePlaces(road.lanes), where)
         if unknown:
             remarks.append(
@@ -280,20 +281,27 @@ def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[Vehicle], list[
 LONGEST_DEG, WIDEST_DEG = 180.0, 90.0
 
 
-def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, Array]:
-    """Return positions in the scenario's plane, m.
+def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, Array, float]:
+    """Return positions in the scenario's plane, m, and how long one of the file's units is at most, m.
 
-    SUMO's own coordinates, and unshifted ones (`--fcd-output.utm`), are told apart by the bounds of the network: only
-    XML names the option. Raises InputError for positions elsewhere, and for longitudes and latitudes.
+    SUMO's own coordinates, unshifted ones (`--fcd-output.utm`), and longitudes and latitudes (`--fcd-output.geo`) are
+    told apart by the bounds of the network: only XML names the option. Raises InputError for positions elsewhere, and
+    for longitudes and latitudes on a network without a projection.
     """
-    placed = in_plane(x, y, road, ((0.0, 0.0), net_offset(road.network)))
+    plane = partial(in_plane, road=road)
+    degrees = bool((np.abs(x) <= LONGEST_DEG).all() and (np.abs(y) <= WIDEST_DEG).all())
+    # Degrees come first: as metres, they may lie on a network that has its corner at 0, 0.
+    try:
+        placed = plane(*projected(x, y, road.network), shifts=[(0.0, 0.0)]) if degrees else None
+    except InputError:
+        if plane(x, y, shifts=[(0.0, 0.0)]) is None:
+            raise
+        placed = None
     if placed is not None:
-        return placed
-    if (np.abs(x) <= LONGEST_DEG).all() and (np.abs(y) <= WIDEST_DEG).all():
-        raise InputError(
-            f"{where}: its positions look like longitudes and latitudes; write it without --fcd-output.geo, or with "
-            "--fcd-output.utm"
-        )
+        return *placed, M_PER_DEG
+    placed = plane(x, y, shifts=[(0.0, 0.0), net_offset(road.network)])
+    if placed is not None:
+        return *placed, 1.0
     raise InputError(
         f"{where}: most of its positions, such as {x[0]:g}, {y[0]:g}, are outside {road.network}; name the network "
         "that was driven on"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray
+from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.xml_files import elements
 
@@ -15,6 +17,14 @@ BESIDE_M = 500.0
 """Vehicles may be so far outside the bounds of their network, m."""
 SAMPLED = 10_000
 """So many positions show which shift is right."""
+PROJECTIONS = ("aea", "cass", "laea", "lcc", "merc", "omerc", "poly", "somerc", "stere", "sterea", "tmerc", "utm")
+PARAMETERS = re.compile(
+    r"\+(proj=[a-z]+|(zone|lat_0|lat_1|lat_2|lat_ts|lon_0|lonc|alpha|gamma|k|k_0|x_0|y_0|a|b|rf)=[-+.\deE]+"
+    r"|(ellps|datum|units|type)=[A-Za-z0-9]+|towgs84=[-+.,\deE]+|south|no_defs|wktext)"
+)
+"""What a network may say of its projection; PROJ reads files by other parameters."""
+M_PER_DEG = 111_320.0
+"""Length of a degree of latitude, m."""
 
 
 def in_plane(
@@ -40,11 +50,38 @@ def in_plane(
 
 def net_offset(network: Path) -> tuple[float, float]:
     """Return what netconvert added to the projected coordinates of a network, m."""
-    for element in elements(network):
-        if element.name == "location":
-            try:
-                east, north = (float(part) for part in element.attributes["netOffset"].split(","))
-            except (KeyError, ValueError):
-                break
-            return east, north
-    return 0.0, 0.0
+    try:
+        east, north = (float(part) for part in _location(network)["netOffset"].split(","))
+    except (KeyError, ValueError):
+        return 0.0, 0.0
+    return east, north
+
+
+def projected(longitude: Array, latitude: Array, network: Path) -> tuple[Array, Array]:
+    """Return SUMO's coordinates of longitudes and latitudes, degrees, by the projection that a network names, m.
+
+    Raises InputError where it names none, or one that PROJ would read from a file, and without pyproj.
+    """
+    parameters = _location(network).get("projParameter", "!").strip()
+    if parameters in ("", "!"):
+        raise InputError(f"{network}: names no projection, so longitudes and latitudes have no place in it")
+    words = parameters.split()
+    named = [word.removeprefix("+proj=") for word in words if word.startswith("+proj=")]
+    if len(named) != 1 or named[0] not in PROJECTIONS or not all(map(PARAMETERS.fullmatch, words)):
+        raise InputError(f"{network}: location: projParameter: {parameters:.60}: is no projection that is read here")
+    try:
+        from pyproj import Proj
+        from pyproj.exceptions import ProjError
+    except ImportError:
+        raise InputError("longitudes and latitudes need pyproj: pip install 'isac-cosim[geo]'") from None
+    try:
+        east, north = Proj(parameters)(longitude, latitude)
+    except ProjError as error:
+        raise InputError(f"{network}: location: projParameter: {error}") from None
+    shift = net_offset(network)
+    return np.asarray(east) + shift[0], np.asarray(north) + shift[1]
+
+
+def _location(network: Path) -> dict[str, str]:
+    """Return what a network says of where it lies."""
+    return next((dict(element.attributes) for element in elements(network) if element.name == "location"), {})

@@ -19,7 +19,7 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import AlongAnswering,
 from isac_cosim.evaluation.in_traffic.streams.store import EPISODES, RUN, read_episode
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
-from isac_cosim.evaluation.report.live.compared_part import LiveCompared
+from isac_cosim.evaluation.report.live_parts import LiveCompared
 from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.models.data.windows import Records
