@@ -15,6 +15,7 @@ from isac_cosim.evaluation.in_traffic.settings import SEEDS
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.sensors import DEFAULT
+from isac_cosim.isacsim.traffic.sources.registry import source_class
 from isac_cosim.labeling.generation.generate import describe, read_scenarios
 from isac_cosim.labeling.generation.settings import DatasetStudy, SeedRange
 from isac_cosim.models import FLOOR
@@ -161,6 +162,10 @@ class Study(Settings):
                 # Another source has other sections, worlds and seeds; all else is as in the others.
                 kept = DatasetStudy.model_fields.keys() - {"source", "world", "seeds"}
                 content = {key: value for key, value in content.items() if key in kept}
+            elif own.get("world", dataset.world) != dataset.world:
+                # Sections that make another world are not those of this one.
+                named = source_class(dataset.source).worlds.values()
+                content = {key: value for key, value in content.items() if not any(key in of for of in named)}
             dataset = DatasetStudy.model_validate(merged(content, own))
         return dataset
 

@@ -10,8 +10,12 @@ import pytest
 import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.settings import checked
+from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
 from isac_cosim.isacsim.traffic.sources.fcd import FcdSettings
+from isac_cosim.isacsim.traffic.sources.registry import natural_world
+from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings
 from isac_cosim.labeling.generation.cost_estimate import estimate
+from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study, read_study
 from isac_cosim.studies.sweep_axes import WayOfSensing
@@ -71,6 +75,26 @@ def test_the_bundled_study_from_simulation_to_recordings_tests_both_ways() -> No
     assert set(study.axes.test_on) == set(study.networks)
     with pytest.raises(InputError, match=r"there is no file .*highD/data/01_tracks\.csv: give a file of trajectories"):
         study.check_scenarios()
+
+
+def test_a_network_of_a_sweep_may_be_in_another_world() -> None:
+    """With the values of that world, and what the study says otherwise."""
+    study = checked(
+        Study,
+        {
+            "dataset": {"pairs": {"range_m": 70.0}},
+            "sweep": {
+                "scenarios": ["motorway", "urban"],
+                "datasets": {"urban": {"world": natural_world("sumo"), "traffic": {"step_s": 0.02}}},
+            },
+        },
+        "test",
+    )
+    motorway, urban = study.networks["motorway"], study.networks["urban"]
+    natural = DatasetStudy(scenarios=("urban",), world=natural_world("sumo"))
+    assert motorway.of(ManeuverSettings) == DatasetStudy().of(ManeuverSettings) != natural.of(ManeuverSettings)
+    assert urban.of(ManeuverSettings) == natural.of(ManeuverSettings)
+    assert (urban.world, urban.pairs.range_m, urban.of(TrafficSettings).step_s) == (natural.world, 70.0, 0.02)
 
 
 WRONG: dict[str, dict[str, Any]] = {
