@@ -34,7 +34,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
-from isac_cosim.isacsim.traffic.trajectory_files.planes import M_PER_DEG, in_plane, net_offset, projected
+from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
@@ -298,7 +298,7 @@ def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, A
             raise
         placed = None
     if placed is not None:
-        return *placed, M_PER_DEG
+        return *placed, float(np.radians(1.0) * 6_371_000.0)  # of the Earth's radius
     placed = plane(x, y, shifts=[(0.0, 0.0), net_offset(road.network)])
     if placed is not None:
         return *placed, 1.0

@@ -23,8 +23,6 @@ PARAMETERS = re.compile(
     r"|(ellps|datum|units|type)=[A-Za-z0-9]+|towgs84=[-+.,\deE]+|south|no_defs|wktext)"
 )
 """What a network may say of its projection; PROJ reads files by other parameters."""
-M_PER_DEG = 111_320.0
-"""Length of a degree of latitude, m."""
 
 
 def in_plane(
