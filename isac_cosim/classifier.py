@@ -25,7 +25,7 @@ from isac_cosim.models.runs.settings import TrainSettings
 class IntentionClassifier(BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types
     """A predictor in the manner of scikit-learn, fitted as `cosim train` fits it.
 
-    model: its name, as in `cosim train --model`. classes_: numbers of the intentions, in the order of the columns of
+    model: its name, as in `cosim train --model`. `classes_`: numbers of the intentions, in the order of the columns of
     `predict_proba`.
     """
 
