@@ -216,10 +216,11 @@ OPTIONS = {
     "--pattern": "random", "--records": "9", "--model": "trees", "--epochs": "2", "--seed": "3", "--data": "data",
     "--held-out": "overtake", "--against": "run", "--box": "9.9,51.9,10.1,52.1", "--spacing": "100", "--set-back": "10",
     "--height": "12", "--vehicles": "20", "--alone": "run", "--colour": "red",
-    "--episode": "road-2", "--step": "0.1", "--log": "tensorboard",
+    "--episode": "road-2", "--step": "0.1", "--from": "1", "--to": "2", "--log": "tensorboard",
 }  # fmt: skip
 FLAGS = (
     "--fcd",
+    "--mcap",
     "--dry-run",
     "--json",
     "--quiet",

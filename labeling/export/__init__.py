@@ -1,1 +1,1 @@
-"""Episodes and records for other programs: floating car data that SUMO replays, and tables as CSV."""
+"""Episodes and records for other programs: floating car data that SUMO replays, CSV tables, scenes for Foxglove."""

@@ -16,7 +16,6 @@ import sumo
 
 import cosim
 from isac_cosim.base.errors import InputError, OutputError
-from isac_cosim.base.settings import checked
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.isacsim.scenarios.lane import Lane
@@ -28,35 +27,11 @@ from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.export import floating_car_data, tables
 from isac_cosim.labeling.export.exporting import export_episode, export_sample
 from isac_cosim.labeling.export.floating_car_data import write_fcd
-from isac_cosim.labeling.generation.generate import generate
-from isac_cosim.labeling.generation.recorded_again import Recorder
-from isac_cosim.labeling.generation.settings import DatasetStudy
+from tests.labeling.export.conftest import EPISODE
 
 SUMO = Path(sumo.SUMO_HOME)
-EPISODE = "motorway-1"
-STUDY = {
-    "scenarios": ["motorway"],
-    "seeds": {"first": 1, "last": 1},
-    "traffic": {"run_in_s": 40.0, "duration_s": 30.0},
-}
 HOSTILE = '</fcd-export><script>alert("x")&'
 States = dict[tuple[str, str], dict[str, str]]
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    with LocalEngine(1).started() as pool:
-        return generate(
-            checked(DatasetStudy, STUDY, "study"),
-            tmp_path_factory.mktemp("exported") / "data",
-            KeptWorkers(lambda: pool, 1, 1),
-        )
-
-
-@pytest.fixture(scope="module")
-def recording(dataset: Dataset) -> Recording:
-    """The episode, recorded again in this process."""
-    return Recorder.of(dataset).record("motorway", 1, dataset.samples(dataset.meta.shards[0]))
 
 
 @pytest.fixture(scope="module")
@@ -203,8 +178,8 @@ BAD = {
     "data --episode motorway-1 --fcd -o foreign": "foreign exists and is not an empty folder",
     "data --episode motorway-1 --fcd -o foreign/thesis.tex": "thesis.tex exists and is not an empty folder",
     "data --episode motorway-2 --fcd -o new": "data has no such episode; did you mean motorway-1?",
-    "data --episode motorway-1 -o new": "give either --fcd or --csv",
-    "data --episode motorway-1 --fcd --csv -o new": "give either --fcd or --csv",
+    "data --episode motorway-1 -o new": "give either --fcd, --csv or --mcap",
+    "data --episode motorway-1 --fcd --csv -o new": "give either --fcd, --csv or --mcap",
     "data --fcd -o new": "give either --episode SCENARIO-SEED or --sample ID",
     "data --sample motorway-1-99 --csv -o new": "data: has no sample 'motorway-1-99'; did you mean motorway-1-",
     "data --sample x --csv -o new": "has no sample 'x'; they are named motorway-1-0, motorway-1-1, ...",
@@ -212,6 +187,12 @@ BAD = {
     "data --sample motorway-1-0 --csv --step 1 -o new": "--step applies to an episode",
     "data --episode motorway-1 --csv --step 0.015 -o new": "--step 0.015: is no multiple of the recording's step",
     "data --episode motorway-1 --csv --step nan -o new": "--step",
+    "data --sample motorway-1-0 --mcap --from 1 -o new": "--from applies to an episode",
+    "data --episode motorway-1 --csv --to 50 -o new": "--from and --to apply to --mcap",
+    "data --episode motorway-1 --mcap --from 50 --to 50 -o new": "--from 50 --to 50: the stretch ends before it begins",
+    "data --episode motorway-1 --mcap --from nan -o new": "--from nan --to inf: the stretch ends before it begins",
+    "data --episode motorway-1 --mcap --from 500 --to 600 -o new": "--from 500 --to 600: no vehicle of motorway",
+    "unfinished --sample motorway-1-0 --mcap -o new": "unfinished: dataset is not finished",
     "foreign --episode motorway-1 --csv -o new": "foreign: not a dataset",
     "unfinished --episode motorway-1 --csv -o new": "unfinished: dataset is not finished",
 }
