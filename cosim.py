@@ -24,7 +24,6 @@ from isac_cosim.isacsim.traffic.sources import DEFAULT as DEFAULT_SOURCE
 from isac_cosim.models import FLOOR
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="From a SUMO road network to an evaluated predictor of driver intentions, fed by simulated ISAC sensing.",
