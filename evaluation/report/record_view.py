@@ -117,11 +117,11 @@ def _road(axes: Axes, view: RecordView, lanes: Sequence[DrawnLane]) -> None:
         np.array([span[1] - span[0], span[3] - span[2]]) / 2 + 35,
     )
     for lane in lanes:
-        line = _dense((lane.shape - origin) @ rotation.T)
+        line = dense((lane.shape - origin) @ rotation.T)
         near = (np.abs(line - middle) < reach).all(axis=1)
         if near.sum() < 2:
             continue
-        left, right = _edges(line, lane.width_m)
+        left, right = edges(line, lane.width_m)
         axes.fill(*np.concatenate([left[near], right[near][::-1]]).T, color=ROAD, lw=0, zorder=1)
         for edge in (left, right):
             axes.plot(*edge[near].T, color=MARKING, lw=1.2, zorder=2)
@@ -220,14 +220,14 @@ def _probabilities(axes: Axes, view: RecordView) -> None:
     axes.legend(loc="center left", fontsize=9)
 
 
-def _dense(line: Array, step: float = 5.0) -> Array:
+def dense(line: Array, step: float = 5.0) -> Array:
     """Return a polyline (n, 2) with points added so that they are at most `step` metres apart."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     at = np.unique(np.concatenate([length, np.arange(0, length[-1], step)]))
     return np.stack([np.interp(at, length, line[:, k]) for k in (0, 1)], axis=1)
 
 
-def _edges(line: Array, width: float) -> tuple[Array, Array]:
+def edges(line: Array, width: float) -> tuple[Array, Array]:
     """Return the left and the right edge of a lane along its centre line, each (n, 2)."""
     along = np.gradient(line, axis=0)
     along = along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
