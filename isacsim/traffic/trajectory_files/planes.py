@@ -71,7 +71,7 @@ def projected(longitude: Array, latitude: Array, network: Path) -> tuple[Array, 
         from pyproj import Proj
         from pyproj.exceptions import ProjError
     except ImportError:
-        raise InputError("longitudes and latitudes need pyproj: pip install 'isac-cosim[geo]'") from None
+        raise InputError("longitudes and latitudes need pyproj: run pip install '.[geo]' in a checkout") from None
     try:
         east, north = Proj(parameters)(longitude, latitude)
     except ProjError as error:

@@ -128,7 +128,7 @@ def test_the_page_of_a_result_without_scores_before_the_commit_is_made(evaluatio
 
 
 def test_a_live_evaluation_begins_with_its_three_figures(tmp_path: Path) -> None:
-    stored = Path(cosim.__file__).parent / "docs" / "live" / "motorway.json"
+    stored = Path(cosim.__file__).parent / "docs" / "live" / "motorway_stimulated.json"
     scores = {"lead_s": None, "by_intention": {}, "false_alarms_per_vehicle_hour": 0.7, "recall": 0.5}
     sure = HeadlineResult.model_construct(**scores, events=1, recall_interval=Interval(low=0.2, high=0.8))
     unsure = sure.model_copy(update={"events": 9, "recall_interval": Interval(low=0.0, high=1.0)})
