@@ -34,7 +34,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
-from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset, projected
+from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 

@@ -31,7 +31,6 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
-from isac_cosim.isacsim.traffic.trajectory_files.lane_matching import match_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.levelx_tables import (
     TRACKS,
@@ -41,9 +40,10 @@ from isac_cosim.isacsim.traffic.trajectory_files.levelx_tables import (
     read_recording_meta,
     read_tracks,
 )
-from isac_cosim.isacsim.traffic.trajectory_files.marked_lanes import Carriageway, lanes_and_numbers
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, observed
-from isac_cosim.isacsim.traffic.trajectory_files.planes import in_plane, net_offset
+from isac_cosim.isacsim.traffic.trajectory_files.roads.lane_matching import match_lanes
+from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway, lanes_and_numbers
+from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
 
 MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
 """The columns that name the y of markings, m, by the half of the image."""

@@ -25,10 +25,10 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
     sites_for,
 )
 from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
-from isac_cosim.isacsim.traffic.trajectory_files.fitted_lanes import FittedLanes, fitted_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.ngsim_table import NgsimRows, read_ngsim
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.roads.fitted_lanes import FittedLanes, fitted_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.standing import steadied
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import LONGEST_M
 

@@ -18,7 +18,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
-from isac_cosim.isacsim.traffic.trajectory_files.marked_lanes import Carriageway
+from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.isacsim.scenarios.lane import Lane
-from isac_cosim.isacsim.traffic.trajectory_files.lane_matching import match_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
+from isac_cosim.isacsim.traffic.trajectory_files.roads.lane_matching import match_lanes
 
 
 def lane(name: str, shape: list[list[float]], *successors: str, width_m: float = 3.0) -> Lane:

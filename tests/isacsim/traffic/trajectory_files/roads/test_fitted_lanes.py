@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from isac_cosim.isacsim.traffic.trajectory_files.fitted_lanes import fitted_lanes
+from isac_cosim.isacsim.traffic.trajectory_files.roads.fitted_lanes import fitted_lanes
 
 
 def driven(number: int, centre: np.ndarray, along: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
