@@ -74,7 +74,8 @@ Log = Annotated[
 Network = Annotated[
     str | None,
     typer.Option(
-        metavar="SCENARIO", help="With a --source of trajectory files: the scenario or network that was driven on."
+        metavar="SCENARIO",
+        help="With a --source of trajectory files: the scenario, network or Lanelet2 map (.osm) that was driven on.",
     ),
 ]
 Scene = Annotated[

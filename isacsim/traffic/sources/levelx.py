@@ -3,15 +3,16 @@
 Formats: see `trajectory_files.levelx_tables`. In highD, a position is the upper left corner of a box parallel to the
 axes, y points down, `width` is the length of the vehicle, frames count from 1, and direction 1 leads leftward on the
 upper half of the image. Lanes lie between the markings that the recording's meta file names. In the others, a position
-is the centre of a box, `heading` is in degrees counter-clockwise, and frames count from 0; they name no lanes that a
-vehicle could be placed in, so that a road network is needed.
+is the centre of a box, `heading` is in degrees counter-clockwise, and frames count from 0; lanes are those of the
+Lanelet2 map that comes with them, or of a road network.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pyarrow as pa
@@ -42,6 +43,11 @@ from isac_cosim.isacsim.traffic.trajectory_files.levelx_tables import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.lane_matching import match_lanes
+from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import (
+    is_lanelet_map,
+    lanelet_lanes,
+    lanelet_map_beside,
+)
 from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway, lanes_and_numbers
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
 
@@ -58,7 +64,10 @@ class LevelxSettings(FileSettings):
     """How recordings by drones become episodes, and where the road is that they do not name."""
 
     network: str | None = Field(
-        None, min_length=1, description="scenario or network that was driven on; highD needs none; --network names it"
+        None,
+        min_length=1,
+        description="Lanelet2 map, network or scenario that was driven on, by default the map beside the recording; "
+        "highD needs none; --network names it",
     )
 
 
@@ -127,18 +136,17 @@ def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
 
 
 def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
-    """Return a recording that names centres and headings of boxes, on a road network of its own."""
+    """Return a recording that names centres and headings of boxes, on a Lanelet2 map or a road network."""
     where = files.tracks
-    if settings.network is None:
-        raise InputError(f"{where}: does not say where lanes are; name a network of that place by --network SCENARIO")
-    road = scenario.load_without_sites(settings.network)
-    meta, rate_hz = read_recording_meta(files.recording_meta, dict.fromkeys(UTM_ORIGIN, pa.float64()))
+    columns = {**dict.fromkeys(UTM_ORIGIN, pa.float64()), "locationId": pa.int64()}
+    meta, rate_hz = read_recording_meta(files.recording_meta, columns)
+    road = _road(settings, files, meta)
     read, remarks = read_tracks(files)
     assert read.angle is not None  # the format has it
     heading = np.exp(1j * np.radians(read.angle))
     front = read.x + 1j * read.y + heading * (read.length / 2.0)
     shifts = [(0.0, 0.0)]
-    if None not in meta.values():
+    if not is_lanelet_map(road.network) and None not in (meta[name] for name in UTM_ORIGIN):
         east, north = net_offset(road.network)
         shifts.append((meta[UTM_ORIGIN[0]] + east, meta[UTM_ORIGIN[1]] + north))
     placed = in_plane(front.real, front.imag, road, shifts)
@@ -154,6 +162,24 @@ def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     _check_on_road(lane, read, f"on no lane of {road.network}", where)
     states = observed(_rows(read, x, y, lane, rate_hz), read.vehicles, where)
     return road, states, rounding_of(read.x, read.y), remarks
+
+
+def _road(settings: LevelxSettings, files: LevelxFiles, meta: Mapping[str, Any]) -> Scenario:
+    """Return the road of a recording: a network, or a Lanelet2 map, named or found beside the recording."""
+    where = settings.network or lanelet_map_beside(files.tracks, str(meta["locationId"]))
+    if where is None:
+        raise InputError(
+            f"{files.tracks}: does not say where lanes are; name a Lanelet2 map or a network of that place by --network"
+        )
+    if not is_lanelet_map(where):
+        return scenario.load_without_sites(str(where))
+    if not (file := Path(where)).is_file():
+        raise InputError(f"there is no file {file}: give the Lanelet2 map of that place, or a network")
+    origin = [meta[name] for name in UTM_ORIGIN]
+    if not all(value is not None and np.isfinite(value) for value in origin):
+        raise InputError(f"{files.recording_meta}: names no xUtmOrigin and yUtmOrigin, by which {file} is placed")
+    lanes = lanelet_lanes(file, (origin[0], origin[1]))
+    return Scenario("", file, (files.tracks,), (), (0.0, 0.0), lanes, ())
 
 
 def _rows(read: LevelxRows, x: Array, y: Array, lane: Int32Array, rate_hz: float) -> Rows:

@@ -67,6 +67,22 @@ def projected(longitude: Array, latitude: Array, network: Path) -> tuple[Array, 
     named = [word.removeprefix("+proj=") for word in words if word.startswith("+proj=")]
     if len(named) != 1 or named[0] not in PROJECTIONS or not all(map(PARAMETERS.fullmatch, words)):
         raise InputError(f"{network}: location: projParameter: {parameters:.60}: is no projection that is read here")
+    east, north = _by_proj(parameters, longitude, latitude, f"{network}: location: projParameter")
+    shift = net_offset(network)
+    return east + shift[0], north + shift[1]
+
+
+def in_utm(longitude: Array, latitude: Array) -> tuple[Array, Array]:
+    """Return coordinates in UTM of longitudes and latitudes, degrees, in the zone that most of them lie in, m.
+
+    Raises InputError without pyproj.
+    """
+    zone = min(int((float(np.median(longitude)) + 180.0) // 6.0) + 1, 60)
+    south = " +south" if float(np.median(latitude)) < 0.0 else ""
+    return _by_proj(f"+proj=utm +zone={zone}{south} +ellps=WGS84", longitude, latitude, "UTM")
+
+
+def _by_proj(parameters: str, longitude: Array, latitude: Array, where: str) -> tuple[Array, Array]:
     try:
         from pyproj import Proj
         from pyproj.exceptions import ProjError
@@ -75,9 +91,8 @@ def projected(longitude: Array, latitude: Array, network: Path) -> tuple[Array, 
     try:
         east, north = Proj(parameters)(longitude, latitude)
     except ProjError as error:
-        raise InputError(f"{network}: location: projParameter: {error}") from None
-    shift = net_offset(network)
-    return np.asarray(east) + shift[0], np.asarray(north) + shift[1]
+        raise InputError(f"{where}: {error}") from None
+    return np.asarray(east), np.asarray(north)
 
 
 def _location(network: Path) -> dict[str, str]:

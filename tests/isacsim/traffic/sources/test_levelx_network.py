@@ -18,6 +18,7 @@ from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events
 from tests.support.exid_writer import write_exid
+from tests.support.lanelet_writer import UTM, write_lanelets
 from tests.support.sumo_recording import SCENARIO, motorway_recording
 
 
@@ -70,6 +71,46 @@ def test_events_come_back(exid: tuple[Path, dict[str, str]]) -> None:
     assert all(max(of.medians_s) <= 0.1 for of in found.values())
 
 
+def test_a_lanelet2_map_beside_the_recording_gives_the_lanes(exid: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
+    folder, true = tmp_path / "mapped", motorway_recording()
+    names = write_exid(folder, true, utm=UTM)
+    write_lanelets(folder / "place.osm", true.lanes)
+    source = motion_source(study_of(folder, None))
+    place = source.load(str(folder))
+    assert "place.osm" in source.inputs(place)
+    again, on_network = recorded(source, place, 1), read(study_of(exid[0]))
+    assert again.tracks.keys() == on_network.tracks.keys()
+    assert set(names.values()) >= again.tracks.keys()
+    states = alike = 0
+    for name, track in on_network.tracks.items():
+        mine = again.tracks[name]
+        assert len(mine) == len(track)
+        states += len(track)
+        same_index = (
+            np.array([lane.index for lane in again.lanes])[mine.lane]
+            == np.array([lane.index for lane in on_network.lanes])[track.lane]
+        )
+        alike += int((same_index & (np.abs(mine.lane_lat - track.lane_lat) < 0.05)).sum())
+    assert states > 20_000
+    assert alike >= 0.99 * states
+    labels = study_of(folder).labels
+    found = found_events(label(on_network, labels), label(again, labels))
+    assert sum(of.events for of in found.values()) > 20
+    assert sum(of.matched for of in found.values()) >= 0.99 * sum(of.events for of in found.values())
+    assert sum(of.surplus for of in found.values()) <= 0.01 * sum(of.events for of in found.values())
+
+
+def test_a_lanelet2_map_may_be_named_and_must_be_there(exid: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
+    true = motorway_recording()
+    write_exid(tmp_path / "data", true, utm=UTM)
+    named = write_lanelets(tmp_path / "elsewhere" / "place.osm", true.lanes)
+    assert read(study_of(tmp_path / "data", str(named))).tracks
+    with pytest.raises(InputError, match=r"there is no file .*gone.osm: give the Lanelet2 map of that place"):
+        read(study_of(tmp_path / "data", str(tmp_path / "gone.osm")))
+    with pytest.raises(InputError, match=r"lanelet \d+: is more than 20 km from the recording; give the map of its"):
+        read(study_of(exid[0], str(named)))
+
+
 def test_persons_are_left_out(exid: tuple[Path, dict[str, str]]) -> None:
     source = motion_source(study_of(exid[0]))
     place = source.load(str(exid[0]))
@@ -96,7 +137,9 @@ def test_coordinates_from_an_origin_in_utm_are_told_by_the_bounds_of_the_network
 
 def test_a_road_elsewhere_is_refused(exid: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
     folder, _ = exid
-    with pytest.raises(InputError, match=r"does not say where lanes are; name a network of that place by --network"):
+    with pytest.raises(
+        InputError, match=r"does not say where lanes are; name a Lanelet2 map or a network of that place by --network"
+    ):
         read(study_of(folder, None))
     with pytest.raises(InputError, match=r"\d+% of its positions are on no lane of .*such as row \d+; give the road"):
         read(study_of(folder, "straight_road"))
