@@ -8,6 +8,7 @@ road; one that begins with the points at which another ends continues it. Traffi
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,8 @@ from isac_cosim.isacsim.scenarios.xml_files import Element, elements
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_utm
 
 ENDINGS = (".osm", ".osm.gz")
+PLACE = re.compile(r"(?:location\D*)?0*(\d+)(?!\d)")
+"""How the name of a map begins: `location2.osm`, or `2_merklingen.osm`."""
 DRIVEN = frozenset({"road", "highway", "play_street", "emergency_lane", "bus_lane"})
 """Subtypes of lanelets that vehicles drive in; one without a subtype is a road."""
 MOST_ELEMENTS = 2_000_000
@@ -72,11 +75,9 @@ def lanelet_map_beside(tracks: Path, location: str) -> Path | None:
     location: number of the place. None where there is none.
     """
     beside = sorted(tracks.parent.glob("*.osm"))
-    if len(beside) == 1:
-        return beside[0]
-    name, above = f"location{location}.osm", tracks.parent.parent
-    found = (path for folder in (above / "lanelets", above / "maps") for path in sorted(folder.rglob(name)))
-    return next(found, None) if not beside else next((file for file in beside if file.name == name), None)
+    above = [path for name in ("maps", "lanelets") for path in sorted((tracks.parent.parent / name).rglob("*.osm"))]
+    of_location = [path for path in beside or above if (named := PLACE.match(path.stem)) and named[1] == location]
+    return beside[0] if len(beside) == 1 else next(iter(of_location), None)
 
 
 def lanelet_lanes(file: Path, origin: tuple[float, float]) -> tuple[Lane, ...]:

@@ -67,16 +67,20 @@ def test_where_a_road_parts_one_branch_goes_on_beside_the_other_lane(tmp_path: P
     assert found[str(straight)].edge != found[str(out)].edge
 
 
-def test_the_map_of_a_recording_is_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["maps/lanelets/2_x/location2.osm", "maps/lanelet2/2_place.osm", "lanelets/02.osm"])
+def test_the_map_of_a_recording_is_found(tmp_path: Path, name: str) -> None:
     tracks = tmp_path / "exiD" / "data" / "03_tracks.csv"
     tracks.parent.mkdir(parents=True)
     assert lanelet_map_beside(tracks, "2") is None
-    there = two_lanes(tmp_path / "exiD" / "maps" / "lanelets" / "2_place")
-    there = there.rename(there.with_name("location2.osm"))
+    there = tmp_path / "exiD" / name
+    there.parent.mkdir(parents=True)
+    two_lanes(tmp_path).rename(there)
+    two_lanes(there.parent).rename(there.with_name("20_other.osm"))
     assert lanelet_map_beside(tracks, "2") == there
-    assert lanelet_map_beside(tracks, "1") is None
+    assert lanelet_map_beside(tracks, "20") == there.with_name("20_other.osm")
+    assert lanelet_map_beside(tracks, "0") is None
     beside = two_lanes(tracks.parent)
-    assert lanelet_map_beside(tracks, "2") == beside
+    assert lanelet_map_beside(tracks, "0") == beside
 
 
 def changed(folder: Path, change: Callable[[str], str]) -> Path:
