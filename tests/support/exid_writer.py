@@ -12,7 +12,8 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording
 COLUMNS = ("recordingId", "trackId", "frame", "trackLifetime", "xCenter", "yCenter", "heading", "width", "length",
            "xVelocity", "yVelocity", "laneletId", "leftLeadId")  # fmt: skip
 META = ("recordingId", "trackId", "initialFrame", "finalFrame", "numFrames", "width", "length", "class")
-RECORDING = ("recordingId", "locationId", "frameRate", "numTracks", "xUtmOrigin", "yUtmOrigin", "orthoPxToMeter")
+RECORDING = ("recordingId", "locationId", "frameRate", "duration", "numTracks", "xUtmOrigin", "yUtmOrigin",
+             "orthoPxToMeter")  # fmt: skip
 
 
 def write_exid(
@@ -51,7 +52,7 @@ def write_exid(
     content = {
         "tracks": (COLUMNS, rows),
         "tracksMeta": (META, metas),
-        "recordingMeta": (RECORDING, [[3, 1, 100.0 / every, len(metas), *utm, 0.1]]),
+        "recordingMeta": (RECORDING, [[3, 1, 100.0 / every, 45.0, len(metas), *utm, 0.1]]),
     }
     folder.mkdir(parents=True, exist_ok=True)
     for kind, (header, lines) in content.items():
