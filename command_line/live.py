@@ -69,6 +69,7 @@ def evaluate_and_show(
     from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
     from isac_cosim.evaluation.in_traffic.measurement.stress import STRESS, with_stress
     from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
+    from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
     from isac_cosim.evaluation.report.report import show_live
     from isac_cosim.models.runs.run import load_run
 
@@ -110,7 +111,7 @@ def evaluate_and_show(
     draw_live_figures(evaluation, folder)
     output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     result = closed or evaluation.result
-    show_live(result, folder, console)
+    show_live(result, folder, console, replay_in_traffic(evaluation, engine, feedback))
     print_line(console, f"page, figures and metrics.json: {folder}")
     return {"report": str(folder), **result.model_dump(mode="json"), "real_time_factor": evaluation.real_time_factor}
 

@@ -14,6 +14,7 @@ from isac_cosim.command_line.output import show_dataset, show_metrics
 from isac_cosim.command_line.streams import show_streams
 from isac_cosim.evaluation.report import terminal
 from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
 from isac_cosim.evaluation.report.report import show_live
 from isac_cosim.evaluation.report.score_table import headline_scores
 from isac_cosim.labeling.dataset.dataset import Dataset
@@ -57,7 +58,8 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
 def _run_live(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
     evaluation = run_live_study(study, folder, engine, feedback)
     show_streams(Streams.open(folder / STREAMS), feedback.console)
-    show_live(evaluation.result, folder / LIVE, feedback.console)
+    replay = replay_in_traffic(evaluation, engine, feedback)
+    show_live(evaluation.result, folder / LIVE, feedback.console, replay)
     print_line(feedback.console, f"page, figures and metrics.json: {folder / LIVE}")
     return {
         "streams": str(folder / STREAMS),

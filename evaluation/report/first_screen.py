@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from isac_cosim.evaluation.on_windows.predictions import Predictions
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
@@ -13,10 +14,11 @@ from isac_cosim.evaluation.statistics import Estimate
 NATURAL = "natural"
 
 
+@dataclass(frozen=True)
 class MovingRoad:
-    """The replay of the episode of one test record; nothing where the page is made without the dataset."""
+    """The replay: of the episode of one test record, or of the worst moments in traffic; nothing without one."""
 
-    result_class = EvaluationResult
+    result_class: type
 
     def parts(self, shown: Shown) -> list[Part]:
         if shown.replay is None:

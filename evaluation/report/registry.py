@@ -8,6 +8,8 @@ entry point of the group `isac_cosim.result_parts`. One that also measures somet
 from __future__ import annotations
 
 from isac_cosim.base.registry import Registry
+from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
+from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.questions import GROUP
 from isac_cosim.evaluation.report import live_parts, window_parts
 from isac_cosim.evaluation.report.dependence_part import DependentSeeds
@@ -21,7 +23,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
     {
         "headline": window_parts.Headline(),
         "dependent-seeds": DependentSeeds(),
-        "replay": MovingRoad(),
+        "replay": MovingRoad(EvaluationResult),
         "f1-by-intention": ByIntention(),
         "confusion": ConfusionMatrix(),
         "verdict": window_parts.Verdict(),
@@ -32,6 +34,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "how-measured": window_parts.HowMeasured(),
         "explained": Explained(),
         "live-headline": live_parts.LiveHeadline(),
+        "live-replay": MovingRoad(TrafficResult),
         "live-compared": live_parts.LiveCompared(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),

@@ -110,12 +110,12 @@ def show(result: EvaluationResult, folder: Path, console: Console) -> None:
     terminal.show(parts_of(Shown(result, folder, answers=result.answers or {})), console, title)
 
 
-def show_live(result: TrafficResult, folder: Path, console: Console) -> Path:
+def show_live(result: TrafficResult, folder: Path, console: Console, replay: Replay | None = None) -> Path:
     """Write the page of an evaluation in traffic or of a closed loop, and print its scores. Returns the page's path.
 
-    folder: holds the figures.
+    folder: holds the figures. replay: of its worst moments.
     """
-    shown = Shown(result, folder, answers=result.answers or {})
+    shown = Shown(result, folder, answers=result.answers or {}, replay=replay)
     parts = parts_of(shown)
     title = f"{result.name} in {result.scenario}: {result.vehicle_hours:.2f} vehicle-hours"
     terminal.show(parts, console, title)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.report import terminal
 from isac_cosim.evaluation.report.live_parts import Advisories
 from isac_cosim.evaluation.report.parts import Shown
+from isac_cosim.evaluation.report.replay import in_traffic
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
@@ -52,7 +54,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Traffic from formulas, of which one seed has none, in this process."""
     source = ScriptedSource(tmp_path, empty=(2002, 2003, 2004, 1002))
-    monkeypatch.setattr(evaluation, "motion_source", lambda study: source)
+    for module in (evaluation, in_traffic):
+        monkeypatch.setattr(module, "motion_source", lambda study: source)
     monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
 
 
@@ -70,6 +73,11 @@ def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: 
     assert "rule of the road" in captured.err
     names = {path.name for path in out.iterdir()}
     assert {"metrics.json", "speed.json", "recall_against_false_alarms.png", "time_line.png", "index.html"} <= names
+    moments = re.search(r'id="replay-data">(.*?)</script>', (out / "index.html").read_text(), re.DOTALL)
+    assert moments is not None
+    assert {one["id"].rpartition("-")[0] for one in json.loads(moments[1])["records"]} <= {
+        "road-1001-follow0", "road-1001-follow1"
+    }  # fmt: skip
 
 
 @pytest.mark.usefixtures("scripted")

@@ -14,6 +14,7 @@
     return;
   }
   const MARKS = ["circle", "square", "triangle", "diamond", "cross", "star"];
+  const ALARM_STAYS = 2; // How long the road shows an alarm, s.
   const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [14, 5], [5, 2]];
   const words = (name) => name.replaceAll("_", " ");
   const lanes = data.lanes.map((lane) => {
@@ -131,10 +132,10 @@
     };
     for (const lane of lanes) along(lane.points, colours.marking, (lane.width + 0.25) * scale);
     for (const lane of lanes) along(lane.points, colours.road, (lane.width - 0.15) * scale);
-    const path = (places, style, thick, dash) => {
+    const path = (places, until, style, thick, dash) => {
       const points = [];
-      for (let k = 0; k <= row + 1e-9; k++) points.push([places[2 * k], places[2 * k + 1]]);
-      const end = at(places, row);
+      for (let k = 0; k <= until + 1e-9 && 2 * k < places.length; k++) points.push([places[2 * k], places[2 * k + 1]]);
+      const end = at(places, until);
       if (end) points.push(end);
       if (points.length > 1) along(points, style, thick, dash);
     };
@@ -142,11 +143,11 @@
       const where = (time - other.from) / other.step, place = at(other.places, where);
       if (place) vehicle(pen, put, scale, place, facing(other.places, where, 1), other.size, colours.other, "");
     }
-    path(record.uv, colours.uv, 2, [6, 4]);
-    path(record.sensed, colours.sensed, 5);
-    path(record.truth, colours.ink, 1.5);
-    const uv = at(record.uv, row);
-    if (uv) vehicle(pen, put, scale, uv, facing(record.uv, row, 5), record.sizes[1], colours.uv, "UV");
+    const uvRow = row - record.from.uv * record.rate, uv = at(record.uv, uvRow);
+    path(record.uv, uvRow, colours.uv, 2, [6, 4]);
+    path(record.sensed, row - record.from.sensed * record.rate, colours.sensed, 5);
+    path(record.truth, row, colours.ink, 1.5);
+    if (uv) vehicle(pen, put, scale, uv, facing(record.uv, uvRow, 5), record.sizes[1], colours.uv, "UV");
     vehicle(pen, put, scale, tv, facing(record.truth, row, 5), record.sizes[0], colours.tv, "TV");
     for (const [, x, y, azimuth] of data.sites) panel(pen, put(x, y), ((90 - azimuth) * Math.PI) / 180);
     for (const [names, x, y] of masts) {
@@ -158,8 +159,20 @@
     pen.fillStyle = colours.ink;
     pen.fillRect(12, height - 14, bar, 3);
     label(pen, "20 m", 12, height - 20, "left");
-    const phase = time < record.onset ? ", before onset" : time < record.commit ? ", begun" : ", committed";
-    label(pen, words(record.intention) + (record.intention === "following" ? "" : phase), 12, 20, "left", true);
+    label(pen, doing(), 12, 20, "left", true);
+    const alarm = record.alarms.findLast(([, t]) => t <= time && time < t + ALARM_STAYS);
+    if (alarm) label(pen, `${alarm[2] ? "✗ false alarm" : "✓ alarm"}: ${words(alarm[0])}`, 12, 40 * letters, "left", true);
+  }
+
+  // What the TV does at this instant: the maneuver that is nearest in time.
+  function doing() {
+    const away = ([, onset, commit]) => Math.max(onset - time, time - commit, 0);
+    const nearest = record.maneuvers.reduce((best, one) => (best && away(best) <= away(one) ? best : one), null);
+    if (!nearest) return "no labelled maneuver";
+    const [intention, onset, commit, note] = nearest;
+    if (intention === "following") return words(intention);
+    const phase = time < onset ? "before onset" : time < commit ? "begun" : "committed";
+    return `${words(intention)}${note ? ` (${note})` : ""}, ${phase}`;
   }
 
   // A vehicle from above. place: of its front bumper's centre. angle: where it faces, rad.
@@ -296,12 +309,15 @@
       line(left, y(share), right, y(share), colours.line);
       label(pen, String(share), left - 6, y(share) + 4, "right");
     }
-    [["onset", record.onset], ["commit", record.commit]].forEach(([name, t], k) => {
-      if (t < 0 || t > record.duration) return;
-      line(x(t), top, x(t), bottom, colours.soft, k ? [2, 3] : [6, 4]);
-      label(pen, name, x(t) + (k ? 3 : -3), top - 6, k ? "left" : "right");
-    });
-    label(pen, "end of window: time in the record, s", (left + right) / 2, height - 4, "center");
+    for (const maneuver of record.maneuvers) {
+      ["onset", "commit"].forEach((name, k) => {
+        const t = maneuver[k + 1];
+        if (t < 0 || t > record.duration) return;
+        line(x(t), top, x(t), bottom, colours.soft, k ? [2, 3] : [6, 4]);
+        label(pen, name, x(t) + (k ? 3 : -3), top - 6, k ? "left" : "right");
+      });
+    }
+    label(pen, `end of window: time in the ${data.noun}, s`, (left + right) / 2, height - 4, "center");
     for (let t = 0; t <= record.duration; t++) label(pen, String(t), x(t), bottom + 14, "center");
     const { from, step, probabilities } = record.answers, count = probabilities.length / data.classes.length;
     data.classes.forEach((_, which) => {
@@ -320,6 +336,14 @@
       pen.setLineDash([]);
       if (end) mark(pen, which % MARKS.length, ...end);
     });
+    for (const [intention, t, wrong] of record.alarms) {
+      if (t > time + 1e-6) continue;
+      const which = Math.max(data.classes.indexOf(intention), 0) % MARKS.length;
+      pen.fillStyle = pen.strokeStyle = colours.classes[which];
+      line(x(t), top, x(t), bottom, colours.classes[which]);
+      mark(pen, which, x(t), top + 6, 7);
+      label(pen, wrong ? "✗ alarm" : "✓ alarm", x(t) + (t > record.duration / 2 ? -9 : 9), top + 11, t > record.duration / 2 ? "right" : "left", true);
+    }
     line(x(time), top, x(time), bottom, colours.ink);
   }
 
@@ -349,11 +373,10 @@
   }
 
   function describe() {
-    const { intention, origin, start, onset, commit, answers: given, others, ids } = record;
-    let said = `TV ${ids[0]}, UV ${ids[1]}: ${words(intention)} (${origin}), from ${start.toFixed(1)} s of the simulation, `;
-    said += `onset after ${onset.toFixed(2)} s, commit after ${commit.toFixed(2)} s. `;
+    const { about, answers: given, others } = record;
+    let said = `${about} `;
     if (others.length) said += `${others.length} other ${others.length === 1 ? "vehicle" : "vehicles"} near. `;
-    if (given && given.predicted) {
+    if (given && given.predicted && data.noun === "record") {
       const verdict = given.wrong === null ? "" : given.wrong ? " – wrong" : " – correct";
       said += `Predictor at the last measured window: ${words(given.predicted)}${verdict}.`;
     }

@@ -58,11 +58,33 @@ class Answers:
 
 
 @dataclass(frozen=True)
-class Moving:
-    """One record that can be replayed. Times are in s after its start, paths (2, n) in m in the scenario's plane.
+class Maneuver:
+    """What the TV really does. onset_s, commit_s: s after the record's start. note: why it does not count, if so."""
 
-    truth, sensed, uv: places of the TV as it drove and as it was sensed, and of the UV as it reported, at RATE_HZ.
-    sizes: length and width of the TV and of the UV, m. others: vehicles near them; empty where they are not known.
+    intention: str
+    onset_s: float
+    commit_s: float
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """An alarm for the TV. time_s: s after the record's start. false: whether it belongs to no maneuver."""
+
+    intention: str
+    time_s: float
+    false: bool
+
+
+@dataclass(frozen=True)
+class Moving:
+    """One record, or stretch of running traffic, that can be replayed.
+
+    Times are in s after its start, paths (2, n) in m in the scenario's plane. maneuvers: of the TV, by onset.
+    truth, sensed, uv: places of the TV as it drove and as it was sensed, and of the UV as it reported (in running
+    traffic: as it drove), at RATE_HZ. sensed_from_s, uv_from_s: when the latter two begin. sizes: length and width of
+    the TV and of the UV, m. others: vehicles near them; empty where they are not known. name: in the list; by default,
+    the id and the answer. about: a sentence on what is shown; by default, ids and times.
     """
 
     id: str
@@ -71,14 +93,39 @@ class Moving:
     tv_id: str
     uv_id: str
     start_s: float
-    onset_s: float
-    commit_s: float
+    maneuvers: Sequence[Maneuver]
     truth: Array
     sensed: Array
     uv: Array
     sizes: tuple[tuple[float, float], tuple[float, float]] = ((LENGTH_M, WIDTH_M), (LENGTH_M, WIDTH_M))
     others: Sequence[Vehicle] = ()
     answers: Answers | None = None
+    alarms: Sequence[Alarm] = ()
+    sensed_from_s: float = 0.0
+    uv_from_s: float = 0.0
+    name: str = ""
+    about: str = ""
+
+    @property
+    def shown_name(self) -> str:
+        """What the list of records calls it."""
+        if self.name:
+            return self.name
+        wrong = self.answers is not None and self.answers.wrong and self.answers.predicted
+        return f"{self.id}: {words(self.intention)}" + (f", taken for {words(wrong)} ✗" if wrong else "")
+
+    @property
+    def shown_about(self) -> str:
+        """What is said of it below the road."""
+        if self.about:
+            return self.about
+        times = "".join(
+            f", onset after {one.onset_s:.2f} s, commit after {one.commit_s:.2f} s" for one in self.maneuvers[:1]
+        )
+        return (
+            f"TV {self.tv_id}, UV {self.uv_id}: {words(self.intention)} ({self.origin}), from {self.start_s:.1f} s of "
+            f"the simulation{times}."
+        )
 
     def packed(self) -> dict[str, Any]:
         """Return the record as plain values for the page."""
@@ -90,12 +137,13 @@ class Moving:
         content: dict[str, Any] = {
             "id": self.id,
             "intention": self.intention,
-            "origin": self.origin,
-            "ids": [self.tv_id, self.uv_id],
+            "about": self.shown_about,
             "sizes": self.sizes,
-            "start": round(self.start_s, 3),
-            "onset": round(self.onset_s, 3),
-            "commit": round(self.commit_s, 3),
+            "maneuvers": [
+                [one.intention, round(one.onset_s, 3), round(one.commit_s, 3), one.note] for one in self.maneuvers
+            ],
+            "alarms": [[one.intention, round(one.time_s, 3), one.false] for one in self.alarms],
+            "from": {"sensed": round(self.sensed_from_s, 3), "uv": round(self.uv_from_s, 3)},
             "rate": RATE_HZ,
             "middle": middle.tolist(),
             "step": step,
@@ -132,7 +180,7 @@ class Replay:
 
     records: the ones to choose from, the first of which is shown. lanes: width and centre line (n, 2) of lanes near
     them, m. sites: id, x, y, m, and azimuth, compass degrees. classes: intentions of the predictor, none without one.
-    remarks: sentences on what is shown and what is not.
+    remarks: sentences on what is shown and what is not. noun: what the page calls one of the records.
     """
 
     title: str
@@ -141,6 +189,13 @@ class Replay:
     sites: Sequence[tuple[str, float, float, float]]
     classes: Sequence[str] = ()
     remarks: Sequence[str] = ()
+    noun: str = "record"
+
+    @property
+    def some_wrong(self) -> bool:
+        """Whether the predictor was asked, and is not wrong in all records: the next wrong one is then worth a key."""
+        verdicts = {record.answers.wrong for record in self.records if record.answers is not None}
+        return bool(verdicts) and verdicts != {True}
 
     def beginning_with(self, record: str) -> Replay:
         """Return the replay with the record of this id in front; as it is where there is none."""
@@ -150,6 +205,7 @@ class Replay:
         """Return everything as plain values for the page."""
         return {
             "classes": [*self.classes],
+            "noun": self.noun,
             "lanes": [
                 {"width": round(width, 2), "line": np.round(line, 2).reshape(-1).tolist()} for width, line in self.lanes
             ],
@@ -172,3 +228,8 @@ def at_rate(states: Array, rate_hz: float, wanted_hz: float = RATE_HZ) -> Array:
     times = np.arange(states.shape[1]) / rate_hz
     instants = np.arange(int(times[-1] * wanted_hz + 1e-6) + 1) / wanted_hz
     return np.stack([np.interp(instants, times, states[k]) for k in (0, 1)])
+
+
+def words(name: str) -> str:
+    """Return a name such as `hard_brake` as people write it."""
+    return name.replace("_", " ")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.predictions import check_rates
-from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay, at_rate
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Maneuver, Moving, Replay, at_rate
 from isac_cosim.evaluation.report.replay.others import Around, around
 from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
 from isac_cosim.labeling.dataset.finding import of_one
@@ -74,7 +75,7 @@ def replay_of(
     return Replay(
         title=f"Episode {name}" if run is None else f"{run.name} in episode {name}",
         records=moving,
-        lanes=_lanes_near(dataset, scenario, moving),
+        lanes=lanes_near(dataset.roads(scenario), moving),
         sites=[(site.id, site.x, site.y, site.azimuth_deg) for site in dataset.sites(scenario)],
         classes=() if run is None else run.card.classes,
         remarks=remarks,
@@ -91,15 +92,15 @@ def _moving(sample: Sample, rates_hz: tuple[float, float], beside: Around | None
     """Return one record as it is replayed. rates_hz: of the TV's and of the UV's states."""
     columns = (sample.tv_truth, rates_hz[0]), (sample.tv, rates_hz[0]), (sample.uv, rates_hz[1])
     truth, sensed, uv = (at_rate(in_plane(states, sample.x0, sample.y0), rate_hz) for states, rate_hz in columns)
+    intention = sample.intention.text
     moving = Moving(
         id=sample.sample_id,
-        intention=sample.intention.text,
+        intention=intention,
         origin=sample.origin,
         tv_id=sample.tv_id,
         uv_id=sample.uv_id,
         start_s=sample.t_start,
-        onset_s=sample.t_onset - sample.t_start,
-        commit_s=sample.t_commit - sample.t_start,
+        maneuvers=[Maneuver(intention, sample.t_onset - sample.t_start, sample.t_commit - sample.t_start)],
         truth=truth,
         sensed=sensed,
         uv=uv,
@@ -130,12 +131,22 @@ def _answers(run: Run, records: Records, row: int) -> Answers:
     )
 
 
-def _lanes_near(dataset: Dataset, scenario: str, moving: Sequence[Moving]) -> list[tuple[float, Array]]:
+class AnyLane(Protocol):
+    """A lane of a dataset or of a scenario. shape: centre line, m, (n, 2)."""
+
+    @property
+    def width_m(self) -> float: ...
+
+    @property
+    def shape(self) -> Array: ...
+
+
+def lanes_near(lanes: Sequence[AnyLane], moving: Sequence[Moving]) -> list[tuple[float, Array]]:
     """Return width and line of the lanes that come near the records."""
     paths = np.concatenate([path for record in moving for path in (record.truth, record.uv)], axis=1)
     low, high = paths.min(axis=1) - ROAD_REACH_M, paths.max(axis=1) + ROAD_REACH_M
     return [
         (lane.width_m, lane.shape)
-        for lane in dataset.roads(scenario)
+        for lane in lanes
         if (lane.shape.max(axis=0) >= low).all() and (lane.shape.min(axis=0) <= high).all()
     ]

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.workers.engine import Engine
@@ -68,25 +69,31 @@ def _recorded(recorder: Recorder, alone: Dataset, shard: Shard) -> list[Around]:
 
 def _around(recording: Recording, sample: Sample, rate_hz: float, settings: motion.MotionSettings) -> Around:
     """Return what is around a record."""
+    truth = in_plane(sample.tv_truth, sample.x0, sample.y0)[:2]
+    times = sample.t_start + np.arange(truth.shape[1]) / rate_hz
+    return around_path(recording, (sample.tv_id, sample.uv_id), times, truth, settings)
+
+
+def around_path(
+    recording: Recording, ids: tuple[str, str], times: Array, path: Array, settings: motion.MotionSettings
+) -> Around:
+    """Return what is around a TV on its path, m, (2, n). ids: of the TV and the UV. times: s, (n,)."""
     step_s = recording.step_s
     every = max(1, round(STEP_S / step_s))
-    truth = in_plane(sample.tv_truth, sample.x0, sample.y0)[:2]
-    end_s = sample.t_start + (truth.shape[1] - 1) / rate_hz
-    steps = np.arange(round(sample.t_start / step_s), round(end_s / step_s) + 1, every)
-    times = sample.t_start + np.arange(truth.shape[1]) / rate_hz
-    target = np.stack([np.interp(steps * step_s, times, axis) for axis in truth])
+    steps = np.arange(round(times[0] / step_s), round(times[-1] / step_s) + 1, every)
+    target = np.stack([np.interp(steps * step_s, times, axis) for axis in path])
     others = []
     for track in recording.tracks.values():
         inside = (steps >= track.first_step) & (steps < track.first_step + len(track))
-        if track.vehicle in (sample.tv_id, sample.uv_id) or inside.sum() < 2:
+        if track.vehicle in ids or inside.sum() < 2:
             continue
         rows = steps[inside] - track.first_step
         if np.hypot(track.x[rows] - target[0, inside], track.y[rows] - target[1, inside]).min() > NEAR_M:
             continue
         places = motion.positions(recording, track, steps[inside], settings)
-        from_s = float(steps[inside][0] * step_s - sample.t_start)
+        from_s = float(steps[inside][0] * step_s - times[0])
         others.append(Vehicle(track.vehicle, track.kind, track.length_m, track.width_m, from_s, every * step_s, places))
-    sizes = [_size(recording.tracks.get(vehicle)) for vehicle in (sample.tv_id, sample.uv_id)]
+    sizes = [_size(recording.tracks.get(vehicle)) for vehicle in ids]
     return Around((sizes[0], sizes[1]), others)
 
 

@@ -109,7 +109,8 @@ def _road(axes: Axes, replay: Replay, record: Moving, row: int) -> None:
         if row < path.shape[1]:
             around = path[:, [max(row - 3, 0), min(row + 3, path.shape[1] - 1), row]]
             _vehicle(axes, turned(around), size, color, name)
-    phase = "before onset" if time_s < record.onset_s else "begun" if time_s < record.commit_s else "committed"
+    maneuver = record.maneuvers[0]
+    phase = "before onset" if time_s < maneuver.onset_s else "begun" if time_s < maneuver.commit_s else "committed"
     axes.set_title(f"{record.intention.replace('_', ' ').capitalize()}: {phase}", color=DARK)
     axes.set_xlim(-AHEAD_M, AHEAD_M)
     axes.set_ylim(-ASIDE_M, ASIDE_M)
@@ -141,7 +142,8 @@ def _vehicle(axes: Axes, places: Array, size: tuple[float, float], color: str, n
 def _answers(axes: Axes, replay: Replay, record: Moving, time_s: float) -> None:
     """Draw the probabilities that are known at an instant, and when the maneuver begins and commits."""
     end_s = (record.truth.shape[1] - 1) / RATE_HZ
-    for at_s, name in ((record.onset_s, "onset"), (record.commit_s, "commit")):
+    maneuver = record.maneuvers[0]
+    for at_s, name in ((maneuver.onset_s, "onset"), (maneuver.commit_s, "commit")):
         if at_s <= min(time_s, end_s):
             axes.axvline(at_s, color=RED, linestyle=":", linewidth=1.2)
             axes.annotate(name, (at_s, 1.02), (3, 0), textcoords="offset points", fontsize=8, color=RED)

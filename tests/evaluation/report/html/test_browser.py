@@ -10,16 +10,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.first_screen import confused
-from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.page import write_page as write_parts
+from isac_cosim.evaluation.report.parts import Part
+from isac_cosim.evaluation.report.replay.content import Alarm, Answers, Maneuver, Moving, Replay
 from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.finding import find_episode
+from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from tests.evaluation.report.replay.test_making import HereEngine
@@ -196,5 +200,65 @@ def test_a_page_without_its_data_says_so(browser: Any, page_file: Path, tmp_path
     (tmp_path / "damaged.html").write_text(text[:begin] + damage + text[text.index("</script>", begin) :])
     shown = opened(browser, tmp_path / "damaged.html")
     assert re.search("data are missing from this page", shown.text_content("#replay-status"))
+    assert shown.errors == []
+    shown.context.close()
+
+
+@pytest.fixture(scope="module")
+def live_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a stretch of traffic in which a false alarm for a brake comes before a swerve that nobody foresaw."""
+    folder, places = tmp_path_factory.mktemp("live"), np.stack([np.linspace(0.0, 200.0, 226), np.zeros(226)])
+    stretch = Moving(
+        "road-1-tv-5.0", "hard_brake", "natural", "tv", HOSTILE, 10.0,
+        [Maneuver("left_lane_change", 0.5, 1.5), Maneuver("evasive_swerve", 6.0, 7.5, "near miss")],
+        places, places[:, 50:150] + 0.5, places[:, 100:] + 30.0,
+        answers=Answers(1.0, 0.1, np.tile([0.9, 0.02, 0.02, 0.02, 0.02, 0.02], (60, 1)), None, True),
+        alarms=[Alarm("left_lane_change", 0.8, False), Alarm("hard_brake", 5.0, True)],
+        sensed_from_s=2.0, uv_from_s=4.0, name=f"False alarm {HOSTILE}", about=f"TV tv {HOSTILE}.",
+    )  # fmt: skip
+    classes = [intention.text for intention in KNOWN]
+    shown = Replay("Moments", [stretch, replace(stretch, id="other")], [(3.2, places.T)], [], classes, noun="moment")
+    return write_parts("Live", [Part("live-replay", replay=shown)], "made up", folder)
+
+
+def test_a_moment_of_traffic_moves_with_its_alarms_and_without_an_uv_at_first(browser: Any, live_file: Path) -> None:
+    shown = opened(browser, live_file)
+    written = "() => window.written.splice(0).join('|')"
+    shown.evaluate(
+        """() => {
+          window.written = [];
+          const write = CanvasRenderingContext2D.prototype.fillText;
+          CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+            window.written.push(text);
+            write.call(this, text, ...rest);
+          };
+        }"""
+    )
+    shown.focus("#replay")
+    shown.keyboard.press("Home")
+    said = shown.evaluate(written)
+    assert "left lane change, before onset" in said
+    assert "UV" not in said
+    assert "alarm" not in said
+    for time_ms, expected in ((100, ["left lane change, begun", "✓ alarm: left lane change"]),
+                              (600, ["evasive swerve (near miss), before onset", "✗ false alarm: hard brake", "UV"]),
+                              (1000, ["evasive swerve (near miss), committed", "✗ alarm", "✓ alarm"])):  # fmt: skip
+        shown.fill("#replay-time", str(time_ms))
+        said = shown.evaluate(written)
+        assert [text for text in expected if text not in said] == []
+    assert "false alarm: " not in said  # It has passed.
+    assert HOSTILE in shown.text_content("#replay-status")
+    assert HOSTILE in shown.locator("#replay-record option").first.text_content()
+    assert shown.locator("#replay-wrong").count() == 0
+    shown.keyboard.press("ArrowDown")
+    assert shown.errors == []
+    assert shown.title() != "taken"
+    shown.context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_page_of_traffic_fits_a_phone(browser: Any, live_file: Path, scheme: str) -> None:
+    shown = opened(browser, live_file, 400, scheme)
+    assert shown.evaluate("document.documentElement.scrollWidth") <= 400
     assert shown.errors == []
     shown.context.close()

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.report.page import PAGE, write_page
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.evaluation.report.replay.content import Answers, Moving, Replay, Vehicle, at_rate, pack
+from isac_cosim.evaluation.report.replay.content import Answers, Maneuver, Moving, Replay, Vehicle, at_rate, pack
 
 HOSTILE = "</script><script>document.title='taken'</script>"
+MANEUVERS = [Maneuver("overtake", 2.6, 4.0)]
 
 
 def drive(along_mps: float = 30.0, across_m: float = 0.0) -> Array:
@@ -29,7 +30,7 @@ def drive(along_mps: float = 30.0, across_m: float = 0.0) -> Array:
 def moving(name: str = "toy-1-0", **more: object) -> Moving:
     truth, sensed, uv = (at_rate(drive(across_m=across), 400.0) for across in (0.0, 0.3, 3.2))
     content = {"intention": "overtake", "origin": "natural", "tv_id": "tv", "uv_id": "uv", "start_s": 10.0}
-    return Moving(id=name, **content, onset_s=2.6, commit_s=4.0, truth=truth, sensed=sensed, uv=uv, **more)  # type: ignore[arg-type]
+    return Moving(id=name, **content, maneuvers=MANEUVERS, truth=truth, sensed=sensed, uv=uv, **more)  # type: ignore[arg-type]
 
 
 def replay(*records: Moving, **more: object) -> Replay:
@@ -51,7 +52,7 @@ def test_a_record_takes_one_and_a_half_kilobytes() -> None:
 )  # fmt: skip
 def test_places_come_back_to_the_centimetre(speed: float, shift: float, across: float) -> None:
     truth = at_rate(drive(speed, across), 400.0) + np.array([[shift], [-shift]])
-    record = Moving("a", "overtake", "natural", "t", "u", 0.0, 2.6, 4.0, truth, truth + 0.2, truth + 3.0)
+    record = Moving("a", "overtake", "natural", "t", "u", 0.0, MANEUVERS, truth, truth + 0.2, truth + 3.0)
     packed = record.packed()
     for name, path in (("truth", truth), ("sensed", truth + 0.2), ("uv", truth + 3.0)):
         assert (

@@ -48,7 +48,7 @@ def test_all_records_of_the_episode_are_shown_as_they_are_stored(dataset: Datase
     for record, sample in zip(shown.records, samples, strict=True):
         assert np.array_equal(record.truth, at_rate(in_plane(sample.tv_truth, sample.x0, sample.y0), 400.0))
         assert np.array_equal(record.sensed, at_rate(in_plane(sample.tv, sample.x0, sample.y0), 400.0))
-        assert record.onset_s == pytest.approx(sample.t_onset - sample.t_start)
+        assert record.maneuvers[0].onset_s == pytest.approx(sample.t_onset - sample.t_start)
     assert not shown.classes
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError, OutputError
 from isac_cosim.evaluation.report.figures import BLUE, CYCLE, GREY, ORANGE
-from isac_cosim.evaluation.report.replay.content import Answers, Moving, Replay, Vehicle, at_rate
+from isac_cosim.evaluation.report.replay.content import Answers, Maneuver, Moving, Replay, Vehicle, at_rate
 from isac_cosim.evaluation.report.roads.animation import animate
 from tests.evaluation.report.replay.test_content import drive
 
@@ -25,8 +25,9 @@ def moving() -> Moving:
     answers = Answers(0.8, 0.04, np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], (41, 1)), "overtake", False)
     other = Vehicle("o", "car", 4.5, 1.8, 0.0, 0.2, truth[:, :51:5] + [[0.0], [7.0]])
     uv = truth + np.array([[40.0], [0.0]])
+    did = [Maneuver("overtake", 1.0, 2.0)]
     return Moving(
-        "a", "overtake", "natural", "tv", "uv", 0.0, 1.0, 2.0, truth, truth + 0.3, uv, others=[other], answers=answers
+        "a", "overtake", "natural", "tv", "uv", 0.0, did, truth, truth + 0.3, uv, others=[other], answers=answers
     )
 
 
