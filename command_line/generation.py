@@ -23,13 +23,12 @@ def generate_and_show(
     from isac_cosim.labeling.generation.generate import generate
 
     dataset = generate(study, out, engine, feedback)
-    for path in draw_roads(study, out):
-        print_line(console, f"the road, its sites and the first vehicles: {path}")
+    draw_roads(study, out, console)
     return output.show_dataset(dataset, console)
 
 
-def draw_roads(study: DatasetStudy, out: Path) -> list[Path]:
-    """Draw the roads of files of trajectories beside their dataset, where they are not yet; return the pictures."""
+def draw_roads(study: DatasetStudy, out: Path, console: Console) -> None:
+    """Draw the roads of files of trajectories beside what is made of them, where they are not yet, and say where."""
     from isac_cosim.evaluation.report.roads.picture import draw_road
     from isac_cosim.isacsim.scenarios.scenario import resolved
     from isac_cosim.isacsim.traffic.sources.recorded_files import FileSource, opened
@@ -37,12 +36,10 @@ def draw_roads(study: DatasetStudy, out: Path) -> list[Path]:
     from isac_cosim.labeling.dataset.dataset import ROADS
 
     source = motion_source(study)
-    drawn: list[Path] = []
     if isinstance(source, FileSource):
         for where in study.scenarios:
             scenario = source.load(resolved(where))
             path = out / ROADS / f"{scenario.name}.png"
             if not path.exists():
                 draw_road(scenario, opened(source, scenario.demand[0]).observed, path)
-            drawn.append(path)
-    return drawn
+            print_line(console, f"the road, its sites and the first vehicles: {path}")

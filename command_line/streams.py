@@ -9,6 +9,7 @@ from rich.console import Console
 
 from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import output
+from isac_cosim.command_line.generation import draw_roads
 
 if TYPE_CHECKING:
     from isac_cosim.base.feedback import Feedback
@@ -26,7 +27,9 @@ def generate_and_show(
 
     if (cost := estimate(study)) is not None:
         print_line(console, cost.text)
-    return show_streams(generate_streams(study, out, engine, feedback), console)
+    streams = generate_streams(study, out, engine, feedback)
+    draw_roads(study, out, console)
+    return show_streams(streams, console)
 
 
 def inspect_and_show(folder: Path, verify: bool, console: Console) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import pytest
 
 import cosim
 from isac_cosim.labeling.dataset.dataset import Dataset
+from isac_cosim.labeling.streams.dataset import Streams
 from tests.support.highd_writer import straight_recording, write_highd
 from tests.support.scripted import InlineEngine
 
@@ -41,6 +42,24 @@ def test_a_recording_becomes_a_dataset_with_a_picture_of_its_road(
 
 def numbers_of(numbers: dict[str, int]) -> list[str]:
     return [str(number) for number in numbers.values()]
+
+
+def test_a_recording_becomes_streams_with_the_same_picture(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("isac_cosim.base.workers.engine.LocalEngine", lambda *_: InlineEngine())
+    numbers = write_highd(tmp_path / "highd", None, straight_recording(1))
+    words = ["generate", str(tmp_path / "highd"), "--source", "levelx", "--streams", "-o", str(tmp_path / "streams")]
+    assert cosim.main([*words, "--json"]) == 0
+    captured = capfd.readouterr()
+    assert json.loads(captured.out.splitlines()[-1])["vehicle_hours"] > 0.0
+    picture = tmp_path / "streams" / "roads" / "07.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    streams = Streams.open(tmp_path / "streams")
+    streams.verify()
+    (facts, stretches) = next(iter(streams.read()))
+    assert (facts.scenario, facts.seed) == ("07", 1)
+    assert {stretch.tv_id for stretch in stretches} <= set(numbers_of(numbers))
 
 
 def test_a_folder_without_a_source_is_a_scenario(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
