@@ -90,6 +90,7 @@ def warm() -> None:
     from isac_cosim.command_line import training as learning
     from isac_cosim.evaluation.on_windows import evaluation
     from isac_cosim.evaluation.report import report
+    from isac_cosim.evaluation.report.roads import picture
     from isac_cosim.labeling.dataset import summary
     from isac_cosim.labeling.generation import resense
     from isac_cosim.models.training import training
@@ -101,6 +102,7 @@ def warm() -> None:
     options.engine_of = lambda *_: InlineEngine()
     report.draw_figures = lambda *_: None
     report.draw_record = lambda *_: None
+    picture.draw_road = lambda *_: None
     torch.nn.Linear(2, 2)(torch.ones(1, 2))
     # Else the first collection of garbage in each child would copy all of the parent's memory.
     gc.collect()
