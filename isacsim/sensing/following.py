@@ -19,8 +19,8 @@ from isac_cosim.isacsim.tracking.kalman import TrackingSettings, Tracks
 
 TOGETHER = 96
 """Passages filtered at once: enough to make the filter cheap, few enough to keep their covariances small in memory."""
-MOST_SNAPSHOTS = 400_000
-"""Most snapshots that are filtered at once: their covariances take 50 MB."""
+MOST_SNAPSHOTS = 800_000
+"""Most snapshots that are filtered at once: their covariances take 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -114,18 +114,17 @@ def filtered(
 
 def states_of(fixes: Sequence[Fixes], rate_hz: float, settings: TrackingSettings) -> list[Array]:
     """Return the filtered states of several vehicles, x, y, vx, vy, ax, ay, (6, S) of each."""
-    states: list[Array] = []
-    while len(states) < len(fixes):
-        part = _together(fixes[len(states) :])
-        tracks = filtered(part, rate_hz, settings).state
-        states += [np.ascontiguousarray(tracks[row, : len(of.valid)].T) for row, of in enumerate(part)]
-    return states
-
-
-def _together(fixes: Sequence[Fixes]) -> Sequence[Fixes]:
-    """Return as many of the first vehicles as are filtered at once; all are as long as the longest then."""
-    longest = np.maximum.accumulate([len(of.valid) for of in fixes[:TOGETHER]])
-    return fixes[: max(1, int(np.sum(longest * np.arange(1, len(longest) + 1) <= MOST_SNAPSHOTS)))]
+    states: dict[int, Array] = {}
+    # Vehicles of about the same length are filtered together: a step costs much the same, however many there are.
+    remaining = sorted(range(len(fixes)), key=lambda number: -len(fixes[number].valid))
+    while remaining:
+        longest = len(fixes[remaining[0]].valid)
+        together = max(1, min(TOGETHER, MOST_SNAPSHOTS // longest))
+        part, remaining = remaining[:together], remaining[together:]
+        tracks = filtered([fixes[number] for number in part], rate_hz, settings).state
+        for row, number in enumerate(part):
+            states[number] = np.ascontiguousarray(tracks[row, : len(fixes[number].valid)].T)
+    return [states[number] for number in range(len(fixes))]
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from isac_cosim.models.inference import Infer
 from isac_cosim.models.predictors.protocol import WindowShape
 from isac_cosim.models.predictors.rule import Drive, RuleSettings, drive_on, in_lane, logits
 
-BATCH = 128
+BATCH = 512
 """Windows in one batch."""
 
 

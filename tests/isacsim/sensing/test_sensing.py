@@ -71,7 +71,7 @@ def test_a_record_does_not_depend_on_batch_or_order(order: list[int], cut: int) 
 
 
 def test_a_record_does_not_depend_on_how_many_are_filtered_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    truth = np.stack([drive(40, 150.0 * k, 1.0, 20.0) for k in range(5)])
+    truth = [drive(40 + 10 * (k % 3), 150.0 * k, 1.0, 20.0) for k in range(5)]
     keys = [("together", k) for k in range(5)]
     reference = sense(truth, SITES, DEFAULT, keys)
     monkeypatch.setattr("isac_cosim.isacsim.sensing.following.TOGETHER", 2)
