@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from isac_cosim.base.registry import Registry
 from isac_cosim.models.hazards.causal import CausalPredictor
+from isac_cosim.models.hazards.mixtures import GaussianMixtures
 from isac_cosim.models.hazards.predictor import HazardPredictor
 from isac_cosim.models.hazards.trees import SituationTrees, StreamTrees
 from isac_cosim.models.hazards.window_networks import AsiBipOnStreams, CastformerOnStreams, InceptionTimeOnStreams
@@ -15,6 +16,7 @@ GROUP = "isac_cosim.stream_predictors"
 OWN: Mapping[str, type[HazardPredictor]] = {
     "trees": StreamTrees,
     "situation": SituationTrees,
+    "mixtures": GaussianMixtures,
     "causal": CausalPredictor,
     "asi-bip": AsiBipOnStreams,
     "castformer": CastformerOnStreams,

@@ -23,6 +23,15 @@ class HazardTreesSettings(BoostingSettings):
     feature_share: float = Field(0.4, gt=0, le=1, description="share of the features that each split may choose from")
 
 
+class MixturesSettings(Settings):
+    """Settings of the naive Bayes classifier with Gaussian mixtures."""
+
+    most_components: int = Field(5, ge=1, le=50, description="most normal distributions in a mixture")
+    most_decisions: int = Field(
+        20_000, ge=100, le=10_000_000, description="most decisions that a mixture is fitted to; more are drawn from"
+    )
+
+
 class CausalSettings(Settings):
     """Settings of the causal network."""
 
@@ -61,6 +70,7 @@ class StreamFitSettings(Settings):
     lanes: bool = Field(True, description="whether the predictor sees the lanes of the road network")
     truth: bool = Field(False, description="whether it is trained on the TVs' true motion in place of the sensed one")
     trees: HazardTreesSettings = HazardTreesSettings()
+    mixtures: MixturesSettings = MixturesSettings()
     causal: CausalSettings = CausalSettings()
 
     @model_validator(mode="after")

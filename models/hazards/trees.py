@@ -13,9 +13,9 @@ from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.statistics import recent_motion, statistics
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
-from isac_cosim.models.hazards.lanes_and_uv import situation_of
 from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredictor, Hazards, StreamTask
 from isac_cosim.models.hazards.settings import HazardTreesSettings
+from isac_cosim.models.hazards.sight import situation_of
 from isac_cosim.models.predictors.protocol import WindowShape
 from isac_cosim.models.trees.boosting import boosted_trees
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees

@@ -17,8 +17,8 @@ from torch import Tensor, nn
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import Windows
-from isac_cosim.models.hazards.lanes_and_uv import N_SITUATION, situation_of
 from isac_cosim.models.hazards.predictor import HazardFacts, Hazards, NetworkOnStreams, StreamTask, hazards_of, n_logits
+from isac_cosim.models.hazards.sight import N_SITUATION, situation_of
 from isac_cosim.models.networks.network import WindowNetwork, seed_weights
 from isac_cosim.models.predictors.asi_bip import AsiBipPredictor
 from isac_cosim.models.predictors.castformer import CastformerPredictor

@@ -23,7 +23,7 @@ from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.on_streams import train_on_streams
 from tests.support.stream_runs import scripted_streams, settings
 
-MODELS = ("trees", "situation", "causal")
+MODELS = ("trees", "situation", "mixtures", "causal")
 NO_LANES = {
     "trees": {"lanes": False},
     "causal": {"lanes": False, "uv": False},
