@@ -87,7 +87,7 @@ class Hypotheses(Settings):
         """Return the log-odds once values (n, 3) are seen, (n,), as if they were independent."""
         pairs = zip(self.begins, self.does_not, values.T, strict=True)
         evidence = [begins.log_density(seen) - does_not.log_density(seen) for begins, does_not, seen in pairs]
-        return np.clip(self.log_odds + np.sum(evidence, axis=0), NEVER, -NEVER)
+        return np.asarray(np.clip(self.log_odds + np.sum(evidence, axis=0), NEVER, -NEVER))
 
 
 class FittedMixtures(Settings):
