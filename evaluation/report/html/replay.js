@@ -152,16 +152,25 @@
     for (const [, x, y, azimuth] of data.sites) panel(pen, put(x, y), ((90 - azimuth) * Math.PI) / 180);
     for (const [names, x, y] of masts) {
       const [left, top] = put(x, y);
-      label(pen, names, left, top - 12, "center");
+      if (left < 0 || left > width) continue;
+      pen.font = `${12 * letters}px system-ui, sans-serif`;
+      const half = Math.min(pen.measureText(names).width, width) / 2; // The label stays on the canvas.
+      label(pen, names, Math.min(Math.max(left, half + 4), width - half - 4), top - 12, "center");
     }
     drawMap(pen, width, tv);
     const bar = 20 * scale;
     pen.fillStyle = colours.ink;
     pen.fillRect(12, height - 14, bar, 3);
     label(pen, "20 m", 12, height - 20, "left");
-    label(pen, doing(), 12, 20, "left", true);
-    const alarm = record.alarms.findLast(([, t]) => t <= time && time < t + ALARM_STAYS);
-    if (alarm) label(pen, `${alarm[2] ? "✗ false alarm" : "✓ alarm"}: ${words(alarm[0])}`, 12, 40 * letters, "left", true);
+    const said = [doing()], alarm = record.alarms.findLast(([, t]) => t <= time && time < t + ALARM_STAYS);
+    if (alarm) said.push(`${alarm[2] ? "✗ false alarm" : "✓ alarm"}: ${words(alarm[0])}`);
+    said.forEach((text, k) => {
+      const top = (20 + 20 * k) * letters;
+      pen.font = `600 ${14 * letters}px system-ui, sans-serif`;
+      pen.fillStyle = colours.ground; // Nothing of the road shows through.
+      pen.fillRect(8, top - 15 * letters, pen.measureText(text).width + 8, 20 * letters);
+      label(pen, text, 12, top, "left", true);
+    });
   }
 
   // What the TV does at this instant: the maneuver that is nearest in time.
@@ -291,7 +300,7 @@
 
   function drawAnswers() {
     if (!answers) return;
-    const [pen, width, height] = sized(answers, 220), left = 40, right = width - 12, top = 22, bottom = height - 30;
+    const [pen, width, height] = sized(answers, 220), left = 40, right = width - 12, top = 22, bottom = height - 36;
     pen.fillStyle = colours.ground;
     pen.fillRect(0, 0, width, height);
     const x = (t) => left + ((right - left) * t) / record.duration, y = (p) => bottom - (bottom - top) * p;
@@ -317,7 +326,7 @@
         label(pen, name, x(t) + (k ? 3 : -3), top - 6, k ? "left" : "right");
       });
     }
-    label(pen, `end of window: time in the ${data.noun}, s`, (left + right) / 2, height - 4, "center");
+    label(pen, "end of the window, s after the start", (left + right) / 2, height - 5, "center");
     for (let t = 0; t <= record.duration; t++) label(pen, String(t), x(t), bottom + 14, "center");
     const { from, step, probabilities } = record.answers, count = probabilities.length / data.classes.length;
     data.classes.forEach((_, which) => {
@@ -342,7 +351,8 @@
       pen.fillStyle = pen.strokeStyle = colours.classes[which];
       line(x(t), top, x(t), bottom, colours.classes[which]);
       mark(pen, which, x(t), top + 6, 7);
-      label(pen, wrong ? "✗ alarm" : "✓ alarm", x(t) + (t > record.duration / 2 ? -9 : 9), top + 11, t > record.duration / 2 ? "right" : "left", true);
+      const late = t > record.duration / 2;
+      label(pen, wrong ? "✗ alarm" : "✓ alarm", x(t) + (late ? -9 : 9), top + 11, late ? "right" : "left", true);
     }
     line(x(time), top, x(time), bottom, colours.ink);
   }
