@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 ARGS ?=
 
-.PHONY: run test test-slow fuzz figures figures-status architecture site check typed clean
+.PHONY: run test test-slow fuzz figures figures-status architecture settings site check typed clean
 
 run: $(VENV)/installed
 	$(VENV)/bin/cosim run $(ARGS)
@@ -29,6 +29,9 @@ figures-status: $(VENV)/installed-dev
 
 architecture: $(VENV)/installed-dev
 	$(VENV)/bin/python -m isac_cosim.benchmarks.findings.architecture
+
+settings: $(VENV)/installed-dev
+	$(VENV)/bin/python -m isac_cosim.benchmarks.findings.settings_page
 
 site: $(VENV)/installed-dev
 	$(VENV)/bin/python -m sphinx -W -q -b html docs build/site

@@ -36,8 +36,8 @@ from isac_cosim.labeling.samples.uv_choice import PairSettings
 class SeedRange(Settings):
     """A range of traffic seeds, both ends included."""
 
-    first: int = Field(1, ge=0, le=2**31 - 1)
-    last: int = Field(20, ge=0, le=2**31 - 1)
+    first: int = Field(1, ge=0, le=2**31 - 1, description="first seed")
+    last: int = Field(20, ge=0, le=2**31 - 1, description="last seed")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -131,4 +131,4 @@ def test_the_examples_of_tables_hold() -> None:
 
 def test_a_stage_counts_each_part_by_default() -> None:
     stage = Stage(question="?", commands=("true",), results=("a",), cost_min=1, cost_is="made up")
-    assert stage.parts == ("traffic", "maneuvers", "labels", "sensing", "predictors", "evaluation")
+    assert stage.parts == ("traffic", "recordings", "maneuvers", "labels", "sensing", "predictors", "evaluation")
