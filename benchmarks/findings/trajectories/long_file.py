@@ -27,38 +27,48 @@ from isac_cosim.labeling.generation.settings import DatasetStudy
 SCENARIO = "straight_road"
 AT_ONCE, RATE_HZ = 200, 25.0
 SPEED_MPS = 28.0
+PIECE = 1500
+"""Steps that are written at once."""
 
 
 def write(path: Path, minutes: float) -> None:
-    """Write FCD. Each vehicle has a speed of its own around 28 m/s, and changes its lane once."""
+    """Write FCD, a minute at a time. Each vehicle has a speed of its own around 28 m/s, and changes its lane once."""
     rng = np.random.default_rng(7)
     lanes = [lane for lane in load(SCENARIO).lanes if not lane.edge.startswith(":")]
+    names = pa.array([lane.id for lane in lanes])
     start_m, length_m = float(lanes[0].shape[0, 0]), lanes[0].length_m
     every_s = length_m / SPEED_MPS / AT_ONCE
-    parts = []
-    for number in range(int(minutes * 60.0 / every_s)):
-        speed = SPEED_MPS * rng.uniform(0.9, 1.1)
-        first = int(np.ceil(number * every_s * RATE_HZ))
-        step = np.arange(first, min(first + int(length_m / speed * RATE_HZ), int(minutes * 60.0 * RATE_HZ)))
-        along = (step - first) / RATE_HZ * speed
-        before = number % len(lanes)
-        after = min(before + 1, len(lanes) - 1)
-        share = np.clip((along / speed - rng.uniform(10.0, 80.0)) / 4.0, 0.0, 1.0)
+    steps = int(minutes * 60.0 * RATE_HZ)
+    drawn = rng.uniform((0.9, 10.0), (1.1, 80.0), (int(minutes * 60.0 / every_s), 2))
+    speeds, turns_s = SPEED_MPS * drawn[:, 0], drawn[:, 1]
+    firsts = np.ceil(np.arange(len(drawn)) * every_s * RATE_HZ).astype(int)
+    ends = np.minimum(firsts + (length_m / speeds * RATE_HZ).astype(int), steps)
+    sides = np.array([lane.shape[0, 1] for lane in lanes])
+    writer: pq.ParquetWriter | None = None
+    for begin in range(0, steps, PIECE):
+        number = np.flatnonzero((firsts < begin + PIECE) & (ends > begin))
+        spans = [np.arange(max(firsts[k], begin), min(ends[k], begin + PIECE)) for k in number.tolist()]
+        step, vehicle = np.concatenate(spans), np.repeat(number, [len(span) for span in spans])
+        order = np.argsort(step, kind="stable")
+        step, vehicle = step[order], vehicle[order]
+        after_s = (step - firsts[vehicle]) / RATE_HZ
+        share = np.clip((after_s - turns_s[vehicle]) / 4.0, 0.0, 1.0)
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        side = lanes[before].shape[0, 1] + share * (lanes[after].shape[0, 1] - lanes[before].shape[0, 1])
-        names = pa.array([lane.id for lane in lanes])
-        parts.append(
-            pa.table(
-                {
-                    "timestep_time": np.round(step / RATE_HZ, 3),
-                    "vehicle_id": pa.array([str(number)] * len(step)),
-                    "vehicle_x": np.round(start_m + along, 2),
-                    "vehicle_y": np.round(side, 2),
-                    "vehicle_lane": names.take(pa.array(np.where(share < 0.5, before, after))),
-                }
-            )
+        before = vehicle % len(lanes)
+        beside = np.minimum(before + 1, len(lanes) - 1)
+        table = pa.table(
+            {
+                "timestep_time": np.round(step / RATE_HZ, 3),
+                "vehicle_id": pa.array(vehicle).cast(pa.string()),
+                "vehicle_x": np.round(start_m + after_s * speeds[vehicle], 2),
+                "vehicle_y": np.round(sides[before] + share * (sides[beside] - sides[before]), 2),
+                "vehicle_lane": names.take(pa.array(np.where(share < 0.5, before, beside))),
+            }
         )
-    pq.write_table(pa.concat_tables(parts).sort_by("timestep_time"), path)
+        writer = writer or pq.ParquetWriter(path, table.schema)
+        writer.write_table(table)
+    if writer:
+        writer.close()
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, Vehicle, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
@@ -96,20 +96,10 @@ class FcdSource(FileSource):
         if self.fcd.network is None:
             raise InputError(f"{where}: FCD does not say where lanes are; name the network by --network SCENARIO")
         road = scenario.load_without_sites(self.fcd.network)
-        read = _xml(where) if _is_xml(where) else _table(where)
-        x, y, unit_m = _in_plane(read.x, read.y, road, where)
-        rows = Rows(
-            read.vehicle, np.rint(read.time * 1e3).astype(np.int64), x, y,
-            _lane_numbers(read, road, where),
-            None if np.isnan(read.speed).any() else read.speed.astype(np.float32), read.number.astype(np.int64),
-        )  # fmt: skip
-        _check_order(rows, where)
         type_files = [Path(name) for name in self.fcd.types] or [*road.demand, *road.additional]
-        vehicles, unknown = _vehicles(read, type_files)
-        states = observed(rows, vehicles, where)
-        noise_m = self.fcd.noise_m
-        if noise_m is None:
-            noise_m = noise_of_rounding(unit_m * rounding_of(read.x, read.y))
+        states, unknown, noise_m = _states(where, road, type_files)
+        if self.fcd.noise_m is not None:
+            noise_m = self.fcd.noise_m
         remarks = check_observed(self.fcd, states, LanePlaces(road.lanes), where)
         if unknown:
             remarks.append(
@@ -128,6 +118,24 @@ class FcdSource(FileSource):
         elif road.sites:
             files = (*files, *road.additional)
         return Opened(place, states, tuple(dict.fromkeys(files)), noise_m, tuple(remarks))
+
+
+def _states(where: Path, road: Scenario, type_files: list[Path]) -> tuple[Observed, list[str], float]:
+    """Return the states of a file, the types that no file names, and the noise of its rounding, m.
+
+    What is done with is given up at once: the columns of a long file fill most of the memory.
+    """
+    read = _xml(where) if _is_xml(where) else _table(where)
+    rounded = rounding_of(read.x, read.y)
+    read.x, read.y, unit_m = _in_plane(read.x, read.y, road, where)
+    vehicles, unknown = _vehicles(read, type_files)
+    lane = _lane_numbers(read, road, where)
+    speed = None if np.isnan(read.speed).any() else read.speed.astype(np.float32)
+    tick = np.rint(read.time * 1e3).astype(np.int64)
+    rows = Rows(read.vehicle, tick, read.x, read.y, lane, speed, read.number)
+    del read, lane, speed, tick
+    _check_order(rows, where)
+    return observed(rows, vehicles, where), unknown, noise_of_rounding(unit_m * rounded)
 
 
 def _is_xml(where: Path) -> bool:
@@ -164,8 +172,8 @@ def _xml(where: Path) -> FcdColumns:
         raise InputError(
             f"{where}: is no FCD: its first element is {root}, not fcd-export; give what --fcd-output wrote"
         )
-    integers = {name: np.array(held, np.int32) for name, held in numbers.items()}
-    floats = {name: np.array(held, float) for name, held in values.items()}
+    integers = {name: np.frombuffer(held, np.int32) for name, held in numbers.items()}
+    floats = {name: np.frombuffer(held, float) for name, held in values.items()}
     return _checked(_columns(vehicles, lanes, types, integers, floats), where)
 
 
@@ -208,8 +216,9 @@ def _table(where: Path) -> FcdColumns:
         for name, column in VALUES.items():
             has = column in rows.schema.names
             values[name].append(np.array(rows[column], float) if has else np.full(len(rows), np.nan))
-    integers = {name: np.concatenate([np.empty(0, np.int32), *held]) for name, held in numbers.items()}
-    floats = {name: np.concatenate([np.empty(0), *held]) for name, held in values.items()}
+    # Each column is put together as its parts are given up.
+    integers = {name: np.concatenate([np.empty(0, np.int32), *numbers.pop(name)]) for name in [*numbers]}
+    floats = {name: np.concatenate([np.empty(0), *values.pop(name)]) for name in [*values]}
     return _checked(_columns(vehicles, lanes, types, integers, floats), where)
 
 
@@ -224,7 +233,7 @@ def _checked(read: FcdColumns, where: Path) -> FcdColumns:
     if not len(read.time):
         raise InputError(f"{where}: holds no vehicle; give the file that SUMO wrote with --fcd-output")
     for name, values in (("time", read.time), ("x", read.x), ("y", read.y)):
-        wrong = np.flatnonzero(~(np.abs(values) < SECONDS))
+        wrong = np.flatnonzero(~((values < SECONDS) & (values > -SECONDS)))
         if wrong.size:
             raise InputError(f"{where}: row {read.number[wrong[0]]}: {name} is {values[wrong[0]]:g}; fix it")
     if (fractions := np.flatnonzero(np.abs(read.time * 1e3 - np.rint(read.time * 1e3)) > 1e-3)).size:
@@ -253,7 +262,7 @@ def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
     known = {lane.id: k for k, lane in enumerate(road.lanes)}
     names = read.lanes.names
     of_name = np.array([known.get(name, -2 if name else -1) for name in names] + [-1], np.int32)
-    lane = of_name[read.lane.astype(np.int64)]
+    lane = of_name[read.lane]
     if (lost := np.flatnonzero(lane == -2)).size:
         name = names[int(read.lane[lost[0]])]
         raise InputError(

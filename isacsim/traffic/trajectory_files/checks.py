@@ -13,6 +13,8 @@ CAR_LENGTHS_M = (3.0, 8.0)
 CAR_KINDS = frozenset({"passenger", "private", "taxi"})
 SPEED_FACTOR = 2.0
 """Speeds that differ from those of the positions by this factor have another unit."""
+SHOWING = 2_000_000
+"""So many states show the unit of speeds."""
 MOVING_MPS = 1.0
 """Slower vehicles do not show the unit of speeds, m/s."""
 MOST_OFF_ROAD = 0.1
@@ -36,12 +38,16 @@ def check_lengths(observed: Observed, where: object) -> None:
 
 
 def speeds_of_positions(observed: Observed) -> Array:
-    """Return the speed between a state and the next one, m/s, shape (n,); NaN after a vehicle's last state."""
-    speed = np.full(len(observed), np.nan)
-    time = np.diff(observed.step) * observed.period_s
+    """Return the speed between a state and the next one, m/s, of the first `SHOWING`; NaN after a vehicle's last state.
+
+    shape (n,) or shorter.
+    """
+    step, x, y = (column[:SHOWING] for column in (observed.step, observed.x, observed.y))
+    speed = np.full(len(step), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
-        speed[:-1] = np.hypot(np.diff(observed.x), np.diff(observed.y)) / time
-    speed[observed.starts[1:] - 1] = np.nan
+        speed[:-1] = np.hypot(np.diff(x), np.diff(y)) / (np.diff(step) * observed.period_s)
+    last = observed.starts[1:] - 1
+    speed[last[last < len(speed)]] = np.nan
     return speed
 
 
@@ -53,7 +59,7 @@ def check_speeds(observed: Observed, where: object) -> float | None:
     if observed.speed is None:
         return None
     between = speeds_of_positions(observed)
-    stated = observed.speed.astype(float)
+    stated = observed.speed[:SHOWING].astype(float)
     moving = (between > MOVING_MPS) & np.isfinite(stated)
     if not moving.any():
         return None

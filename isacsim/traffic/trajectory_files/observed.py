@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 
 Int32Array = npt.NDArray[np.int32]
@@ -36,7 +36,7 @@ class Rows:
     vehicle: number of the vehicle. tick: time, in whole ticks. ticks_per_s: milliseconds, or the frames of a
     camera. x, y: front bumper centre, m. lane: number of the lane, -1 if the file names none. speed:
     what the file says, m/s; None if it says nothing. number: the line of the file, or the number of the state in it,
-    for messages.
+    for messages. No column is a view of another.
     """
 
     vehicle: Int32Array
@@ -45,7 +45,7 @@ class Rows:
     y: Array
     lane: Int32Array
     speed: Float32Array | None
-    number: IntArray
+    number: IntArray | Int32Array
     ticks_per_s: float = 1e3
 
     def __len__(self) -> int:
@@ -55,13 +55,11 @@ class Rows:
         """Return the time of a row, s."""
         return float(self.tick[row]) / self.ticks_per_s
 
-    def of(self, which: BoolArray | IntArray) -> Rows:
-        """Return some of the rows."""
-        speed = None if self.speed is None else self.speed[which]
-        return Rows(
-            self.vehicle[which], self.tick[which], self.x[which], self.y[which], self.lane[which], speed,
-            self.number[which], self.ticks_per_s,
-        )  # fmt: skip
+    def sort(self, order: IntArray) -> None:
+        """Put the rows into another order, column by column in place: a long file fills the memory once, not twice."""
+        for column in (self.vehicle, self.tick, self.x, self.y, self.lane, self.speed, self.number):
+            if column is not None:
+                column[...] = column[order]
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ class Observed:
 
 
 def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed:
-    """Sort the states of a file by vehicle and time.
+    """Sort the states of a file, in place, by vehicle and time.
 
     where: the file, for messages. Raises InputError where a vehicle has two states at one time, where the times are not
     evenly spaced, or where there are none.
@@ -97,8 +95,7 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
     by_id = np.argsort(np.array([vehicle.id for vehicle in vehicles], object), kind="stable")
     place = np.empty(len(by_id), np.int32)
     place[by_id] = np.arange(len(by_id), dtype=np.int32)
-    order = np.lexsort((rows.tick, place[rows.vehicle]))
-    rows = rows.of(order)
+    rows.sort(np.lexsort((rows.tick, place[rows.vehicle])))
     number = place[rows.vehicle]
     same = number[1:] == number[:-1]
     gaps = np.diff(rows.tick)
@@ -109,13 +106,15 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
             f"(rows {rows.number[first]} and {rows.number[first + 1]}); leave one of them out"
         )
     period = _period(gaps[same], rows.ticks_per_s, where)
-    step, rest = np.divmod(rows.tick, period)
-    rests, counts = np.unique(rest, return_counts=True)
-    if (odd := np.flatnonzero(rest != rests[counts.argmax()])).size:
+    del gaps, same
+    rest = rows.tick % period
+    if (odd := np.flatnonzero(rest != np.bincount(rest).argmax())).size:
         raise InputError(
             f"{where}: row {rows.number[odd[0]]} is at {rows.time_s(odd[0]):g} s, between two of the steps of "
             f"{period / rows.ticks_per_s:g} s that the others have; give states at even intervals"
         )
+    del rest, odd
+    step = rows.tick // period
     if step.max() - step.min() > MOST_STEPS:
         raise InputError(
             f"{where}: spans {(step.max() - step.min()) * period / rows.ticks_per_s:g} s; cut it into several files"

@@ -40,9 +40,9 @@ def in_plane(
 
     sampled = slice(None, None, max(1, len(x) // SAMPLED))
     for shift in shifts:
-        east, north = x + (shift[0] - road.origin[0]), y + (shift[1] - road.origin[1])
-        if inside(east[sampled], north[sampled]).mean() >= 0.5:
-            return east, north
+        east, north = shift[0] - road.origin[0], shift[1] - road.origin[1]
+        if inside(x[sampled] + east, y[sampled] + north).mean() >= 0.5:
+            return x + east, y + north
     return None
 
 

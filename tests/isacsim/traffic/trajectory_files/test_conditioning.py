@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
@@ -29,12 +29,14 @@ def test_widths_for_the_files_that_there_are() -> None:
     assert acceleration_noise(0.1, 10.0, 0.15) == pytest.approx(1.66, abs=0.02)
 
 
+@settings(deadline=None)
 @given(st.floats(0.001, 1.0), st.floats(1.0, 100.0))
 def test_the_chosen_width_leaves_no_more_than_is_put_up_with(noise_m: float, rate_hz: float) -> None:
     assert acceleration_noise(noise_m, rate_hz, width_for(noise_m, rate_hz)) <= 0.3 + 1e-9
     assert Sampling.of(1.0 / rate_hz, noise_m).total_width_s >= width_for(noise_m, rate_hz) * (1 - 1e-9)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 4), st.lists(st.floats(-1e5, 1e5), min_size=20, max_size=50))
 def test_the_rounding_of_a_column_is_found(decimals: int, values: list[float]) -> None:
     column = np.round(np.array(values), decimals)
@@ -45,6 +47,7 @@ def test_a_column_that_is_not_rounded() -> None:
     assert rounding_of(np.random.default_rng(2).normal(0.0, 1.0, 100)) == 0.0
 
 
+@settings(deadline=None)
 @given(st.sampled_from([0.02, 0.04, 0.1, 0.2]), st.floats(0.0, 0.1), st.sets(st.integers(5, 25), max_size=4))
 def test_steady_acceleration_is_kept_over_gaps(period_s: float, noise_m: float, missing: set[int]) -> None:
     """Half the kernel's reach inside, where its ends are not seen."""

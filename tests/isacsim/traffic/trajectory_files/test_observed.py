@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from isac_cosim.base.errors import InputError
@@ -31,6 +31,7 @@ def rows_of(seen: dict[str, list[int]], order: np.ndarray | None = None) -> tupl
     return rows, [Vehicle(name, "passenger", 4.5, 1.8) for name in seen]
 
 
+@settings(deadline=None)
 @given(st.permutations(range(40)))
 def test_the_order_of_rows_does_not_matter(order: list[int]) -> None:
     seen = {"b": list(range(3, 23)), "a": list(range(20))}
@@ -42,6 +43,7 @@ def test_the_order_of_rows_does_not_matter(order: list[int]) -> None:
     assert (again.x == first.x).all()
 
 
+@settings(deadline=None)
 @given(st.sets(st.integers(0, 200), min_size=10))
 def test_a_vehicle_that_is_not_seen_for_long_has_several_pieces(steps: set[int]) -> None:
     seen = sorted(steps)
@@ -54,6 +56,7 @@ def test_a_vehicle_that_is_not_seen_for_long_has_several_pieces(steps: set[int])
     assert [piece.name for piece in found] == ["v", *(f"v#{k + 2}" for k in range(len(long) - 1))][: len(long)]
 
 
+@settings(deadline=None)
 @given(st.integers(100, 30_000), st.floats(20.0, 600.0), st.floats(0.0, 60.0))
 def test_blocks_are_equal_and_apart(length: int, block_s: float, gap_s: float) -> None:
     states = observed(*rows_of({"v": list(range(7, 7 + length))}), "file")
