@@ -311,9 +311,11 @@ def test_the_replay_of_a_run_shows_the_other_vehicles_and_what_it_answers(
     assert all(record["answers"]["probabilities"] for record in content["records"])
     wrong = [record["id"] for record in content["records"] if record["answers"]["wrong"]]
     assert wrong == result["wrong"]
-    # The TV is not also one of the others.
+    # Neither TV nor UV is also one of the others.
     for record in content["records"]:
-        assert not {*record["ids"]} & {other["id"] for other in record["others"]}
+        ids = re.match(r"TV (\S+), UV (\S+): ", record["about"])
+        assert ids is not None
+        assert not {*ids.groups()} & {other["id"] for other in record["others"]}
 
 
 def test_another_study_in_the_same_folder_is_refused(

@@ -14,7 +14,6 @@ from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.special import logsumexp
 
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.base.errors import InputError
@@ -27,7 +26,6 @@ from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.situation import FEATURES
 from isac_cosim.models.data.windows import Windows
 from isac_cosim.models.hazards.answers import IGNORED, WITH_HAZARD
-from isac_cosim.models.hazards.decisions import gathered
 from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredictor, Hazards, StreamTask
 from isac_cosim.models.hazards.settings import MixturesSettings
 from isac_cosim.models.hazards.sight import situation_of
@@ -73,7 +71,7 @@ class Mixture(Settings):
         """Return the logarithm of the density at values, (n,)."""
         share, mean, sd = np.array(self.share), np.array(self.mean), np.array(self.sd)
         exponent = -(((values[:, None] - mean) / sd) ** 2) / 2
-        return np.asarray(logsumexp(exponent + np.log(share / sd / np.sqrt(2 * np.pi)), axis=1))
+        return np.asarray(np.logaddexp.reduce(exponent + np.log(share / sd / np.sqrt(2 * np.pi)), axis=1))
 
 
 class Hypotheses(Settings):
@@ -109,6 +107,8 @@ class GaussianMixtures(HazardPredictor):
 
     @classmethod
     def fit_streams(cls, task: StreamTask, feedback: Feedback) -> Self:
+        from isac_cosim.models.hazards.decisions import gathered  # loaded only here, because it takes long
+
         facts = task.facts()
         changes = tuple(change.text for change in LANE_CHANGES if change.text in facts.learned)
         if not changes:
