@@ -14,10 +14,10 @@ from isac_cosim.base.seeding import stream
 from isac_cosim.evaluation.in_traffic.alarms.alarms import (
     Alarms,
     Levels,
-    alarms,
     confirmed,
     duty_cycle,
     hazard_levels,
+    raised,
     reject_levels,
 )
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, Background, KeptTrees
@@ -70,6 +70,10 @@ class AnswerLevels:
     predictor: str
     background: Background | None = None
     answered: dict[tuple[str, float], list[Float32Array]] = field(default_factory=dict)
+    # Many thresholds are tried on the same confirmed levels, which know where they have risen anew.
+    _confirmed: dict[tuple[str, float, int, int], list[Levels]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def levels(self, settings: AlarmSettings) -> list[Levels]:
         """Return the levels of each episode for alarms of some settings, not confirmed."""
@@ -78,9 +82,19 @@ class AnswerLevels:
             self.answered[key] = [self._level(truth, settings) for truth in self.truths]
         return [truth.levels(level) for truth, level in zip(self.truths, self.answered[key], strict=True)]
 
+    def confirmed(self, settings: AlarmSettings) -> list[Levels]:
+        """Return the confirmed levels of each episode."""
+        key = (settings.method, settings.least_probability, settings.k, settings.n)
+        if key not in self._confirmed:
+            self._confirmed[key] = [confirmed(level, settings.k, settings.n) for level in self.levels(settings)]
+        return self._confirmed[key]
+
     def alarms(self, settings: AlarmSettings) -> list[Alarms]:
         """Return the alarms of each episode."""
-        return [alarms(level, settings) for level in self.levels(settings)]
+        return [
+            raised(level, settings.thresholds, settings.refractory_s, settings.rise)
+            for level in self.confirmed(settings)
+        ]
 
     def outcomes(self, raised: Sequence[Alarms]) -> list[AlarmOutcome]:
         """Return what comes of the alarms of each episode."""
@@ -89,7 +103,7 @@ class AnswerLevels:
     def sweep(self, chosen: Chosen, live: LiveSettings) -> ThresholdSweep:
         """Return the curve: with a threshold for each intention along the path that the development seeds chose."""
         settings, thresholds = chosen.alarms, chosen.path
-        steady = [confirmed(level, settings.k, settings.n) for level in self.levels(settings)]
+        steady = self.confirmed(settings)
         if thresholds is None:
             shared = candidate_thresholds(steady, live.choice.thresholds)
             thresholds = np.tile(shared[:, None], len(KNOWN))
