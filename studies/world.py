@@ -43,14 +43,7 @@ ROOMS: Mapping[str, tuple[str, ...]] = {
         "isacsim.traffic.road_coordinates",
         "isacsim.traffic.sources",
     ),
-    # The map of lanelets beside a recording is left out: its constants say which maps are refused.
-    "recordings": tuple(
-        f"isacsim.traffic.trajectory_files.{name}"
-        for name in (
-            "lane_places", "ngsim_table", "tracks", "vehicle_types",
-            "roads.fitted_lanes", "roads.lane_matching", "roads.planes",
-        )
-    ),
+    "recordings": ("isacsim.traffic.trajectory_files",),
     "maneuvers": ("isacsim.traffic.drivers",),
     "labels": ("labeling.dataset.shard", "labeling.detectors", "labeling.road", "labeling.samples", "labeling.streams"),
     "sensing": ("isacsim.radio", "isacsim.scene", "isacsim.sensing", "isacsim.tracking"),

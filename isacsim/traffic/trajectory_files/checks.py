@@ -13,8 +13,8 @@ CAR_LENGTHS_M = (3.0, 8.0)
 CAR_KINDS = frozenset({"passenger", "private", "taxi"})
 SPEED_FACTOR = 2.0
 """Speeds that differ from those of the positions by this factor have another unit."""
-SHOWING = 2_000_000
-"""So many states show the unit of speeds."""
+MOST_SHOWING = 2_000_000
+"""At most so many states show the unit of speeds."""
 MOVING_MPS = 1.0
 """Slower vehicles do not show the unit of speeds, m/s."""
 MOST_OFF_ROAD = 0.1
@@ -38,11 +38,11 @@ def check_lengths(observed: Observed, where: object) -> None:
 
 
 def speeds_of_positions(observed: Observed) -> Array:
-    """Return the speed between a state and the next one, m/s, of the first `SHOWING`; NaN after a vehicle's last state.
+    """Return the speed between a state and the next one, m/s, of the first `MOST_SHOWING` states, (n,).
 
-    shape (n,) or shorter.
+    NaN after a vehicle's last state.
     """
-    step, x, y = (column[:SHOWING] for column in (observed.step, observed.x, observed.y))
+    step, x, y = (column[:MOST_SHOWING] for column in (observed.step, observed.x, observed.y))
     speed = np.full(len(step), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         speed[:-1] = np.hypot(np.diff(x), np.diff(y)) / (np.diff(step) * observed.period_s)
@@ -59,7 +59,7 @@ def check_speeds(observed: Observed, where: object) -> float | None:
     if observed.speed is None:
         return None
     between = speeds_of_positions(observed)
-    stated = observed.speed[:SHOWING].astype(float)
+    stated = observed.speed[:MOST_SHOWING].astype(float)
     moving = (between > MOVING_MPS) & np.isfinite(stated)
     if not moving.any():
         return None

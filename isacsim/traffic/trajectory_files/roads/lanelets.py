@@ -31,12 +31,12 @@ MOST_ELEMENTS = 2_000_000
 """A map of one place has fewer, and its borders fewer points; those of levelX have some ten thousand."""
 MOST_LANES = 32
 """Lanes side by side."""
-LARGEST_M = 20_000.0
+MOST_AWAY_M = 20_000.0
 """No lane is so far from the origin of its recording, m."""
-WIDTHS_M = (0.5, 30.0)
+READABLE_WIDTHS_M = (0.5, 30.0)
 """Lanes are so wide, on average."""
 TOO_LARGE = "is larger than the map of any recording; cut out the place of this one"
-CROSSED_M = 0.5
+MOST_CROSSED_M = 0.5
 """Borders that meet, as where a lane begins, may cross by so much, m."""
 
 
@@ -177,14 +177,15 @@ def _lanelet(
     (left_way, left_nodes, left), (right_way, right_nodes, right) = borders
     if left_way == right_way:
         raise InputError(f"{where}: has way {left_way} on both sides; fix the map")
-    if np.abs(np.concatenate([left, right])).max() > LARGEST_M:
-        raise InputError(f"{where}: is more than {LARGEST_M / 1e3:g} km from the recording; give the map of its place")
+    if np.abs(np.concatenate([left, right])).max() > MOST_AWAY_M:
+        far = f"is more than {MOST_AWAY_M / 1e3:g} km from the recording"
+        raise InputError(f"{where}: {far}; give the map of its place")
     if abs(left[0] - right[0]) + abs(left[-1] - right[-1]) > abs(left[0] - right[-1]) + abs(left[-1] - right[0]):
         right_nodes, right = right_nodes[::-1], right[::-1]
     area = _signed_area(np.concatenate([right, left[::-1]]))
     if area < 0.0:  # the left border lies on the right: it is driven the other way
         left_nodes, left, right_nodes, right = left_nodes[::-1], left[::-1], right_nodes[::-1], right[::-1]
-    if _across(left, right).min() < -CROSSED_M:
+    if _across(left, right).min() < -MOST_CROSSED_M:
         raise InputError(f"{where}: its borders, ways {left_way} and {right_way}, cross each other; fix the map")
     return _Lanelet(name, (left_way, right_way), (left_nodes[0], right_nodes[0]), (left_nodes[-1], right_nodes[-1]),
                     left, right)  # fmt: skip
@@ -251,7 +252,7 @@ def _lane(lanelet: _Lanelet, road: str, index: int, successors: tuple[str, ...],
     steps = np.abs(np.diff(middle))
     length = float(steps.sum())
     width = float(np.average((np.abs(left - right)[1:] + np.abs(left - right)[:-1]) / 2.0, weights=steps + 1e-9))
-    if not (length > 0.0 and WIDTHS_M[0] <= width <= WIDTHS_M[1]):
+    if not (length > 0.0 and READABLE_WIDTHS_M[0] <= width <= READABLE_WIDTHS_M[1]):
         raise InputError(
             f"{file}: lanelet {lanelet.id} is {length:.3g} m long and {width:.3g} m wide, and no lane is; fix the map"
         )
