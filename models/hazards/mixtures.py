@@ -35,6 +35,8 @@ from isac_cosim.models.predictors.rule import IN_LANE
 MIXTURES_FILE = "mixtures.json"
 SEEN = ("offset", "aside_0", "closing")
 """The features, by their names in the situation."""
+LEAST_DECISIONS = 2
+"""Fewest decisions that a mixture is fitted to."""
 COLUMNS = [IN_LANE + FEATURES.index(name) for name in SEEN]
 
 
@@ -170,9 +172,17 @@ def _seen(windows: Windows) -> Array:
 def _hypotheses(
     values: Array, begins: BoolArray, weight: Array, settings: MixturesSettings, key: tuple[str, int, int]
 ) -> Hypotheses:
-    """Return what separates decisions at which a change begins from the others. weight: of each, (n,)."""
+    """Return what separates decisions at which a change begins from the others. weight: of each, (n,).
+
+    With fewer than LEAST_DECISIONS on either side, nothing does: the answer is always that of the other side.
+    """
+    both = {"begins": np.flatnonzero(begins), "does not": np.flatnonzero(~begins)}
+    few = [kind for kind, rows in both.items() if len(rows) < LEAST_DECISIONS]
+    if few:
+        nothing = (Mixture(share=(1.0,), mean=(0.0,), sd=(1.0,)),) * len(SEEN)
+        return Hypotheses(log_odds=NEVER if "begins" in few else -NEVER, begins=nothing, does_not=nothing)
     densities = []
-    for kind, rows in (("begins", np.flatnonzero(begins)), ("does not", np.flatnonzero(~begins))):
+    for kind, rows in both.items():
         share = weight[rows] / weight[rows].sum()
         if len(rows) > settings.most_decisions or np.ptp(share) > 1e-12:
             # Mixtures take no weights: decisions are drawn by theirs.

@@ -28,7 +28,10 @@ class MixturesSettings(Settings):
 
     most_components: int = Field(5, ge=1, le=50, description="most normal distributions in a mixture")
     most_decisions: int = Field(
-        20_000, ge=100, le=10_000_000, description="most decisions that a mixture is fitted to; more are drawn from"
+        20_000,
+        ge=100,
+        le=10_000_000,
+        description="most decisions that a mixture is fitted to; of more, so many are drawn",
     )
 
 

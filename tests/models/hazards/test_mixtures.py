@@ -21,6 +21,7 @@ from isac_cosim.models.hazards.mixtures import (
     GaussianMixtures,
     Hypotheses,
     Mixture,
+    _hypotheses,
 )
 from isac_cosim.models.hazards.predictor import NEVER, HazardFacts
 from isac_cosim.models.hazards.settings import MixturesSettings
@@ -62,6 +63,14 @@ def test_the_odds_are_those_of_bayes_rule(seen: list[float], log_odds: float) ->
         does_not *= norm.pdf(value)
     expected = np.clip(np.log(begins / does_not), NEVER, -NEVER)
     assert hypotheses.after(np.array([seen]))[0] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("positives", [0, 1])
+def test_an_interval_in_which_hardly_a_change_begins_is_never_named(positives: int) -> None:
+    """No event need begin within 0.5 to 1 s of a trained decision, as where each is watched from its onset on."""
+    values = np.random.default_rng(4).normal(size=(50, 3))
+    hypotheses = _hypotheses(values, np.arange(50) < positives, np.ones(50), SETTINGS, ("left_lane_change", 1, 0))
+    assert (hypotheses.after(values) == NEVER).all()
 
 
 def load(folder: Path) -> GaussianMixtures:
