@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from isac_cosim.base.settings import Settings
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scenarios.scenario import load
 from isac_cosim.isacsim.traffic.drivers.settings import ManeuverSettings
@@ -20,7 +19,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.sumo import TrafficSettings, record
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.detectors.settings import LabelSettings
-from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.intentions import Intention, spoken
 from isac_cosim.labeling.road.surroundings import Surroundings
 
 SEEDS = (1, 2)

@@ -31,10 +31,10 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     RecallLost,
     TrafficResult,
 )
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.live_parts import SHOWN
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.evaluation.statistics import Interval
+from isac_cosim.labeling.intentions import spoken
 
 RATES = (1.0, 3.0, 10.0)
 """False alarms per vehicle-hour at which alarms are compared."""

@@ -17,8 +17,8 @@ from typing import Any
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import PassScores, PredictorResult
 from isac_cosim.evaluation.on_windows.score_results import Difference, ScoreSpreads, Spread, WindowEndScores
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import markdown
+from isac_cosim.labeling.intentions import spoken
 from isac_cosim.models import DEFAULT, FLOOR
 from isac_cosim.models.predictors.registry import PREDICTORS
 

@@ -35,6 +35,11 @@ def outward(lefthand: bool) -> Intention:
     return Intention.RIGHT_LANE_CHANGE if lefthand else Intention.LEFT_LANE_CHANGE
 
 
+def spoken(name: str) -> str:
+    """Return a name such as `left_lane_change` as people write it."""
+    return name.replace("_", " ")
+
+
 def over_text(over: Collection[object] | None, classes: Collection[object]) -> str:
     """Return over which share of the intentions a macro-F1 is taken, where it is not taken over all of them.
 

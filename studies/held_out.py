@@ -22,8 +22,8 @@ from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import DatasetOrigin, EvaluationResult, MeasuredWindows
 from isac_cosim.evaluation.on_windows.score_results import ResultWithOptionalParts, Separation
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
-from isac_cosim.evaluation.report.figures import draw_figures, spoken
-from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.evaluation.report.figures import draw_figures
+from isac_cosim.labeling.intentions import KNOWN, spoken
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.former_names import OpenSetScore
 from isac_cosim.models.runs.settings import TrainSettings

@@ -10,7 +10,7 @@ from isac_cosim.evaluation.on_windows.metrics import LEAST_IN_BIN
 from isac_cosim.evaluation.on_windows.predictions import TOLERANCE_S
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.labeling.dataset.dataset import Dataset
-from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.labeling.intentions import KNOWN, Intention, spoken
 from isac_cosim.models.data.fit_settings import FitSettings
 from isac_cosim.models.data.windows import COLUMNS, Records, WindowSettings, draw_ends, split
 
@@ -56,7 +56,7 @@ def lacking(
     tested = early & np.isin(groups[ends.row], sides["test"])
     counts = np.bincount(label[ends.row][tested], minlength=len(Intention))
     if few := [intention for intention in taught if counts[intention] < LEAST_IN_BIN]:
-        numbers = ", ".join(f"{_spoken(intention)} {counts[intention]}" for intention in few)
+        numbers = ", ".join(f"{spoken(intention.text)} {counts[intention]}" for intention in few)
         lines.append(
             f"fewer than {LEAST_IN_BIN} test windows end before the commit of {numbers}: macro-F1 before the commit is "
             f"over {len(taught) - len(few)} of {len(KNOWN)} intentions; generate more seeds"
@@ -65,8 +65,4 @@ def lacking(
 
 
 def _names(intentions: Sequence[Intention]) -> str:
-    return ", ".join(map(_spoken, intentions))
-
-
-def _spoken(intention: Intention) -> str:
-    return intention.text.replace("_", " ")
+    return ", ".join(spoken(intention.text) for intention in intentions)

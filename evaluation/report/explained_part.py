@@ -9,8 +9,9 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.report.figures import BESIDE, GREY, figure, spoken
+from isac_cosim.evaluation.report.figures import BESIDE, GREY, figure
 from isac_cosim.evaluation.report.parts import Cell, Part, Row, Shown
+from isac_cosim.labeling.intentions import spoken
 from isac_cosim.models.networks.castformer_inspection import BRANCHES, STREAMS, Inspection
 
 FIGURE = "explained.png"

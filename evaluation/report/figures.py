@@ -28,7 +28,7 @@ from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import ReliabilityBin
 from isac_cosim.evaluation.on_windows.score_results import LeadTimeBin, WindowEndScores
 from isac_cosim.evaluation.report import figures
-from isac_cosim.labeling.intentions import KNOWN, over_text
+from isac_cosim.labeling.intentions import KNOWN, over_text, spoken
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.scores import open_set
 
@@ -70,11 +70,6 @@ def figure(
         FigureCanvasAgg(drawn)
         yield drawn
         replace_file(path, lambda partial: drawn.savefig(partial, dpi=dpi, metadata={"Software": None}))
-
-
-def spoken(name: str) -> str:
-    """Return a name such as `left_lane_change` as people write it."""
-    return name.replace("_", " ")
 
 
 def confusion(counts: Array, classes: Sequence[str], path: Path, name: str) -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from isac_cosim.evaluation.on_windows.predictions import Predictions
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Matrix, Part, Row, Shown
 from isac_cosim.evaluation.statistics import Estimate
+from isac_cosim.labeling.intentions import spoken
 
 NATURAL = "natural"
 

@@ -12,9 +12,9 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     HeadlineScores,
     TrafficResult,
 )
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import NO_VALUE, Cell, Part, Row, Shown, counted
 from isac_cosim.evaluation.statistics import Interval
+from isac_cosim.labeling.intentions import spoken
 
 CAPTIONS = (
     ("recall_against_false_alarms.png", "Recall against false alarms per vehicle-hour; dots are the frozen alarms."),

@@ -14,8 +14,8 @@ from matplotlib.collections import LineCollection
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.evaluation.on_windows.predictions import Predictions
-from isac_cosim.evaluation.report.figures import BLUE, CYCLE, GREEN, GREY, ORANGE, RED, despine, figure, spoken
-from isac_cosim.labeling.intentions import KNOWN, Intention
+from isac_cosim.evaluation.report.figures import BLUE, CYCLE, GREEN, GREY, ORANGE, RED, despine, figure
+from isac_cosim.labeling.intentions import KNOWN, Intention, spoken
 
 ROAD, MARKING, GROUND, DARK, PALE = "#d1d5db", "white", "#f8fafc", "#111827", "#f3f4f6"
 BEFORE_ONSET = "before onset: nothing has happened yet"

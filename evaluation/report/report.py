@@ -22,7 +22,7 @@ from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.report import page, terminal
 from isac_cosim.evaluation.report.explained_part import FIGURE as EXPLAINED_FIGURE
 from isac_cosim.evaluation.report.explained_part import ExplainedRecord, draw_explained
-from isac_cosim.evaluation.report.figures import draw_figures, spoken
+from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.first_screen import confused
 from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.evaluation.report.record_view import RecordView, choose_record, draw_record
@@ -33,7 +33,7 @@ from isac_cosim.evaluation.report.verdict import seeds_text
 from isac_cosim.evaluation.report.window_parts import RECORD_FIGURE
 from isac_cosim.labeling.dataset.finding import of_one, shard_of
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.intentions import Intention
+from isac_cosim.labeling.intentions import Intention, spoken
 from isac_cosim.models.data.windows import Ends, Records, cut, fitting
 from isac_cosim.models.predictors.castformer import CastformerSettings
 from isac_cosim.models.runs.run import CARD_FILE, Run

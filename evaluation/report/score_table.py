@@ -7,10 +7,9 @@ from typing import Any
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
 from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Part, counted
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
-from isac_cosim.labeling.intentions import over_text
+from isac_cosim.labeling.intentions import over_text, spoken
 from isac_cosim.models.scores import open_set
 
 PAPER_MSP_AUROC = 0.6994

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Part, Row, Shown, counted
 from isac_cosim.evaluation.report.score_table import by_lead_table, headline, sections
 from isac_cosim.evaluation.report.verdict import headline_difference, seeds_text, verdict
+from isac_cosim.labeling.intentions import spoken
 
 RECORD_FIGURE = "record.png"
 CAPTIONS = {

@@ -14,8 +14,8 @@ from isac_cosim.evaluation.closed_loop.scoring import REFERENCE
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
-from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure, spoken
-from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure
+from isac_cosim.labeling.intentions import KNOWN, spoken
 
 METHODS = {"reject": "unknown score", "background": 'with the answer "none"', "hazard": "log-odds"}
 """How figures name the kinds of alarm."""

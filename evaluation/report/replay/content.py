@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.labeling.intentions import spoken
 
 RATE_HZ = 25.0
 """Places of the TV and the UV, and of what was sensed, a second."""
@@ -112,7 +113,7 @@ class Moving:
         if self.name:
             return self.name
         wrong = self.answers is not None and self.answers.wrong and self.answers.predicted
-        return f"{self.id}: {words(self.intention)}" + (f", taken for {words(wrong)} ✗" if wrong else "")
+        return f"{self.id}: {spoken(self.intention)}" + (f", taken for {spoken(wrong)} ✗" if wrong else "")
 
     @property
     def shown_about(self) -> str:
@@ -123,7 +124,7 @@ class Moving:
             f", onset after {one.onset_s:.2f} s, commit after {one.commit_s:.2f} s" for one in self.maneuvers[:1]
         )
         return (
-            f"TV {self.tv_id}, UV {self.uv_id}: {words(self.intention)} ({self.origin}), from {self.start_s:.1f} s of "
+            f"TV {self.tv_id}, UV {self.uv_id}: {spoken(self.intention)} ({self.origin}), from {self.start_s:.1f} s of "
             f"the simulation{times}."
         )
 
@@ -228,8 +229,3 @@ def at_rate(states: Array, rate_hz: float, wanted_hz: float = RATE_HZ) -> Array:
     times = np.arange(states.shape[1]) / rate_hz
     instants = np.arange(int(times[-1] * wanted_hz + 1e-6) + 1) / wanted_hz
     return np.stack([np.interp(instants, times, states[k]) for k in (0, 1)])
-
-
-def words(name: str) -> str:
-    """Return a name such as `hard_brake` as people write it."""
-    return name.replace("_", " ")

@@ -19,7 +19,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.episode import timing_of
 from isac_cosim.evaluation.in_traffic.streams.store import EpisodeFacts, LiveEpisode
-from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay, words
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay
 from isac_cosim.evaluation.report.replay.making import lanes_near
 from isac_cosim.evaluation.report.replay.moments import (
     Moment,
@@ -36,7 +36,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource, recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.labeling.generation.watching import watch_episode
-from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.intentions import KNOWN, spoken
 from isac_cosim.labeling.road.surroundings import Surroundings
 from isac_cosim.labeling.streams.events import GROUPS
 from isac_cosim.labeling.streams.sensed import StretchSensing
@@ -230,7 +230,7 @@ def _moving(moment: Moment, seen: Seen, truth: Truth, alarms: Alarms) -> Moving:
     first_s, probabilities = answers_around(episode, moment.tv, moment.time_s, start_s, end_s)
     rows = np.flatnonzero(episode.vehicle == moment.tv)
     origin = GROUPS[int(episode.group[rows[_nearest(episode.time_s[rows], moment.time_s)]])]
-    tv, what, probability = episode.names[moment.tv], words(KNOWN[moment.intention].text), moment.probability
+    tv, what, probability = episode.names[moment.tv], spoken(KNOWN[moment.intention].text), moment.probability
     at = f"{_name(episode)} at {moment.time_s:.1f} s"
     if moment.missed:
         name, happened = "Missed", f"No alarm came for its {what}: probability {probability:.2f} at most."

@@ -11,7 +11,6 @@ import pandas as pd
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, mean_f1
 from isac_cosim.evaluation.report import figures
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Part, Row, write_table
 from isac_cosim.evaluation.statistics import (
     Trainings,
@@ -24,7 +23,7 @@ from isac_cosim.evaluation.statistics import (
     pooled,
     score,
 )
-from isac_cosim.labeling.intentions import KNOWN
+from isac_cosim.labeling.intentions import KNOWN, spoken
 from isac_cosim.models.scores import open_set
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
 from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult

@@ -10,9 +10,9 @@ import numpy as np
 
 from isac_cosim.evaluation.on_windows.maneuvers import false_predictions, maneuver_statistic
 from isac_cosim.evaluation.report import figures
-from isac_cosim.evaluation.report.figures import spoken
 from isac_cosim.evaluation.report.parts import Cell, Part, Row
 from isac_cosim.evaluation.statistics import pooled, score
+from isac_cosim.labeling.intentions import spoken
 from isac_cosim.studies.reproduction.castformer.measured import MeasuredVariant
 from isac_cosim.studies.reproduction.castformer.variants import COMPLETE
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES
