@@ -36,12 +36,17 @@ TREE_ATTRIBUTES = (
 
 def damage(path: Path, random: Random) -> str:
     """Change a file in one way or more, and return what was done."""
+    return changed(path, random, BY_CONTENT.get(path.suffix))
+
+
+def changed(path: Path, random: Random, by_content: Callable[[Path, Random], str] | None) -> str:
+    """Change a file in one way or more, mostly by its content, if that is known; return what was done."""
     done = []
     for _ in range(random.choice((1, 1, 1, 2))):
         if not path.is_file():
             break
         kinds: list[Callable[[Path, Random], str]] = [bytes_changed, bytes_changed, replaced]
-        if by_content := BY_CONTENT.get(path.suffix):
+        if by_content is not None:
             kinds += [by_content] * 6
         try:
             done.append(random.choice(kinds)(path, random))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
-from tests.support.damage import bytes_changed, replaced, table_changed
+from tests.support.damage import changed, table_changed
 from tests.support.mutations import ODD_NUMBERS
 
 CELLS = (
@@ -18,20 +17,8 @@ CELLS = (
 
 def damage_recording(path: Path, random: Random) -> str:
     """Change a file of trajectories, its meta files or its map in one way or more, and return what was done."""
-    done = []
-    for _ in range(random.choice((1, 1, 1, 2))):
-        if not path.is_file():
-            break
-        own = table_changed if path.suffix == ".parquet" else xml_changed if path.suffix in XML else cells_changed
-        kinds: list[Callable[[Path, Random], str]] = [bytes_changed, bytes_changed, replaced, *[own] * 6]
-        try:
-            done.append(random.choice(kinds)(path, random))
-        except Exception as error:  # what an earlier change has left cannot be read
-            done.append(f"nothing ({type(error).__name__})")
-    return f"{path.name}: {', '.join(done)}"
-
-
-XML = (".xml", ".osm")
+    by_content = {".parquet": table_changed, ".xml": xml_changed, ".osm": xml_changed}.get(path.suffix, cells_changed)
+    return changed(path, random, by_content)
 
 
 def xml_changed(path: Path, random: Random) -> str:
