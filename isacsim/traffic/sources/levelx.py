@@ -140,8 +140,9 @@ def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     where = files.tracks
     columns = {**dict.fromkeys(UTM_ORIGIN, pa.float64()), "locationId": pa.int64()}
     meta, rate_hz = read_recording_meta(files.recording_meta, columns)
-    road = _road(settings, files, meta)
-    read, remarks = read_tracks(files)
+    road, remarks = _road(settings, files, meta)
+    read, of_tracks = read_tracks(files)
+    remarks += of_tracks
     assert read.angle is not None  # the format has it
     heading = np.exp(1j * np.radians(read.angle))
     front = read.x + 1j * read.y + heading * (read.length / 2.0)
@@ -164,22 +165,22 @@ def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     return road, states, rounding_of(read.x, read.y), remarks
 
 
-def _road(settings: LevelxSettings, files: LevelxFiles, meta: Mapping[str, Any]) -> Scenario:
-    """Return the road of a recording: a network, or a Lanelet2 map, named or found beside the recording."""
+def _road(settings: LevelxSettings, files: LevelxFiles, meta: Mapping[str, Any]) -> tuple[Scenario, list[str]]:
+    """Return the road of a recording, a network or a Lanelet2 map, named or found beside the recording; and remarks."""
     where = settings.network or lanelet_map_beside(files.tracks, str(meta["locationId"]))
     if where is None:
         raise InputError(
             f"{files.tracks}: does not say where lanes are; name a Lanelet2 map or a network of that place by --network"
         )
     if not is_lanelet_map(where):
-        return scenario.load_without_sites(str(where))
+        return scenario.load_without_sites(str(where)), []
     if not (file := Path(where)).is_file():
         raise InputError(f"there is no file {file}: give the Lanelet2 map of that place, or a network")
     origin = [meta[name] for name in UTM_ORIGIN]
     if not all(value is not None and np.isfinite(value) for value in origin):
         raise InputError(f"{files.recording_meta}: names no xUtmOrigin and yUtmOrigin, by which {file} is placed")
-    lanes = lanelet_lanes(file, (origin[0], origin[1]))
-    return Scenario("", file, (files.tracks,), (), (0.0, 0.0), lanes, ())
+    lanes, remarks = lanelet_lanes(file, (origin[0], origin[1]))
+    return Scenario("", file, (files.tracks,), (), (0.0, 0.0), lanes, ()), remarks
 
 
 def _rows(read: LevelxRows, x: Array, y: Array, lane: Int32Array, rate_hz: float) -> Rows:

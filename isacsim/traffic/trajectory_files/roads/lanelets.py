@@ -1,15 +1,17 @@
 """The lanes of a Lanelet2 map, as they lie beside the recordings of exiD, inD, rounD and uniD.
 
 Format: OSM XML as Lanelet2 1.2 describes it (Poggenhans et al., ITSC 2018). A node has a longitude and a latitude, a
-way a list of nodes, and a relation of type `lanelet` one way as its left border and one as its right. Borders may point
-either way: a lanelet is driven so that its left border lies on the left. Lanelets that share a border are lanes of one
-road; one that begins with the points at which another ends continues it. Traffic is taken to keep to the right.
+way a list of nodes, and a relation of type `lanelet` one way as its left border and one as its right; in the maps of
+inD and rounD, a border may be several ways, in any order. Borders may point either way: a lanelet is driven so that its
+left border lies on the left. Lanelets that share a whole border are lanes of one road; one that begins with the points
+at which another ends continues it. Traffic is taken to keep to the right, and each lanelet to be driven one way. What
+an editor has marked as deleted is not there, and tags `local_x` and `local_y` are not read.
 """
 
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,12 +27,18 @@ from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_utm
 ENDINGS = (".osm", ".osm.gz")
 PLACE = re.compile(r"(?:location\D*)?0*(\d+)(?!\d)")
 """How the name of a map begins: `location2.osm`, or `2_merklingen.osm`."""
-DRIVEN = frozenset({"road", "highway", "play_street", "emergency_lane", "bus_lane"})
+DRIVEN = frozenset({"road", "highway", "play_street", "emergency_lane", "bus_lane", "exit"})
 """Subtypes of lanelets that vehicles drive in; one without a subtype is a road."""
+BORDERS = ("left", "right")
+"""Roles of the ways that a lanelet lies between."""
+PARTICIPANT = "participant:"
+"""Where tags begin with it, they say who uses a lanelet, whatever its subtype."""
 MOST_ELEMENTS = 2_000_000
 """A map of one place has fewer, and its borders fewer points; those of levelX have some ten thousand."""
 MOST_LANES = 32
-"""Lanes side by side."""
+"""Lanes side by side, and lanelets with one border."""
+MOST_WAYS = 100
+"""Ways that make one border."""
 MOST_AWAY_M = 20_000.0
 """No lane is so far from the origin of its recording, m."""
 READABLE_WIDTHS_M = (0.5, 30.0)
@@ -45,7 +53,7 @@ class _Lanelet:
     """Borders in the direction of driving: the ways, the first and last nodes (left, right), and points x + iy, m."""
 
     id: str
-    ways: tuple[str, str]
+    ways: tuple[frozenset[str], frozenset[str]]
     starts: tuple[str, str]
     ends: tuple[str, str]
     left: ComplexArray
@@ -72,29 +80,34 @@ def is_lanelet_map(where: str | Path) -> bool:
 def lanelet_map_beside(tracks: Path, location: str) -> Path | None:
     """Return the map of a recording: the only one beside it, or that of its location where levelX puts it.
 
-    location: number of the place. None where there is none.
+    location: number of the place. None where there is none. Raises InputError where that place has several, as with and
+    without a construction site.
     """
     beside = sorted(tracks.parent.glob("*.osm"))
     above = [path for name in ("maps", "lanelets") for path in sorted((tracks.parent.parent / name).rglob("*.osm"))]
     of_location = [path for path in beside or above if (named := PLACE.match(path.stem)) and named[1] == location]
-    return beside[0] if len(beside) == 1 else next(iter(of_location), None)
+    found = beside if len(beside) == 1 else of_location
+    if len(found) > 1:
+        raise InputError(
+            f"{tracks}: its place, {location}, has the maps {found[0]} and {found[1]}; name that of this recording by "
+            "--network"
+        )
+    return found[0] if found else None
 
 
-def lanelet_lanes(file: Path, origin: tuple[float, float]) -> tuple[Lane, ...]:
-    """Return the lanes of a Lanelet2 map for vehicles, in the coordinates of a recording.
+def lanelet_lanes(file: Path, origin: tuple[float, float]) -> tuple[tuple[Lane, ...], list[str]]:
+    """Return the lanes of a Lanelet2 map for vehicles, in the coordinates of a recording, and remarks, a line each.
 
     origin: of these coordinates, m in UTM. Raises InputError where the map cannot be read or holds no lane.
     """
     held = _read(file)
     points = _in_plane(held, file, origin)
-    driven = {
-        name: roles
-        for name, roles in held.relations.items()
-        if held.tags[name].get("type") == "lanelet" and held.tags[name].get("subtype", "road") in DRIVEN
-    }
-    borders = [way for roles in driven.values() for ways in roles.values() for way in ways]
+    driven = {name: roles for name, roles in held.relations.items() if _is_driven(held.tags[name])}
+    borders = [way for roles in driven.values() for role in BORDERS for way in roles.get(role, ())]
     if sum(len(held.ways.get(way, ())) for way in borders) > MOST_ELEMENTS:
         raise InputError(f"{file}: {TOO_LARGE}")
+    if borders and (most := Counter(borders).most_common(1)[0])[1] > MOST_LANES:
+        raise InputError(f"{file}: way {most[0]:.60} is a border of more than {MOST_LANES} lanelets; fix the map")
     lanelets = [_lanelet(name, roles, held, points, f"{file}: lanelet {name}") for name, roles in driven.items()]
     if not lanelets:
         raise InputError(f"{file}: has no lanelet for vehicles; give the Lanelet2 map of that place")
@@ -102,9 +115,41 @@ def lanelet_lanes(file: Path, origin: tuple[float, float]) -> tuple[Lane, ...]:
     for lanelet in lanelets:
         following[lanelet.starts].append(lanelet.id)
     roads = _roads(lanelets, file)
-    return tuple(
+    lanes = tuple(
         _lane(lanelet, *roads[lanelet.id], tuple(sorted(following[lanelet.ends])), file) for lanelet in lanelets
     )
+    return lanes, _remarks(lanelets, file)
+
+
+def _is_driven(tags: Mapping[str, str]) -> bool:
+    """Return whether a relation is a lanelet for vehicles."""
+    users = {name for name, value in tags.items() if name.startswith(PARTICIPANT) and value == "yes"}
+    if any(name.startswith(PARTICIPANT) for name in tags):
+        suited = any(name.startswith(f"{PARTICIPANT}vehicle") for name in users)
+    else:
+        suited = tags.get("subtype", "road") in DRIVEN
+    return tags.get("type") == "lanelet" and suited
+
+
+def _remarks(lanelets: list[_Lanelet], file: Path) -> list[str]:
+    """Return what is to be said of lanelets that lie side by side with different ends."""
+    by_way: dict[str, list[_Lanelet]] = defaultdict(list)
+    for lanelet in lanelets:
+        for way in lanelet.ways[0]:
+            by_way[way].append(lanelet)
+    partly = dict.fromkeys(
+        f"{lanelet.id} and {other.id}"
+        for lanelet in lanelets
+        for way in sorted(lanelet.ways[1])
+        for other in by_way[way]
+        if other.ways[0] != lanelet.ways[1]
+    )
+    if not partly:
+        return []
+    return [
+        f"{file.name}: {len(partly)} pair(s) of lanelets share a part of a border, such as {next(iter(partly))}: "
+        "changes between them are no lane changes; split them where one of them ends"
+    ]
 
 
 def _read(file: Path) -> _Map:
@@ -116,10 +161,10 @@ def _read(file: Path) -> _Map:
         if count > MOST_ELEMENTS:
             raise InputError(f"{file}: {TOO_LARGE}")
         if depth == 1:
-            inside = element
+            inside = Element(0, "", {}) if attributes.get("action") == "delete" else element
             identity = attributes.get("id", "")
             kinds: dict[str, Collection[str]] = {"node": held.nodes, "way": held.ways, "relation": held.relations}
-            known = kinds.get(name)
+            known = kinds.get(inside.name)
             if known is None:
                 continue
             if not identity or identity in known:
@@ -163,20 +208,16 @@ def _lanelet(
     name: str, roles: Mapping[str, list[str]], held: _Map, points: Mapping[str, complex], where: str
 ) -> _Lanelet:  # fmt: skip
     """Return a lanelet with its borders turned into the direction of driving. Raises InputError where they are none."""
-    borders: list[tuple[str, list[str], ComplexArray]] = []
-    for role in ("left", "right"):
-        if len(ways := roles.get(role, [])) != 1:
-            raise InputError(f"{where}: has {len(ways)} {role} borders and needs one way; fix the map")
-        nodes = held.ways.get(ways[0])
-        if nodes is None or len(nodes) < 2:
-            fault = "is not in the file" if nodes is None else f"has {len(nodes)} node(s) and needs two"
-            raise InputError(f"{where}: its {role} border, way {ways[0]:.60}, {fault}; fix the map")
+    borders: list[tuple[frozenset[str], list[str], ComplexArray]] = []
+    for role in BORDERS:
+        ways = list(dict.fromkeys(roles.get(role, [])))
+        nodes = _joined(ways, role, held, where)
         if lost := [node for node in nodes if node not in points]:
-            raise InputError(f"{where}: node {lost[0]:.60} of way {ways[0]} is not in the file; fix the map")
-        borders.append((ways[0], nodes, np.array([points[node] for node in nodes])))
-    (left_way, left_nodes, left), (right_way, right_nodes, right) = borders
-    if left_way == right_way:
-        raise InputError(f"{where}: has way {left_way} on both sides; fix the map")
+            raise InputError(f"{where}: node {lost[0]:.60} of its {role} border is not in the file; fix the map")
+        borders.append((frozenset(ways), nodes, np.array([points[node] for node in nodes])))
+    (left_ways, left_nodes, left), (right_ways, right_nodes, right) = borders
+    if both := left_ways & right_ways:
+        raise InputError(f"{where}: has way {min(both)} on both sides; fix the map")
     if np.abs(np.concatenate([left, right])).max() > MOST_AWAY_M:
         far = f"is more than {MOST_AWAY_M / 1e3:g} km from the recording"
         raise InputError(f"{where}: {far}; give the map of its place")
@@ -186,9 +227,35 @@ def _lanelet(
     if area < 0.0:  # the left border lies on the right: it is driven the other way
         left_nodes, left, right_nodes, right = left_nodes[::-1], left[::-1], right_nodes[::-1], right[::-1]
     if _across(left, right).min() < -MOST_CROSSED_M:
-        raise InputError(f"{where}: its borders, ways {left_way} and {right_way}, cross each other; fix the map")
-    return _Lanelet(name, (left_way, right_way), (left_nodes[0], right_nodes[0]), (left_nodes[-1], right_nodes[-1]),
+        named = " and ".join(", ".join(sorted(ways))[:60] for ways in (left_ways, right_ways))
+        raise InputError(f"{where}: its borders, ways {named}, cross each other; fix the map")
+    return _Lanelet(name, (left_ways, right_ways), (left_nodes[0], right_nodes[0]), (left_nodes[-1], right_nodes[-1]),
                     left, right)  # fmt: skip
+
+
+def _joined(ways: list[str], role: str, held: _Map, where: str) -> list[str]:
+    """Return the nodes of a border that is one way, or several of which each goes on where another one ends."""
+    if not 1 <= len(ways) <= MOST_WAYS:
+        raise InputError(f"{where}: its {role} border has {len(ways)} ways and needs 1 to {MOST_WAYS}; fix the map")
+    parts: list[list[str]] = []
+    for way in ways:
+        nodes = held.ways.get(way)
+        if nodes is None or len(nodes) < 2:
+            fault = "is not in the file" if nodes is None else f"has {len(nodes)} node(s) and needs two"
+            raise InputError(f"{where}: its {role} border, way {way:.60}, {fault}; fix the map")
+        parts.append(nodes)
+    joined = [*parts.pop(0)]
+    while parts:
+        ends = (joined[0], joined[-1])
+        onward = next((k for k, nodes in enumerate(parts) if nodes[0] in ends or nodes[-1] in ends), None)
+        if onward is None:
+            named = ", ".join(ways)[:60]
+            raise InputError(f"{where}: the ways of its {role} border, {named}, do not follow each other; fix the map")
+        nodes = parts.pop(onward)
+        if joined[-1] not in (nodes[0], nodes[-1]):
+            joined.reverse()
+        joined = [*joined, *(nodes if nodes[0] == joined[-1] else nodes[::-1])[1:]]
+    return joined
 
 
 def _signed_area(ring: ComplexArray) -> float:
@@ -223,7 +290,7 @@ def _roads(lanelets: list[_Lanelet], file: Path) -> dict[str, tuple[str, int]]:
     of their own.
     """
     to_the_right: dict[str, str] = {}
-    by_left: dict[str, list[_Lanelet]] = defaultdict(list)
+    by_left: dict[frozenset[str], list[_Lanelet]] = defaultdict(list)
     for lanelet in lanelets:
         by_left[lanelet.ways[0]].append(lanelet)
     taken: set[str] = set()

@@ -88,9 +88,7 @@ def test_a_webp_is_written_as_well(shown: Replay, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_one_line(shown: Replay, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(
-        InputError, match=r"is not the name of an animation; let it end in \.webp or \.gif"
-    ):
+    with pytest.raises(InputError, match=r"is not the name of an animation; let it end in \.webp or \.gif"):
         animate(shown, shown.records, tmp_path / "moving.png")
     with pytest.raises(InputError, match="Episode: has no record to animate"):
         animate(shown, [], tmp_path / "moving.gif")

@@ -34,7 +34,8 @@ def two_lanes(folder: Path) -> Path:
 
 
 def test_lanes_stand_beside_and_follow_each_other(tmp_path: Path) -> None:
-    right, left, onward, west = lanelet_lanes(two_lanes(tmp_path), UTM)
+    (right, left, onward, west), remarks = lanelet_lanes(two_lanes(tmp_path), UTM)
+    assert remarks == []
     assert right.edge == left.edge
     assert (right.index, left.index) == (0, 1)
     assert right.successors == (onward.id,)
@@ -53,7 +54,7 @@ def test_a_curve_keeps_its_centre(tmp_path: Path) -> None:
     drawn = LaneletMap()
     inner, outer = (drawn.way(np.column_stack([r * np.cos(turn), r * np.sin(turn)])) for r in (50.0, 54.0))
     drawn.lanelet(inner, outer)
-    (lane,) = lanelet_lanes(drawn.write(tmp_path / "map.osm"), UTM)
+    ((lane,), _) = lanelet_lanes(drawn.write(tmp_path / "map.osm"), UTM)
     assert np.abs(np.hypot(*lane.shape.T) - 52.0).max() < 0.01
     assert lane.length_m == pytest.approx(52.0 * np.pi / 2.0, abs=0.02)
 
@@ -63,7 +64,7 @@ def test_where_a_road_parts_one_branch_goes_on_beside_the_other_lane(tmp_path: P
     high, low, ramp = (drawn.way(across(0.0, y, 100.0, end)) for y, end in ((4.0, 4.0), (0.0, 0.0), (0.0, -20.0)))
     middle = drawn.way(across(0.0, 4.0, 100.0, -16.0))
     straight, out = drawn.lanelet(high, low), drawn.lanelet(middle, ramp)
-    found = {lane.id: lane for lane in lanelet_lanes(drawn.write(tmp_path / "map.osm"), UTM)}
+    found = {lane.id: lane for lane in lanelet_lanes(drawn.write(tmp_path / "map.osm"), UTM)[0]}
     assert found[str(straight)].edge != found[str(out)].edge
 
 
@@ -81,6 +82,20 @@ def test_the_map_of_a_recording_is_found(tmp_path: Path, name: str) -> None:
     assert lanelet_map_beside(tracks, "0") is None
     beside = two_lanes(tracks.parent)
     assert lanelet_map_beside(tracks, "0") == beside
+
+
+def test_of_two_maps_of_a_place_none_is_taken_unasked(tmp_path: Path) -> None:
+    """As in inD, which has one of the construction site too."""
+    tracks = tmp_path / "inD" / "data" / "11_tracks.csv"
+    tracks.parent.mkdir(parents=True)
+    for name in ("01_bend/location1.osm", "01_bend_works/location1_works.osm", "02_other/location2.osm"):
+        (there := tmp_path / "inD" / "maps" / "lanelets" / name).parent.mkdir(parents=True)
+        two_lanes(tmp_path).rename(there)
+    assert lanelet_map_beside(tracks, "2") == there
+    with pytest.raises(
+        InputError, match=r"place, 1, has the maps .*location1.osm and .*location1_works.osm; name that"
+    ):
+        lanelet_map_beside(tracks, "1")
 
 
 def changed(folder: Path, change: Callable[[str], str]) -> Path:
@@ -102,11 +117,11 @@ def swap(old: str, new: str) -> Callable[[str], str]:
     [
         (
             swap("<nd ref='2' />", "<nd ref='999' />"),
-            r"lanelet 7000: node 999 of way 1 is not in the file; fix the map",
+            r"lanelet 7000: node 999 of its right border is not in the file; fix the map",
         ),
         (
             swap("<member type='way' ref='1' role='right' />", ""),
-            r"lanelet 7000: has 0 right borders and needs one way",
+            r"lanelet 7000: its right border has 0 ways and needs 1 to 100; fix the map",
         ),
         (
             swap("ref='1' role='right'", "ref='77' role='right'"),
@@ -174,4 +189,4 @@ def test_a_gzipped_map_is_the_same(tmp_path: Path) -> None:
     def told(lane: Lane) -> tuple[object, ...]:
         return (lane.id, lane.edge, lane.index, lane.width_m, lane.successors, lane.shape.tolist())
 
-    assert [*map(told, lanelet_lanes(file, UTM))] == [*map(told, lanelet_lanes(packed, UTM))]
+    assert [*map(told, lanelet_lanes(file, UTM)[0])] == [*map(told, lanelet_lanes(packed, UTM)[0])]
