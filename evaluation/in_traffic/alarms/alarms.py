@@ -14,8 +14,7 @@ tests.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import overload
 
 import numpy as np
@@ -24,6 +23,7 @@ from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import LiveEpisode
+from isac_cosim.labeling.intentions import KNOWN
 
 NEVER = -np.inf
 """The level of an intention for which a window cannot raise an alarm."""
@@ -84,17 +84,51 @@ class Swing:
 
 
 @dataclass(frozen=True)
+class Rises:
+    """Where the levels of an intention rise, in n predictions, the highest first: what an alarm may begin with.
+
+    rows: numbers of the predictions, (n,). level, before: the level there and at the prediction before, NEVER before
+    the first one after a pause, (n,). rose_from: as `Levels.rose_from`, (n,).
+    """
+
+    rows: IntArray
+    level: Array
+    before: Array
+    rose_from: Array
+
+    @classmethod
+    def of(cls, level: Float32Array, begins: BoolArray, rose_from: Float32Array | None) -> Rises:
+        """Find them in the levels of one intention, (n,). rose_from: None where a level that stays on never re-arms."""
+        before = np.full(len(level), NEVER, np.float32)
+        before[1:] = np.where(begins[1:], np.float32(NEVER), level[:-1])
+        rose_from = np.full(len(level), NEVER, np.float32) if rose_from is None else rose_from
+        rows = np.flatnonzero((level > before) | (rose_from > NEVER))
+        rows = rows[np.argsort(-level[rows], kind="stable")]
+        return cls(rows, *(column[rows].astype(np.float64) for column in (level, before, rose_from)))
+
+    def at(self, threshold: float) -> IntArray:
+        """Return the predictions at which the level rises to a threshold, or anew above it, in order, (m,)."""
+        reached = int(np.searchsorted(-self.level, -threshold, side="right"))
+        rises = (self.before[:reached] < threshold) | (self.rose_from[:reached] >= threshold)
+        return np.sort(self.rows[:reached][rises])
+
+
+@dataclass(frozen=True)
 class Levels:
     """The levels of the n predictions of one episode, vehicle by vehicle, in order of time.
 
     level: of each prediction and intention, (n, 6). vehicle: number of the vehicle, (n,). time_s: end of the window,
-    (n,). begins: whether the prediction is the first of its vehicle, or the first after a pause, (n,).
+    (n,). begins: whether the prediction is the first of its vehicle, or the first after a pause, (n,). asked: numbers
+    of the intentions that alarms are raised for, rising.
     """
 
     level: Float32Array
     vehicle: IntArray
     time_s: Array
     begins: BoolArray
+    asked: tuple[int, ...] = tuple(range(len(KNOWN)))
+    # Many thresholds are tried on the same levels, for several choices of intentions.
+    _rises: dict[tuple[int, float | None], Rises] = field(default_factory=dict, init=False, repr=False, compare=False)
     _rose_from: dict[float, Float32Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
@@ -102,10 +136,21 @@ class Levels:
         """Return the levels (n, 6) of an episode's predictions."""
         return cls(level, episode.vehicle, episode.time_s, pauses(episode))
 
-    @cached_property
-    def columns(self) -> Float32Array:
-        """The levels of each intention in turn, (6, n), contiguous: many thresholds are tried on them."""
-        return np.ascontiguousarray(self.level.T)
+    def asking(self, intentions: Sequence[int] | None) -> Levels:
+        """Return the same levels for alarms of some intentions, by their numbers; None changes nothing."""
+        if intentions is None:
+            return self
+        asked = replace(self, asked=tuple(sorted(intentions)))
+        vars(asked).update(_rises=self._rises, _rose_from=self._rose_from)
+        return asked
+
+    def rises(self, intention: int, rise: float | None) -> Rises:
+        """Return where the levels of an intention rise. rise: see `AlarmSettings`."""
+        key = intention, rise
+        if key not in self._rises:
+            rose_from = None if rise is None else self.rose_from(rise)[:, intention]
+            self._rises[key] = Rises.of(self.level[:, intention], self.begins, rose_from)
+        return self._rises[key]
 
     def rose_from(self, rise: float) -> Float32Array:
         """Return the trough from which each level has just risen anew, NEVER where it has not, (n, 6).
@@ -113,7 +158,7 @@ class Levels:
         rise: as in `Swing`. Runs between pauses are followed side by side.
         """
         if rise not in self._rose_from:
-            self._rose_from[rise] = np.asfortranarray(self._followed(rise))
+            self._rose_from[rise] = self._followed(rise)
         return self._rose_from[rise]
 
     def _followed(self, rise: float) -> Float32Array:
@@ -190,7 +235,7 @@ def confirmed(levels: Levels, k: int, n: int) -> Levels:
     for back in range(1, min(n, len(run))):
         same = run[back:] == run[:-back]
         recent[back, back:][same] = levels.level[:-back][same]
-    return Levels(confirm(recent, k), levels.vehicle, levels.time_s, levels.begins)
+    return Levels(confirm(recent, k), levels.vehicle, levels.time_s, levels.begins, levels.asked)
 
 
 def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise: float | None = None) -> Alarms:
@@ -198,15 +243,10 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise:
 
     thresholds: of each intention, (6,), or a single one for all. refractory_s, rise: see `AlarmSettings`.
     """
-    limit = np.broadcast_to(np.asarray(thresholds, np.float64), levels.level.shape[1:])[:, None]
-    on = levels.columns >= limit
-    rising = on.copy()
-    rising[:, 1:] &= ~on[:, :-1] | levels.begins[1:]
-    if rise is not None:
-        # The level has stayed on since its trough, if that is on.
-        rose_from = levels.rose_from(rise).T
-        rising |= rose_from >= limit
-    intentions, rows = np.divmod(np.flatnonzero(rising), max(1, rising.shape[1]))
+    limits = np.broadcast_to(np.asarray(thresholds, np.float64), levels.level.shape[1:]).tolist()
+    of_intentions = [levels.rises(k, rise).at(limits[k]) for k in levels.asked]
+    rows = np.concatenate([np.empty(0, np.int64), *of_intentions])
+    intentions = np.repeat(np.array(levels.asked, np.int64), [len(part) for part in of_intentions])
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
     soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & is_too_soon(np.diff(time_s), refractory_s)
@@ -216,7 +256,7 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise:
         # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
         last = place - 1 if kept[place - 1] else last
         kept[place] = not is_too_soon(times[place] - times[last], refractory_s)
-    return Alarms(intentions[kept].astype(np.int64), rows[kept].astype(np.int64), vehicle[kept], time_s[kept])
+    return Alarms(intentions[kept], rows[kept], vehicle[kept], time_s[kept])
 
 
 def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
@@ -226,8 +266,9 @@ def alarms(levels: Levels, settings: AlarmSettings) -> Alarms:
 
 def duty_cycle(levels: Levels, settings: AlarmSettings) -> float | None:
     """Return the share of predictions at which some intention reaches its threshold; None without any prediction."""
-    level = confirmed(levels, settings.k, settings.n).level
-    return float((level >= settings.thresholds).any(axis=1).mean()) if len(level) else None
+    asked = list(levels.asked)
+    level = confirmed(levels, settings.k, settings.n).level[:, asked]
+    return float((level >= settings.thresholds[asked]).any(axis=1).mean()) if len(level) else None
 
 
 def peaks(levels: Levels, intentions: Sequence[int] | None = None) -> Float32Array:
@@ -237,6 +278,6 @@ def peaks(levels: Levels, intentions: Sequence[int] | None = None) -> Float32Arr
     """
     if not len(levels.level):
         return np.empty(0, np.float32)
-    level = levels.level if intentions is None else levels.level[:, list(intentions)]
+    level = levels.level[:, [k for k in levels.asked if intentions is None or k in intentions]]
     highest = np.maximum.reduceat(level, np.flatnonzero(levels.begins), axis=0)
     return np.asarray(highest[np.isfinite(highest)], np.float32)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, confirmed, hazard_levels, reject_levels
 from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, KeptTrees, out_of_fold
 from isac_cosim.evaluation.in_traffic.scores.curves import ThresholdSweep, candidate_thresholds
@@ -150,12 +150,20 @@ class Options:
 class Candidate:
     """Levels from which alarms of one kind are chosen.
 
-    template: settings of these alarms, without thresholds. levels: not confirmed, one (n, 6) for each development
+    template: settings of these alarms, without thresholds. levels: not confirmed, of all intentions in each development
     episode.
     """
 
     template: AlarmSettings
-    levels: Sequence[Float32Array]
+    levels: Sequence[Levels]
+    # Several questions are asked of the same levels.
+    _confirmed: dict[tuple[int, int], list[Levels]] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def confirmed(self, k: int, n: int) -> list[Levels]:
+        """Return the confirmed levels of each episode."""
+        if (k, n) not in self._confirmed:
+            self._confirmed[k, n] = [confirmed(level, k, n) for level in self.levels]
+        return self._confirmed[k, n]
 
 
 def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
@@ -163,7 +171,7 @@ def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSet
     return [
         Candidate(
             AlarmSettings(method="reject", threshold=0.0, least_probability=least),
-            [reject_levels(truth.episode.answers[predictor], least) for truth in truths],
+            [Levels.of(truth.episode, reject_levels(truth.episode.answers[predictor], least)) for truth in truths],
         )
         for least in choice.least_probabilities
     ]
@@ -171,7 +179,7 @@ def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSet
 
 def hazard_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
     """Return the levels of alarms by the log-odds of a run that was trained on streams."""
-    levels = [hazard_levels(truth.episode.answers[predictor]) for truth in truths]
+    levels = [Levels.of(truth.episode, hazard_levels(truth.episode.answers[predictor])) for truth in truths]
     return [Candidate(AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise), levels)]
 
 
@@ -183,7 +191,8 @@ def background_candidates(
     levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor, kept)
     if levels is None:
         return []
-    return [Candidate(AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise), levels)]
+    of_episodes = [Levels.of(episode, level) for episode, level in zip(episodes, levels, strict=True)]
+    return [Candidate(AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise), of_episodes)]
 
 
 def options_of(truths: Sequence[Truth], candidates: Sequence[Candidate], choice: ChoiceSettings) -> Options:
@@ -191,9 +200,8 @@ def options_of(truths: Sequence[Truth], candidates: Sequence[Candidate], choice:
     combinations = []
     for candidate in candidates:
         for k, n in choice.confirmations:
-            levels = [
-                confirmed(truth.levels(level), k, n) for truth, level in zip(truths, candidate.levels, strict=True)
-            ]
+            steady = candidate.confirmed(k, n)
+            levels = [level.asking(truth.asked) for truth, level in zip(truths, steady, strict=True)]
             template = candidate.template.model_copy(update={"k": k, "n": n, "refractory_s": choice.refractory_s})
             combinations.append(Combination.of(truths, levels, template, choice))
     return Options(tuple(combinations))

@@ -62,32 +62,45 @@ class MeasuredAlarms:
 class AnswerLevels:
     """The answers of a predictor in several episodes, and their levels.
 
-    predictor: its name in the episodes. background: the trees that know "none", for alarms of that method. answered:
-    the levels that were computed, whatever alarms are asked for.
+    predictor: its name in the episodes. background: the trees that know "none", for alarms of that method.
     """
 
     truths: Sequence[Truth]
     predictor: str
     background: Background | None = None
-    answered: dict[tuple[str, float], list[Float32Array]] = field(default_factory=dict)
-    # Many thresholds are tried on the same confirmed levels, which know where they have risen anew.
+    # Of all intentions, by the settings that they depend on: several questions are asked of the same levels.
+    _answered: dict[tuple[str, float], list[Levels]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     _confirmed: dict[tuple[str, float, int, int], list[Levels]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
+    def asking(self, intentions: Sequence[int], after_commit_s: float = 0.0) -> AnswerLevels:
+        """Return the same for alarms of some intentions alone, as `Truth.asking`."""
+        asked = replace(self, truths=[truth.asking(intentions, after_commit_s) for truth in self.truths])
+        vars(asked).update(_answered=self._answered, _confirmed=self._confirmed)
+        return asked
+
     def levels(self, settings: AlarmSettings) -> list[Levels]:
         """Return the levels of each episode for alarms of some settings, not confirmed."""
-        key = (settings.method, settings.least_probability)
-        if key not in self.answered:
-            self.answered[key] = [self._level(truth, settings) for truth in self.truths]
-        return [truth.levels(level) for truth, level in zip(self.truths, self.answered[key], strict=True)]
+        return self._asked(self._of_all(settings))
 
     def confirmed(self, settings: AlarmSettings) -> list[Levels]:
         """Return the confirmed levels of each episode."""
         key = (settings.method, settings.least_probability, settings.k, settings.n)
         if key not in self._confirmed:
-            self._confirmed[key] = [confirmed(level, settings.k, settings.n) for level in self.levels(settings)]
-        return self._confirmed[key]
+            self._confirmed[key] = [confirmed(level, settings.k, settings.n) for level in self._of_all(settings)]
+        return self._asked(self._confirmed[key])
+
+    def _of_all(self, settings: AlarmSettings) -> list[Levels]:
+        key = (settings.method, settings.least_probability)
+        if key not in self._answered:
+            self._answered[key] = [Levels.of(truth.episode, self._level(truth, settings)) for truth in self.truths]
+        return self._answered[key]
+
+    def _asked(self, levels: Sequence[Levels]) -> list[Levels]:
+        return [level.asking(truth.asked) for truth, level in zip(self.truths, levels, strict=True)]
 
     def alarms(self, settings: AlarmSettings) -> list[Alarms]:
         """Return the alarms of each episode."""
@@ -167,11 +180,8 @@ class Prepared:
 
     def asking(self, intentions: Sequence[int], after_commit_s: float = 0.0) -> Prepared:
         """Return the same for alarms of some intentions alone, as `Truth.asking`."""
-        development, measured = (
-            [truth.asking(intentions, after_commit_s) for truth in truths]
-            for truths in (self.development, self.streams.truths)
-        )
-        return Prepared(development, self.candidates, replace(self.streams, truths=measured))
+        development = [truth.asking(intentions, after_commit_s) for truth in self.development]
+        return Prepared(development, self.candidates, self.streams.asking(intentions, after_commit_s))
 
     def options(self, live: LiveSettings) -> Options:
         """Return the alarm settings that the development seeds choose among."""

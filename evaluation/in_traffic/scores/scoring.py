@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import binomtest, chi2
 
-from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
-from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER, Alarms, Levels
+from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.scores.matching import EventTable
 from isac_cosim.evaluation.in_traffic.scores.results import COMMIT_IS, EventScores, GroupScores, LeadTimes, TimeToCommit
 from isac_cosim.evaluation.in_traffic.settings import ScoringSettings
@@ -120,14 +120,6 @@ class Truth:
             commit=commit,
         )
         return Truth(self.episode, table, self.onset[kept], commit, self.group[kept], tuple(intentions))
-
-    def levels(self, level: Float32Array) -> Levels:
-        """Return the levels (n, 6) of the episode's predictions, NEVER for intentions that are not asked for."""
-        if self.asked is not None:
-            others = [k for k in range(len(KNOWN)) if k not in self.asked]
-            level = level.copy()
-            level[:, others] = NEVER
-        return Levels.of(self.episode, level)
 
     def outcome(self, alarms: Alarms) -> AlarmOutcome:
         """Return the outcome of alarms in the episode."""

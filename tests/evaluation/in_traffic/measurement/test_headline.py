@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from isac_cosim.evaluation.in_traffic.alarms.alarms import NEVER
+from isac_cosim.evaluation.in_traffic.alarms.alarms import Levels, raised
 from isac_cosim.evaluation.in_traffic.measurement.headline import keeps_to_rate
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.labeling.intentions import KNOWN
@@ -19,9 +19,9 @@ def test_only_what_is_asked_for_is_right_missed_or_false() -> None:
     brakes = Truth.of(MINUTE, 2.0).asking([0, 4])
     outcome = brakes.outcome(alarms((0, 0, 10.5)))
     assert (len(outcome.intention), outcome.predicted.sum(), len(outcome.false_intention)) == (1, 1, 0)
-    level = brakes.levels(np.zeros((len(MINUTE.time_s), len(KNOWN)), np.float32)).level
-    assert (level[:, [0, 4]] == 0).all()
-    assert (level[:, [1, 2, 3, 5]] == NEVER).all()
+    level = Levels.of(MINUTE, np.zeros((len(MINUTE.time_s), len(KNOWN)), np.float32))
+    assert set(raised(level, 0.0, 0.0).intention.tolist()) == set(range(len(KNOWN)))
+    assert set(raised(level.asking(brakes.asked), 0.0, 0.0).intention.tolist()) == {0, 4}
     assert brakes.episode is MINUTE
 
 
