@@ -18,7 +18,7 @@ import numpy as np
 import pyarrow as pa
 from pydantic import Field
 
-from isac_cosim.base.arrays import Array
+from isac_cosim.base.arrays import Array, BoolArray, ComplexArray, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
@@ -56,6 +56,9 @@ MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
 UTM_ORIGIN = ("xUtmOrigin", "yUtmOrigin")
 """The columns that name the origin of a recording's coordinates, m in UTM."""
 RIGHTWARD = 2
+NONE = np.empty(0)
+AT_ONCE = 250_000
+"""So many states are turned and matched to lanes at once."""
 MOST_AGAINST = 0.5
 """Where a larger share of the vehicles drives against its direction, an axis is turned."""
 
@@ -117,10 +120,15 @@ def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     meta, rate_hz = read_recording_meta(files.recording_meta, dict.fromkeys(MARKINGS.values(), pa.string()))
     read, remarks = read_tracks(files)
     assert read.direction is not None  # the format has it
-    forward = (read.direction == RIGHTWARD)[read.vehicle]
-    front, y = read.x + np.where(forward, read.length, 0.0), -(read.y + read.width / 2.0)
-    _check_directions(read, front, forward, where)
+    assert read.width is not None
+    rounded = rounding_of(read.x, read.y)
     start, end = float(np.floor(read.x.min())), float(np.ceil((read.x + read.length).max()))
+    forward = (read.direction == RIGHTWARD)[read.vehicle]
+    # From corners to the centres of fronts, in place: the columns of a long recording fill most of the memory.
+    read.x += np.where(forward, read.length, 0.0)
+    np.negative(read.y + read.width / 2.0, out=read.y)
+    read.length = read.width = NONE
+    _check_directions(read, forward, where)
     halves = [
         Carriageway(half, markings, half == "lower", start, end)
         for half, column in MARKINGS.items()
@@ -128,11 +136,12 @@ def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     ]
     if not halves:
         raise InputError(f"{files.recording_meta}: row 2: names no lane markings; fetch it again")
-    lanes, lane = lanes_and_numbers(halves, y, [forward == half.forward for half in halves])
+    lanes, lane = lanes_and_numbers(halves, read.y, [forward == half.forward for half in halves])
     _check_on_road(lane, read, f"beyond the markings that {files.recording_meta.name} names", where)
-    states = observed(_rows(read, front, y, lane, rate_hz), read.vehicles, where)
+    vehicles, rows = read.vehicles, _rows(read, lane, rate_hz)
+    del read, forward, lane
     place = Scenario("", files.recording_meta, (where,), (), (0.0, 0.0), lanes, ())
-    return place, states, rounding_of(read.x, read.y), remarks
+    return place, observed(rows, vehicles, where), rounded, remarks
 
 
 def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
@@ -143,26 +152,54 @@ def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     road, remarks = _road(settings, files, meta)
     read, of_tracks = read_tracks(files)
     remarks += of_tracks
-    assert read.angle is not None  # the format has it
-    heading = np.exp(1j * np.radians(read.angle))
-    front = read.x + 1j * read.y + heading * (read.length / 2.0)
+    rounded = rounding_of(read.x, read.y)
+    _to_fronts(read)
     shifts = [(0.0, 0.0)]
     if not is_lanelet_map(road.network) and None not in (meta[name] for name in UTM_ORIGIN):
         east, north = net_offset(road.network)
         shifts.append((meta[UTM_ORIGIN[0]] + east, meta[UTM_ORIGIN[1]] + north))
-    placed = in_plane(front.real, front.imag, road, shifts)
+    placed = in_plane(read.x, read.y, road, shifts)
     if placed is None:
         raise InputError(
-            f"{where}: most of its positions, such as {front[0].real:g}, {front[0].imag:g}, are outside "
+            f"{where}: most of its positions, such as {read.x[0]:g}, {read.y[0]:g}, are outside "
             f"{road.network}; name a network of that place, in the recording's own coordinates or in UTM"
         )
-    x, y = placed
+    read.x, read.y = placed
+    del placed
+    lane = _matched(read, LanePlaces(road.lanes))
+    _check_on_road(lane, read, f"on no lane of {road.network}", where)
+    vehicles, rows = read.vehicles, _rows(read, lane, rate_hz)
+    del read, lane
+    return road, observed(rows, vehicles, where), rounded, remarks
+
+
+def _to_fronts(read: LevelxRows) -> None:
+    """Move positions from the centres of boxes to those of their fronts, in place; lengths are given up."""
+    for first in range(0, len(read.x), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        front = read.x[part] + 1j * read.y[part] + _heading(read, part) * (read.length[part] / 2.0)
+        read.x[part], read.y[part] = front.real, front.imag
+    read.length = NONE
+
+
+def _heading(read: LevelxRows, which: slice | IntArray) -> ComplexArray:
+    assert read.angle is not None  # the format has it
+    return np.exp(1j * np.radians(read.angle[which]))
+
+
+def _matched(read: LevelxRows, places: LanePlaces) -> Int32Array:
+    """Return the number of the lane of each state, -1 where it is on none: some vehicles at a time."""
     order = np.lexsort((read.frame, read.vehicle))
     lane = np.empty(len(order), np.int32)
-    lane[order] = match_lanes(LanePlaces(road.lanes), (x + 1j * y)[order], heading[order], read.vehicle[order])
-    _check_on_road(lane, read, f"on no lane of {road.network}", where)
-    states = observed(_rows(read, x, y, lane, rate_hz), read.vehicles, where)
-    return road, states, rounding_of(read.x, read.y), remarks
+    ends = np.append(np.flatnonzero(np.diff(read.vehicle[order])) + 1, len(order))
+    first = 0
+    while first < len(order):
+        after = int(ends[min(np.searchsorted(ends, first + AT_ONCE), len(ends) - 1)])
+        part = order[first:after]
+        position = read.x[part] + 1j * read.y[part]
+        lane[part] = match_lanes(places, position, _heading(read, part), read.vehicle[part])
+        first = after
+    return lane
 
 
 def _road(settings: LevelxSettings, files: LevelxFiles, meta: Mapping[str, Any]) -> tuple[Scenario, list[str]]:
@@ -183,9 +220,8 @@ def _road(settings: LevelxSettings, files: LevelxFiles, meta: Mapping[str, Any])
     return Scenario("", file, (files.tracks,), (), (0.0, 0.0), lanes, ()), remarks
 
 
-def _rows(read: LevelxRows, x: Array, y: Array, lane: Int32Array, rate_hz: float) -> Rows:
-    speed = None if read.speed is None else read.speed.astype(np.float32)
-    return Rows(read.vehicle, read.frame, x, y, lane, speed, read.number, rate_hz)
+def _rows(read: LevelxRows, lane: Int32Array, rate_hz: float) -> Rows:
+    return Rows(read.vehicle, read.frame, read.x, read.y, lane, read.speed, read.number, rate_hz)
 
 
 def _check_on_road(lane: Int32Array, read: LevelxRows, off: str, where: Path) -> None:
@@ -218,19 +254,20 @@ LEAST_LANE_M = 1.0
 """Markings that are closer together, m, have no lane between them."""
 
 
-def _check_directions(read: LevelxRows, front: Array, forward: Array, where: Path) -> None:
+def _check_directions(read: LevelxRows, forward: BoolArray, where: Path) -> None:
     """Raise InputError where most vehicles drive against the direction that the file names."""
-    order = np.lexsort((read.frame, read.vehicle))
-    vehicle = read.vehicle[order]
-    first = np.flatnonzero(np.concatenate([[True], vehicle[1:] != vehicle[:-1]]))
-    last = np.append(first[1:], len(vehicle)) - 1
-    driven = front[order][last] - front[order][first]
+    first, last = (np.full(len(read.vehicles), -1) for _ in range(2))
+    rows = np.arange(len(read.vehicle))
+    last[read.vehicle] = rows  # of several rows of a vehicle, the last one is kept
+    first[read.vehicle[::-1]] = rows[::-1]
+    first, last = first[first >= 0], last[last >= 0]
+    driven = read.x[last] - read.x[first]
     moved = np.abs(driven) > LEAST_DRIVEN_M
-    against = moved & ((driven > 0.0) != forward[order][first])
+    against = moved & ((driven > 0.0) != forward[first])
     if against.sum() > MOST_AGAINST * moved.sum():
-        row = int(read.number[order][first[np.argmax(against)]])
+        row = int(first[np.argmax(against)])
         raise InputError(
-            f"{where}: row {row}: vehicle {read.vehicles[vehicle[first[np.argmax(against)]]].id} and most others drive "
+            f"{where}: row {read.number[row]}: vehicle {read.vehicles[read.vehicle[row]].id} and most others drive "
             "against their drivingDirection; give x as highD does, or the meta file of this recording"
         )
 

@@ -66,17 +66,20 @@ class NgsimSource(FileSource):
     def open(self, where: Path) -> Opened:
         if where.is_dir():
             raise InputError(f"{where}: is a folder; give a file of NGSIM, such as trajectories-0500-0515.txt")
-        read, remarks = _without_repeats(read_ngsim(where, self.ngsim.location))
-        read = read.of(np.lexsort((read.time_ms, read.vehicle)))
+        read = read_ngsim(where, self.ngsim.location)
+        remarks = _leave_out_repeats(read)
+        read.take(np.lexsort((read.time_ms, read.vehicle)))
         number, vehicles = _vehicles(read, where)
-        along, left = read.along, steadied(read.along, -read.across, read.time_ms / 1e3, number)
+        np.negative(read.across, out=read.across)  # in place: the columns of a long file fill most of the memory
+        along, left = read.along, steadied(read.along, read.across, read.time_ms / 1e3, number)
         fitted = fitted_lanes(along, left, np.where(np.isin(read.lane, LANES), read.lane, 0))
         _check_lanes(fitted, read, where)
         # Times are those of the first frame, and go on from there where numbers of frames begin anew.
         first = int(read.time_ms.argmin())
         time_ms = read.time_ms - read.time_ms[first] + read.frame[first] * FRAME_MS
-        speed = None if read.speed is None else read.speed.astype(np.float32)
-        states = observed(Rows(number, time_ms, along, left, fitted.number, speed, read.number), vehicles, where)
+        rows = Rows(number, time_ms, along, left, fitted.number, read.speed, read.number)
+        del read, number, along, left, time_ms
+        states = observed(rows, vehicles, where)
         noise_m = self.ngsim.noise_m
         remarks += check_observed(self.ngsim, states, LanePlaces(fitted.lanes), where)
         sites = sites_for(self.ngsim, (), fitted.lanes, states, (0.0, 0.0), False)
@@ -87,13 +90,22 @@ class NgsimSource(FileSource):
         return Opened(place, states, inputs, 0.0 if noise_m is None else noise_m, tuple(remarks))
 
 
-def _without_repeats(read: NgsimRows) -> tuple[NgsimRows, list[str]]:
-    """Return the rows without those that say the same again, and how many there are, as a line if there are any."""
-    same = np.column_stack([read.vehicle, read.time_ms, read.lane, read.kind]).astype(float)
-    _, first = np.unique(np.column_stack([same, read.along, read.across]), axis=0, return_index=True)
-    if len(first) == len(read):
-        return read, []
-    return read.of(np.sort(first)), [f"{len(read) - len(first)} rows are there twice, and left out once"]
+def _leave_out_repeats(read: NgsimRows) -> list[str]:
+    """Leave out the rows that say again what one before them says; return how many there are, as a line if any."""
+    order = np.lexsort((read.time_ms, read.vehicle))
+    again = (np.diff(read.vehicle[order]) == 0) & (np.diff(read.time_ms[order]) == 0)
+    at_once = np.zeros(len(order), bool)
+    at_once[:-1] = again
+    at_once[1:] |= again
+    doubtful = np.sort(order[at_once])
+    columns = (read.vehicle, read.time_ms, read.lane, read.kind, read.along, read.across)
+    same = np.column_stack([column[doubtful] for column in columns])
+    _, first = np.unique(same, axis=0, return_index=True)
+    if len(first) == len(doubtful):
+        return []
+    repeated = np.delete(doubtful, first)
+    read.take(np.delete(np.arange(len(read)), repeated))
+    return [f"{len(repeated)} rows are there twice, and left out once"]
 
 
 def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[Vehicle]]:
@@ -104,8 +116,8 @@ def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[Vehicle]]:
     """
     same = read.vehicle[1:] == read.vehicle[:-1]
     pause = np.diff(read.time_ms) > USED_AGAIN_MS
-    sized = np.column_stack([read.length, read.width, read.kind.astype(float)])
-    new = np.concatenate([[True], ~same | pause | (np.diff(sized, axis=0) != 0).any(axis=1)])
+    other = (np.diff(read.length) != 0) | (np.diff(read.width) != 0) | (np.diff(read.kind) != 0)
+    new = np.concatenate([[True], ~same | pause | other])
     number = (np.cumsum(new) - 1).astype(np.int32)
     vehicles, times = list[Vehicle](), dict[int, int]()
     for row in np.flatnonzero(new).tolist():

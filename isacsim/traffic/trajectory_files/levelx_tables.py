@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from isac_cosim.base.arrays import Array, IntArray
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Vehicle
 from isac_cosim.isacsim.traffic.trajectory_files.tables import batches, header_of
@@ -37,14 +37,14 @@ MOST = 1e7
 RATES_HZ = (1.0, 1000.0)
 
 
-@dataclass(frozen=True)
+@dataclass
 class LevelxRows:
     """The states of a recording that belong to vehicles, shape (n,) each, in the order of the file.
 
-    vehicle: number in `vehicles`. x, y: as in the file, m. length, width: of the box, m. angle: as in the file,
-    degrees; None where boxes are axis-parallel. speed: magnitude of the file's velocity, m/s; None if it names none.
-    number: the line of the file. direction: 1 or 2, as the file numbers directions, of each vehicle, shape (v,); None
-    without any.
+    vehicle: number in `vehicles`. x, y: as in the file, m. length, width: of the box, m; None for the width of turned
+    ones. angle: as in the file, degrees; None where boxes are axis-parallel. speed: magnitude of the file's velocity,
+    m/s; None if it names none. number: the line of the file. direction: 1 or 2, as the file numbers directions, of each
+    vehicle, shape (v,); None without any.
     """
 
     vehicles: list[Vehicle]
@@ -53,10 +53,10 @@ class LevelxRows:
     x: Array
     y: Array
     length: Array
-    width: Array
+    width: Array | None
     angle: Array | None
-    speed: Array | None
-    number: IntArray
+    speed: Float32Array | None
+    number: Int32Array
     direction: IntArray | None
 
 
@@ -127,20 +127,32 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         **dict.fromkeys(whole, pa.int64()),
         **dict.fromkeys((*needed, *SPEEDS), pa.float64()),
     }
-    values = _columns(files.tracks, columns, (*whole, *needed), SPEEDS)
-    if not len(values["frame"]):
+    parts: dict[str, list[np.ndarray[Any, Any]]] = {}
+    line, latest = 2, np.full(len(vehicles), -np.inf)
+    for batch in batches(files.tracks, columns, (*whole, *needed)):
+        values = {name: _numbers(batch, name, files.tracks, line) for name in (*whole, *needed)}
+        at = _places(ids, len(vehicles), values.pop(identity).astype(np.int64), files, line)
+        kept = np.flatnonzero(at >= 0)
+        held = {"vehicle": at[kept], "number": (kept + line).astype(np.int32)}
+        if not corners:
+            del values[across]
+        held |= {name: column[kept] for name, column in values.items()}
+        _check_order(held, latest, vehicles, files.tracks)
+        held["frame"] = held["frame"].astype(np.int64)
+        if set(SPEEDS) <= {*batch.schema.names}:
+            velocity = (_numbers(batch, name, files.tracks, line, or_none=True)[kept] for name in SPEEDS)
+            held["speed"] = np.hypot(*velocity).astype(np.float32)
+        for name, column in held.items():
+            parts.setdefault(name, []).append(column)
+        line += len(batch)
+    if line == 2:
         raise InputError(f"{files.tracks}: holds no state of a vehicle; fetch it again")
-    at = _places(ids, len(vehicles), values[identity].astype(np.int64), files)
-    kept = np.flatnonzero(at >= 0)
-    if not len(kept):
+    # Each column is put together as its parts are given up: those of a long file fill most of the memory.
+    of = {name: np.concatenate(parts.pop(name)) for name in [*parts]}
+    if not len(of["vehicle"]):
         raise InputError(f"{files.tracks}: holds persons only, and no vehicle; name another recording")
-    speed = np.hypot(*(values[name][kept] for name in SPEEDS)) if values.keys() >= set(SPEEDS) else None
-    rows = LevelxRows(
-        vehicles, at[kept], values["frame"][kept].astype(np.int64), values[x][kept], values[y][kept],
-        values[length][kept], values[across][kept], None if corners else values["heading"][kept], speed,
-        kept + 2, direction,
-    )  # fmt: skip
-    _check_order(rows, files.tracks)
+    rows = LevelxRows(vehicles, of["vehicle"], of["frame"], of[x], of[y], of[length], of.get("height"),
+                      of.get("heading"), of.get("speed"), of["number"], direction)  # fmt: skip
     return rows, remarks
 
 
@@ -196,48 +208,64 @@ def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str
     return Vehicle(str(number), kind, length_m, width_m)
 
 
-def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles) -> Int32Array:
+def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles, line: int) -> Int32Array:
     """Return the number of each row's vehicle, -1 for persons. Raises InputError for one that is not in the meta file.
 
-    ids: of so many vehicles and of persons, at least one in all. named: by the rows.
+    ids: of so many vehicles and of persons, at least one in all. named: by the rows, of which the first is at a line.
     """
     order = np.argsort(ids, kind="stable")
     at = order[np.minimum(np.searchsorted(ids[order], named), len(ids) - 1)]
     if (lost := np.flatnonzero(ids[at] != named)).size:
         raise InputError(
-            f"{files.tracks}: row {lost[0] + 2}: vehicle {named[lost[0]]} is not in {files.tracks_meta.name}; fetch "
+            f"{files.tracks}: row {lost[0] + line}: vehicle {named[lost[0]]} is not in {files.tracks_meta.name}; fetch "
             "both files again"
         )
     return np.where(at < vehicles, at, -1).astype(np.int32)
 
 
-def _check_order(rows: LevelxRows, where: Path) -> None:
-    """Raise InputError where the frames of a vehicle run backwards."""
-    by_vehicle = np.argsort(rows.vehicle, kind="stable")
-    frame, vehicle = rows.frame[by_vehicle], rows.vehicle[by_vehicle]
-    if (back := np.flatnonzero((np.diff(frame) < 0) & (vehicle[1:] == vehicle[:-1]))).size:
-        at = int(back[0])
+def _check_order(
+    held: Mapping[str, np.ndarray[Any, Any]], latest: Array, vehicles: Sequence[Vehicle], where: Path
+) -> None:  # fmt: skip
+    """Raise InputError where the frames of a vehicle run backwards.
+
+    held: some rows. latest: the last frame of each vehicle before them, shape (v,), which becomes that of these rows.
+    """
+    by_vehicle = np.argsort(held["vehicle"], kind="stable")
+    frame, vehicle = held["frame"][by_vehicle], held["vehicle"][by_vehicle]
+    before = np.append(-np.inf, frame[:-1])
+    first = np.append(True, vehicle[1:] != vehicle[:-1])[: len(frame)]
+    before = np.where(first, latest[vehicle], before[: len(frame)])
+    if (back := frame < before).any():
+        at = int(np.argmax(back))
         raise InputError(
-            f"{where}: row {rows.number[by_vehicle[at + 1]]}: time runs backwards, from frame {frame[at]} to "
-            f"{frame[at + 1]} of vehicle {rows.vehicles[vehicle[at]].id}; sort the states by frame"
+            f"{where}: row {held['number'][by_vehicle[at]]}: time runs backwards, from frame {before[at]:.0f} to "
+            f"{frame[at]:.0f} of vehicle {vehicles[vehicle[at]].id}; sort the states by frame"
         )
+    latest[vehicle] = frame  # of several frames of a vehicle, the last one is kept
 
 
-def _columns(
-    file: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str], wanted: Sequence[str] = ()
-) -> dict[str, Array]:
-    """Return columns of numbers. needed: must be in the file, and each value a number. wanted: only if it is there.
+def _columns(file: Path, columns: Mapping[str, pa.DataType], needed: Sequence[str]) -> dict[str, Array]:
+    """Return columns of numbers that a file must have. Raises InputError where a value cannot be right."""
+    parts: dict[str, list[Array]] = {name: [np.empty(0)] for name in needed}
+    line = 2
+    for batch in batches(file, columns, needed):
+        for name in needed:
+            parts[name].append(_numbers(batch, name, file, line))
+        line += len(batch)
+    return {name: np.concatenate(held) for name, held in parts.items()}
+
+
+def _numbers(batch: pa.RecordBatch, name: str, file: Path, line: int, or_none: bool = False) -> Array:
+    """Return a column of numbers. line: of the first row. or_none: whether a value may be missing, which gives NaN.
 
     Raises InputError where a value is missing, or cannot be a coordinate or the number of a frame.
     """
-    parts: dict[str, list[Array]] = {name: [] for name in needed}
-    for batch in batches(file, columns, needed):
-        for name in (*needed, *wanted):
-            if name in batch.schema.names:
-                parts.setdefault(name, []).append(np.array(batch[name].to_numpy(zero_copy_only=False), float))
-    values = {name: np.concatenate(held) if held else np.empty(0) for name, held in parts.items()}
-    for name in needed:
-        if (wrong := np.flatnonzero(~(np.abs(values[name]) < MOST))).size:
-            found = "missing" if np.isnan(values[name][wrong[0]]) else f"{values[name][wrong[0]]:g}"
-            raise InputError(f"{file}: row {wrong[0] + 2}: {name} is {found}; fix it")
+    values = np.array(batch[name].to_numpy(zero_copy_only=False), float)
+    wrong = ~(np.abs(values) < MOST)
+    if or_none:
+        wrong &= ~np.isnan(values)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        found = "missing" if np.isnan(values[row]) else f"{values[row]:g}"
+        raise InputError(f"{file}: row {row + line}: {name} is {found}; fix it")
     return values

@@ -7,18 +7,26 @@ header, `.csv` files have commas and one, and the file with all places has furth
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.trajectory_files.tables import batches, check_columns, content_head, header_of, reading
+from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array
+from isac_cosim.isacsim.traffic.trajectory_files.tables import (
+    Codes,
+    batches,
+    check_columns,
+    content_head,
+    header_of,
+    reading,
+)
 
 COLUMNS = (
     "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X", "Global_Y", "v_Length",
@@ -28,6 +36,8 @@ COLUMNS = (
 NEEDED = (
     "Vehicle_ID", "Frame_ID", "Global_Time", "Local_X", "Local_Y", "v_Length", "v_Width", "v_Class", "Lane_ID",
 )  # fmt: skip
+WHOLE = frozenset({"Vehicle_ID", "Frame_ID", "Global_Time", "v_Class", "Lane_ID"})
+"""Columns of whole numbers; the others are in feet, or feet a second."""
 SPEED, PLACE = "v_Vel", "Location"
 FOOT_M = 0.3048
 MOST = 1e14
@@ -35,7 +45,7 @@ MOST = 1e14
 CHUNK = 1 << 18
 
 
-@dataclass(frozen=True)
+@dataclass
 class NgsimRows:
     """The states of one place, shape (n,) each, in the order of the file, in SI units.
 
@@ -53,19 +63,17 @@ class NgsimRows:
     width: Array
     kind: IntArray
     lane: IntArray
-    speed: Array | None
-    number: IntArray
+    speed: Float32Array | None
+    number: Int32Array
 
     def __len__(self) -> int:
         return len(self.vehicle)
 
-    def of(self, which: IntArray | BoolArray) -> NgsimRows:
-        """Return some of the rows."""
-        speed = None if self.speed is None else self.speed[which]
-        return NgsimRows(
-            self.vehicle[which], self.frame[which], self.time_ms[which], self.across[which], self.along[which],
-            self.length[which], self.width[which], self.kind[which], self.lane[which], speed, self.number[which],
-        )  # fmt: skip
+    def take(self, which: IntArray) -> None:
+        """Keep some of the rows, in another order, column by column: a long file fills the memory once, not twice."""
+        for column in fields(self):
+            if (values := getattr(self, column.name)) is not None:
+                setattr(self, column.name, values[which])
 
 
 def read_ngsim(file: Path, place: str | None) -> NgsimRows:
@@ -75,29 +83,30 @@ def read_ngsim(file: Path, place: str | None) -> NgsimRows:
     read, lacks a column, holds a value that cannot be, or has not that place alone.
     """
     header = _has_header(file)
-    values, places = _values(file, header)
-    here = _at_place(places, place, len(values["Vehicle_ID"]), file)
-    number = np.flatnonzero(here) + (2 if header else 1)
+    of, places = _values(file, header)
+    here = _at_place(places, place, len(of["Vehicle_ID"]), file)
+    del places
+    number = (here + (2 if header else 1)).astype(np.int32)
     if not len(number):
         raise InputError(f"{file}: holds no state of a vehicle; fetch it again")
-    kept = {name: column[here] for name, column in values.items()}
-    for name in NEEDED:
-        if (wrong := np.flatnonzero(~(np.abs(kept[name]) < MOST))).size:
-            found = "missing" if np.isnan(kept[name][wrong[0]]) else f"{kept[name][wrong[0]]:g}"
-            raise InputError(f"{file}: row {number[wrong[0]]}: {name} is {found}; fix it")
-    whole = {
-        name: kept[name].astype(np.int64) for name in ("Vehicle_ID", "Frame_ID", "Global_Time", "v_Class", "Lane_ID")
-    }
-    for name, column in whole.items():
-        if (wrong := np.flatnonzero(column != kept[name])).size:
-            raise InputError(
-                f"{file}: row {number[wrong[0]]}: {name} is {kept[name][wrong[0]]:g}, which is no whole number; fix it"
-            )
-    speed = kept[SPEED] * FOOT_M if SPEED in kept else None
+    # Each column is given up as the one is made that takes its place.
+    for name in [*of]:
+        values = of.pop(name)[here]
+        wrong = ~(np.abs(values) < MOST)
+        if name == SPEED:
+            wrong &= ~np.isnan(values)
+        elif name in WHOLE and not wrong.any():
+            wrong = values != np.rint(values)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            found = "missing" if np.isnan(values[row]) else f"{values[row]:g}"
+            fault = ", which is no whole number" if abs(values[row]) < MOST else ""
+            raise InputError(f"{file}: row {number[row]}: {name} is {found}{fault}; fix it")
+        of[name] = values.astype(np.int64) if name in WHOLE else values * FOOT_M
+    speed = of[SPEED].astype(np.float32) if SPEED in of else None
     return NgsimRows(
-        whole["Vehicle_ID"], whole["Frame_ID"], whole["Global_Time"], kept["Local_X"] * FOOT_M,
-        kept["Local_Y"] * FOOT_M, kept["v_Length"] * FOOT_M, kept["v_Width"] * FOOT_M, whole["v_Class"],
-        whole["Lane_ID"], speed, number,
+        of["Vehicle_ID"], of["Frame_ID"], of["Global_Time"], of["Local_X"], of["Local_Y"], of["v_Length"],
+        of["v_Width"], of["v_Class"], of["Lane_ID"], speed, number,
     )  # fmt: skip
 
 
@@ -106,19 +115,28 @@ def _has_header(file: Path) -> bool:
     return any(byte in b"abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_" for byte in first)
 
 
-def _values(file: Path, header: bool) -> tuple[dict[str, Array], list[str | None] | None]:
-    """Return the columns of numbers, and that of the places, if the file has one."""
-    parts: dict[str, list[Array]] = {name: [] for name in NEEDED}
-    places: list[str | None] | None = None
+def _values(file: Path, header: bool) -> tuple[dict[str, Any], _Places | None]:
+    """Return the columns of numbers, and the places, if the file has any."""
+    parts: dict[str, list[Array]] = {name: [np.empty(0)] for name in NEEDED}
+    names, numbers_of = Codes(), list[Int32Array]()
     for numbers, named in _tables(file) if header else _blanks(file):
         for name, column in numbers.items():
             parts.setdefault(name, []).append(column)
         if named is not None:
-            places = (places or []) + named
-    return {name: np.concatenate(held) if held else np.empty(0) for name, held in parts.items()}, places
+            numbers_of.append(names.of(named.fill_null("(none)")))
+    places = _Places(names.names, np.concatenate(numbers_of)) if numbers_of else None
+    return {name: np.concatenate(parts.pop(name)) for name in [*parts]}, places
 
 
-_Part = tuple[Mapping[str, Array], list[str | None] | None]
+@dataclass(frozen=True)
+class _Places:
+    """The places of a file, and the number of that of each row, (n,)."""
+
+    names: tuple[str, ...]
+    number: Int32Array
+
+
+_Part = tuple[Mapping[str, Array], pa.Array | None]
 
 
 def _tables(file: Path) -> Iterator[_Part]:
@@ -132,7 +150,7 @@ def _tables(file: Path) -> Iterator[_Part]:
         columns[place] = pa.string()
     for batch in batches(file, columns, ()):
         numbers = {name: np.array(batch[own].to_numpy(zero_copy_only=False), float) for own, name in wanted.items()}
-        yield numbers, None if place is None else batch[place].to_pylist()
+        yield numbers, None if place is None else batch[place]
 
 
 def _blanks(file: Path) -> Iterator[_Part]:
@@ -148,17 +166,17 @@ def _blanks(file: Path) -> Iterator[_Part]:
             yield {name: chunk[name].to_numpy(np.float64) for name in wanted}, None
 
 
-def _at_place(places: Sequence[str | None] | None, wanted: str | None, count: int, file: Path) -> BoolArray:
+def _at_place(places: _Places | None, wanted: str | None, count: int, file: Path) -> IntArray:
     """Return which of so many rows are at a place. Raises InputError where it is not clear which place is meant."""
     if places is None:
         if wanted is not None:
             raise InputError(f"{file}: has no column {PLACE}; leave out the setting location, {wanted}")
-        return np.ones(count, bool)
-    found = sorted({place or "(none)" for place in places})
+        return np.arange(count)
+    found = sorted(places.names)
     if wanted is None and len(found) > 1:
         raise InputError(
             f"{file}: holds the places {', '.join(found)[:200]}; name one of them in [dataset.ngsim] location"
         )
     if wanted is not None and wanted not in found:
         raise InputError(f"{file}: holds no place {wanted}, but {', '.join(found)[:200]}; name one of them as location")
-    return np.array([(place or "(none)") == (wanted or found[0]) for place in places], bool)
+    return np.flatnonzero(places.number == places.names.index(wanted or found[0]))
