@@ -19,15 +19,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-SECONDS = 60.0
-"""Time for a command, s."""
+SECONDS = 60
+"""Processor time for a command, s; and time for which it may wait for nothing, s. A busy machine is no fault of it."""
 MEMORY = 3 * 2**30
 """What a command may take beyond what the warmed process has, bytes."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended. code: its exit code, negative for a signal; None if it ran out of time."""
+    """How a command ended. code: its exit code, negative for a signal; None if it waited for ever."""
 
     code: int | None
     out: str
@@ -135,6 +135,7 @@ def _command(folder: Path, commands: Sequence[Sequence[str]], streams: Sequence[
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     for words in commands:
         if code := cosim.main(words):
             return code
@@ -142,12 +143,15 @@ def _command(folder: Path, commands: Sequence[Sequence[str]], streams: Sequence[
 
 
 def _waited(child: int) -> int | None:
-    """Return a child's exit code, negative for a signal; None if it ran out of time."""
-    end, pause = time.monotonic() + SECONDS, 0.002
-    while time.monotonic() < end:
+    """Return a child's exit code, negative for a signal; None if it waited for ever, and was ended."""
+    worked, since, pause = -1, time.monotonic(), 0.002
+    while time.monotonic() < since + SECONDS:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
             return os.waitstatus_to_exitcode(status)
+        state, *_, user, system = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()[:13]
+        if state != "S" or worked != int(user) + int(system):
+            worked, since = int(user) + int(system), time.monotonic()
         time.sleep(pause)
         pause = min(0.05, pause * 1.3)
     os.kill(child, signal.SIGKILL)
