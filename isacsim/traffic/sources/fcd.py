@@ -52,7 +52,7 @@ COLUMNS = {
 }
 NEEDED = ("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_lane")
 SECONDS = 1e9
-"""Times and coordinates beyond this, s or m, are no times and coordinates."""
+"""Times, coordinates and speeds beyond this, s, m or m/s, are none."""
 
 
 class FcdSettings(FileSettings):
@@ -232,10 +232,13 @@ def _checked(read: FcdColumns, where: Path) -> FcdColumns:
     """Return what was read. Raises InputError where it holds no vehicle, or a value that is none."""
     if not len(read.time):
         raise InputError(f"{where}: holds no vehicle; give the file that SUMO wrote with --fcd-output")
-    for name, values in (("time", read.time), ("x", read.x), ("y", read.y)):
-        wrong = np.flatnonzero(~((values < SECONDS) & (values > -SECONDS)))
-        if wrong.size:
-            raise InputError(f"{where}: row {read.number[wrong[0]]}: {name} is {values[wrong[0]]:g}; fix it")
+    for name, values in (("time", read.time), ("x", read.x), ("y", read.y), ("speed", read.speed)):
+        wrong = ~((values < SECONDS) & (values > -SECONDS))
+        if name == "speed":  # which may be missing
+            wrong &= ~np.isnan(values)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise InputError(f"{where}: row {read.number[row]}: {name} is {values[row]:g}; fix it")
     if (fractions := np.flatnonzero(np.abs(read.time * 1e3 - np.rint(read.time * 1e3)) > 1e-3)).size:
         raise InputError(
             f"{where}: row {read.number[fractions[0]]}: the time {read.time[fractions[0]]!r} s is no whole number of "

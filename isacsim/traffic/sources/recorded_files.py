@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
+from isac_cosim.base.arrays import IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import digests_of
 from isac_cosim.base.settings import Settings
@@ -22,6 +23,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.isacsim.traffic.trajectory_files import blocks, checks, conditioning
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import Sampling
+from isac_cosim.isacsim.traffic.trajectory_files.jumps import check_jumps, jumps
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces, runs
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
 from isac_cosim.isacsim.traffic.trajectory_files.tracks import pieces, tracks
@@ -59,7 +61,8 @@ class Opened:
     """A file that was read.
 
     scenario: its `demand` is that file. inputs: all files that were read. remarks: what is to be said of it, a
-    line each. noise_m: standard deviation of the positions, m.
+    line each. noise_m: standard deviation of the positions, m. jumps: the rows after which positions jump,
+    ascending.
     """
 
     scenario: Scenario
@@ -68,9 +71,11 @@ class Opened:
     noise_m: float
     remarks: tuple[str, ...] = ()
     places: LanePlaces = field(init=False)
+    jumps: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "places", LanePlaces(self.scenario.lanes))
+        object.__setattr__(self, "jumps", jumps(self.observed, self.noise_m))
 
     @property
     def sampling(self) -> Sampling:
@@ -126,6 +131,7 @@ class FileSource(MotionSource):
             f"{observed.period_s:g} s, in {len(cut)} block(s) of {minutes:.1f} minutes; positions with a noise of "
             f"{read.noise_m:.3g} m are smoothed with {sampling.total_width_s:.2f} s, which leaves {left:.2g} m/s2",
             *read.remarks,
+            *check_jumps(observed, read.jumps, scenario.demand[0]),
         ]
 
     def record(self, scenario: Scenario, seed: int) -> Recording:
@@ -136,17 +142,17 @@ class FileSource(MotionSource):
             raise InputError(f"{scenario.name}: has blocks 1 to {len(cut)}, and none with the number {seed}")
         before, block = blocks.seen_before(read.observed, cut, seed - 1), cut[seed - 1]
         found: dict[str, Track] = {}
-        changes = jumps = 0
+        changes = at_once = 0
         starts = read.observed.step[read.observed.starts[:-1]]
         ends = read.observed.step[read.observed.starts[1:] - 1]
         for number in np.flatnonzero((starts <= block.last) & (ends >= block.first)).tolist():
-            parts, changed, jumped = pieces(read.observed, number, read.places)
-            changes, jumps = changes + changed, jumps + jumped
+            parts, changed, jumped = pieces(read.observed, number, read.places, read.jumps)
+            changes, at_once = changes + changed, at_once + jumped
             for track in tracks(parts, block, read.sampling, read.places, bool(before[number])):
                 found[track.vehicle] = track
-        if jumps > MOST_JUMPS * max(changes, 1):
+        if at_once > MOST_JUMPS * max(changes, 1):
             raise InputError(
-                f"{scenario.demand[0]}: {jumps} of {changes} lane changes take no time, so that there is no lateral "
+                f"{scenario.demand[0]}: {at_once} of {changes} lane changes take no time, so that there is no lateral "
                 "motion to see; simulate with --lateral-resolution 5, or --lanechange.duration 4"
             )
         return Recording(scenario.name, seed, read.sampling.step_s, scenario.lanes, found, lefthand=scenario.lefthand)
@@ -170,7 +176,9 @@ def opened(source: FileSource, where: Path) -> Opened:
 
 @lru_cache(maxsize=2)
 def _opened(source: FileSource, where: Path, marks: object) -> Opened:
-    return source.open(where)
+    read = source.open(where)
+    check_jumps(read.observed, read.jumps, where)
+    return read
 
 
 def scenario_name(where: Path, endings: Iterable[str]) -> str:

@@ -37,11 +37,14 @@ class Piece:
     lane: IntArray
 
 
-def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Piece], int, int]:
+def pieces(
+    observed: Observed, number: int, places: LanePlaces, jumps: IntArray
+) -> tuple[list[Piece], int, int]:  # fmt: skip
     """Return the pieces of a vehicle; how often it changes lanes on one edge, and how often of these in a jump.
 
-    A piece ends where the vehicle is not seen for longer than `LONGEST_GAP_S`, where no lane is known, and where it
-    jumps from lane to lane in one step, as in simulations in which lane changes take no time.
+    A piece ends where the vehicle is not seen for longer than `LONGEST_GAP_S`, where no lane is known, where it jumps
+    from lane to lane in one step, as in simulations in which lane changes take no time, and where its position jumps.
+    jumps: the rows after which positions jump, ascending.
     """
     span = slice(int(observed.starts[number]), int(observed.starts[number + 1]))
     rows = np.flatnonzero(observed.lane[span] >= 0) + span.start
@@ -50,7 +53,7 @@ def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Pi
     cut = np.diff(step) * observed.period_s > LONGEST_GAP_S + 1e-9
     if observed.period_s >= LONGEST_GAP_S:
         cut = np.diff(step) > 1
-    changes = jumps = 0
+    changes = at_once = 0
     for row in np.flatnonzero((lane[1:] != lane[:-1]) & ~cut).tolist():
         if places.beside(int(lane[row]), int(lane[row + 1])):
             pair = places.places(int(lane[row]), x[row : row + 2] + 1j * y[row : row + 2])
@@ -59,7 +62,8 @@ def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Pi
             changes += 1
             if across > max(JUMP_M, JUMP_MPS * within_s):
                 cut[row] = True
-                jumps += 1
+                at_once += 1
+    cut |= np.diff(np.searchsorted(jumps, rows)) > 0
     vehicle = observed.vehicles[number]
     edges = [0, *(np.flatnonzero(cut) + 1).tolist(), len(step)]
     found: list[Piece] = []
@@ -68,7 +72,7 @@ def pieces(observed: Observed, number: int, places: LanePlaces) -> tuple[list[Pi
             name = vehicle.id if not found else f"{vehicle.id}#{len(found) + 1}"
             part = slice(first, after)
             found.append(Piece(name, vehicle, step[part], x[part], y[part], lane[part]))
-    return found, changes, jumps
+    return found, changes, at_once
 
 
 def tracks(

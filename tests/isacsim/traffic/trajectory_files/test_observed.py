@@ -49,7 +49,7 @@ def test_a_vehicle_that_is_not_seen_for_long_has_several_pieces(steps: set[int])
     seen = sorted(steps)
     states = observed(*rows_of({"v": seen, "steady": list(range(201))}), "file")
     number = [vehicle.id for vehicle in states.vehicles].index("v")
-    found, _, _ = pieces(states, number, LanePlaces(LANES))
+    found, _, _ = pieces(states, number, LanePlaces(LANES), np.empty(0, np.int64))
     runs = np.split(np.array(seen), np.flatnonzero(np.diff(seen) > 3) + 1)
     long = [run.tolist() for run in runs if len(run) >= 3]
     assert [piece.step.tolist() for piece in found] == long
