@@ -123,42 +123,39 @@ class EventTable:
     def match(self, alarms: Alarms) -> Matching:
         """Match the alarms of the episode to its events."""
         event_alarm = np.full(len(self.vehicle), -1, dtype=np.int64)
-        used = np.zeros(len(alarms), dtype=bool)
-        order, slices = _by_key(alarms, self._keys)
-        for key, (begin, end) in slices.items():
-            events, candidates = self._events[key], order[begin:end]
-            spans = (self.earliest[events], self.latest[events], self.commit[events])
-            matched = match(alarms.time_s[candidates], *spans)
+        of_alarms = _keys(alarms.vehicle, alarms.intention)
+        order = np.lexsort((alarms.time_s, of_alarms))
+        of_alarms, time_s = of_alarms[order], alarms.time_s[order]
+        event, place = _fitting(of_alarms, time_s, self._key, self.earliest, self.latest)
+        # An event alone with its vehicle and intention takes the first alarm that fits.
+        alone = self._alone[event]
+        lone, first = np.unique(event[alone], return_index=True)
+        event_alarm[lone] = order[place[alone][first]]
+        for key in np.unique(self._key[event[~alone]]).tolist():
+            events, candidates = np.flatnonzero(self._key == key), np.flatnonzero(of_alarms == key)
+            matched = match(time_s[candidates], self.earliest[events], self.latest[events], self.commit[events])
             hit = matched >= 0
-            event_alarm[events[hit]] = candidates[matched[hit]]
-            used[candidates[matched[hit]]] = True
-        nearly = np.zeros(len(alarms), dtype=bool)
-        order, slices = _by_key(alarms, self._neutral_keys)
-        for key, (begin, end) in slices.items():
-            events, candidates = self._neutral_events[key], order[begin:end]
-            time_s = alarms.time_s[candidates][:, None]
-            within = (time_s >= self.neutral_earliest[events] - 1e-9) & (time_s <= self.neutral_latest[events] + 1e-9)
-            used[candidates[(within & ~self.near_miss[events]).any(axis=1)]] = True
-            nearly[candidates[within.any(axis=1)]] = True
+            event_alarm[events[hit]] = order[candidates[matched[hit]]]
+        used, nearly = np.zeros(len(alarms), dtype=bool), np.zeros(len(alarms), dtype=bool)
+        used[event_alarm[event_alarm >= 0]] = True
+        event, place = _fitting(of_alarms, time_s, self._neutral_key, self.neutral_earliest, self.neutral_latest)
+        used[order[place[~self.near_miss[event]]]] = True
+        nearly[order[place]] = True
         return Matching(event_alarm, np.flatnonzero(~used & ~nearly), np.flatnonzero(~used & nearly))
 
     @cached_property
-    def _events(self) -> dict[int, IntArray]:
-        """The events that count, by the key of their vehicle and intention."""
-        return _grouped(_keys(self.vehicle, self.intention))
+    def _key(self) -> IntArray:
+        return _keys(self.vehicle, self.intention)
 
     @cached_property
-    def _neutral_events(self) -> dict[int, IntArray]:
-        """The neutral events, by the key of their vehicle and intention."""
-        return _grouped(_keys(self.neutral_vehicle, self.neutral_intention))
+    def _neutral_key(self) -> IntArray:
+        return _keys(self.neutral_vehicle, self.neutral_intention)
 
     @cached_property
-    def _keys(self) -> IntArray:
-        return np.array(list(self._events), np.int64)
-
-    @cached_property
-    def _neutral_keys(self) -> IntArray:
-        return np.array(list(self._neutral_events), np.int64)
+    def _alone(self) -> BoolArray:
+        """Whether no other event that counts has the same vehicle and intention, (e,)."""
+        _, which, count = np.unique(self._key, return_inverse=True, return_counts=True)
+        return np.asarray(count[which] == 1)
 
 
 def _keys(vehicle: IntArray, intention: IntArray) -> IntArray:
@@ -166,16 +163,15 @@ def _keys(vehicle: IntArray, intention: IntArray) -> IntArray:
     return np.asarray(vehicle * len(KNOWN) + intention)
 
 
-def _grouped(keys: IntArray) -> dict[int, IntArray]:
-    """Return the places of each key, in order."""
-    return {key: np.flatnonzero(keys == key) for key in np.unique(keys).tolist()}
+def _fitting(
+    of_alarms: IntArray, time_s: Array, of_events: IntArray, earliest: Array, latest: Array
+) -> tuple[IntArray, IntArray]:
+    """Return the pairs of an event and an alarm that fit: of the same key, and in time, (p,) each, by event and time.
 
-
-def _by_key(alarms: Alarms, keys: IntArray) -> tuple[IntArray, dict[int, tuple[int, int]]]:
-    """Sort alarms by key; return their order, and where in it the alarms of each key begin and end, if it has any."""
-    of_alarms = _keys(alarms.vehicle, alarms.intention)
-    order = np.argsort(of_alarms, kind="stable")
-    begin, end = (np.searchsorted(of_alarms[order], keys, side) for side in ("left", "right"))
-    some = np.flatnonzero(end > begin)
-    spans = zip(begin[some].tolist(), end[some].tolist(), strict=True)
-    return order, dict(zip(keys[some].tolist(), spans, strict=True))
+    of_alarms, time_s: key and time of each alarm, sorted by both, (a,). of_events: key of each event, (e,).
+    """
+    begin, end = (np.searchsorted(of_alarms, of_events, side) for side in ("left", "right"))
+    event = np.repeat(np.arange(len(of_events)), end - begin)
+    place = np.arange(len(event)) - np.repeat(np.cumsum(end - begin) - end, end - begin)
+    fits = (time_s[place] >= earliest[event] - 1e-9) & (time_s[place] <= latest[event] + 1e-9)
+    return event[fits], place[fits]

@@ -120,3 +120,38 @@ def test_a_neutral_event_takes_alarms_that_are_neither_right_nor_false() -> None
 def test_an_event_of_a_vehicle_that_was_never_watched_matches_nothing() -> None:
     table = EventTable.of((event("z", LEFT, 10),), ("a",), 2.0)
     assert table.match(raised((0, LEFT, 10.0))).event_alarm.tolist() == [-1]
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 1), st.sampled_from([LEFT, BRAKE, OVERTAKE]), st.integers(0, 40)), max_size=12),
+    st.lists(
+        st.tuples(
+            st.sampled_from("abz"),
+            st.sampled_from([LEFT, BRAKE]),
+            st.integers(0, 40),
+            st.sampled_from([None, None, "near_miss", "no_uv"]),
+        ),
+        max_size=6,
+    ),
+)
+def test_a_whole_episode_is_matched_as_each_vehicle_and_intention_by_itself(
+    alarms: list[tuple[int, Intention, int]], events: list[tuple[str, Intention, int, str | None]]
+) -> None:
+    table = EventTable.of(tuple(event(who, what, at / 4, why) for who, what, at, why in events), ("a", "b"), 2.0)
+    of_episode = raised(*[(who, what, at / 4) for who, what, at in alarms])
+    matching = table.match(of_episode)
+    taken: set[int] = set()
+    for who, what in {(who, what) for who, what in zip(table.vehicle.tolist(), table.intention.tolist(), strict=True)}:
+        rows = np.flatnonzero((table.vehicle == who) & (table.intention == what))
+        mine = np.flatnonzero((of_episode.vehicle == who) & (of_episode.intention == what))
+        matched = match(of_episode.time_s[mine], table.earliest[rows], table.latest[rows], table.commit[rows])
+        times = [of_episode.time_s[mine[k]] if k >= 0 else None for k in matched]
+        assert [of_episode.time_s[k] if k >= 0 else None for k in matching.event_alarm[rows]] == times
+        taken |= set(matching.event_alarm[rows].tolist())
+    for k in range(len(of_episode)):
+        fits = (table.neutral_vehicle == of_episode.vehicle[k]) & (table.neutral_intention == of_episode.intention[k])
+        fits &= (table.neutral_earliest <= of_episode.time_s[k]) & (of_episode.time_s[k] <= table.neutral_latest)
+        neutral, near = bool(fits[~table.near_miss].any()), bool(fits.any())
+        expected = "right" if k in taken else "neutral" if neutral else "near" if near else "false"
+        found = "false" if k in matching.false else "near" if k in matching.near_misses else "else"
+        assert found == {"right": "else", "neutral": "else"}.get(expected, expected)
