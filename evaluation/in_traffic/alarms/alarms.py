@@ -250,12 +250,13 @@ def raised(levels: Levels, thresholds: Array | float, refractory_s: float, rise:
     vehicle, time_s = levels.vehicle[rows], levels.time_s[rows]
     soon = np.zeros(len(rows), dtype=bool)
     soon[1:] = (np.diff(intentions) == 0) & (np.diff(vehicle) == 0) & is_too_soon(np.diff(time_s), refractory_s)
-    kept, last = (~soon).tolist(), -1
-    times = time_s.tolist()
-    for place in np.flatnonzero(soon).tolist():
-        # Where the alarm before is dropped, too, `last` is still the one that both follow too soon.
-        last = place - 1 if kept[place - 1] else last
-        kept[place] = not is_too_soon(times[place] - times[last], refractory_s)
+    kept, last = ~soon, NEVER
+    places = np.flatnonzero(soon)
+    for place, at, before in zip(places.tolist(), time_s[places].tolist(), time_s[places - 1].tolist(), strict=True):
+        # Where the alarm before is dropped, too, the last one kept is still the one that both follow too soon.
+        if kept[place - 1]:
+            last = before
+        kept[place] = not is_too_soon(at - last, refractory_s)
     return Alarms(intentions[kept], rows[kept], vehicle[kept], time_s[kept])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import binomtest, chi2
@@ -127,18 +128,21 @@ class Truth:
         hit = matching.event_alarm >= 0
         at = np.full(len(hit), np.nan)
         at[hit] = alarms.time_s[matching.event_alarm[hit]]
-        group = self.episode.group
-        shares = np.bincount(group, minlength=len(GROUPS)) * self.episode.facts.decision_s / 3600
         return AlarmOutcome(
             intention=self.table.intention,
             group=self.group,
             to_commit=self.commit - at,
             to_onset=self.onset - at,
             false_intention=alarms.intention[matching.false],
-            false_group=group[alarms.row[matching.false]],
+            false_group=self.episode.group[alarms.row[matching.false]],
             near_intention=alarms.intention[matching.near_misses],
-            hours=shares,
+            hours=self._hours,
         )
+
+    @cached_property
+    def _hours(self) -> Array:
+        """Vehicle-hours with predictions, by group, (3,)."""
+        return np.bincount(self.episode.group, minlength=len(GROUPS)) * self.episode.facts.decision_s / 3600
 
 
 def false_alarms_near(truth: Truth, alarms: Alarms, before_onset_s: float) -> Counter[str]:
