@@ -111,7 +111,7 @@ def evaluate_and_show(
     draw_live_figures(evaluation, folder)
     output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
     result = closed or evaluation.result
-    show_live(result, folder, console, replay_in_traffic(evaluation, engine, feedback))
+    show_live(result, folder, console, replay_in_traffic(evaluation, engine, feedback, folder=folder))
     print_line(console, f"page, figures and metrics.json: {folder}")
     return {"report": str(folder), **result.model_dump(mode="json"), "real_time_factor": evaluation.real_time_factor}
 

@@ -58,7 +58,7 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
 def _run_live(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
     evaluation = run_live_study(study, folder, engine, feedback)
     show_streams(Streams.open(folder / STREAMS), feedback.console)
-    replay = replay_in_traffic(evaluation, engine, feedback)
+    replay = replay_in_traffic(evaluation, engine, feedback, folder=folder / LIVE)
     show_live(evaluation.result, folder / LIVE, feedback.console, replay)
     print_line(feedback.console, f"page, figures and metrics.json: {folder / LIVE}")
     return {

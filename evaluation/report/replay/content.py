@@ -8,9 +8,10 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import PlainSerializer, PlainValidator
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.labeling.intentions import spoken
@@ -23,6 +24,18 @@ STEP_M = 0.01
 """Of packed places, m, where they lie within 327 m of a record's middle."""
 LENGTH_M, WIDTH_M = 4.5, 1.8
 """Drawn size of a vehicle whose size is not known, m."""
+
+
+def _places(value: Any) -> Array:
+    """Return places, (2, n), from plain values. Raises ValueError where they are none."""
+    places = np.array(value, np.float64)
+    if places.ndim != 2 or len(places) != 2 or not np.isfinite(places).all():
+        raise ValueError("are no places: two rows of as many finite numbers")
+    return places
+
+
+Places = Annotated[Array, PlainValidator(_places), PlainSerializer(lambda places: places.tolist())]
+"""Places in m, (2, n), that can be stored."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,7 @@ class Vehicle:
     width_m: float
     from_s: float
     step_s: float
-    places: Array
+    places: Places
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +20,7 @@ from isac_cosim.evaluation.in_traffic.streams.store import RUN
 from isac_cosim.evaluation.report.replay import moments
 from isac_cosim.evaluation.report.replay.content import RATE_HZ, Replay
 from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
+from isac_cosim.evaluation.report.replay.kept import MOMENTS_FILE, read_kept
 from isac_cosim.evaluation.report.replay.moments import Moment, worst_moments
 from isac_cosim.isacsim.traffic.motion import MotionSettings, states
 from isac_cosim.labeling.intentions import KNOWN
@@ -49,8 +54,14 @@ def evaluation(
 
 
 @pytest.fixture(scope="module")
-def shown(evaluation: TrafficEvaluation, source: ScriptedSource) -> Replay:
-    replay = replay_in_traffic(evaluation, InlineEngine(), source=source)
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of the evaluation: `shown` keeps there what it simulated."""
+    return tmp_path_factory.mktemp("page")
+
+
+@pytest.fixture(scope="module")
+def shown(evaluation: TrafficEvaluation, source: ScriptedSource, folder: Path) -> Replay:
+    replay = replay_in_traffic(evaluation, InlineEngine(), source=source, folder=folder)
     assert replay is not None
     return replay
 
@@ -161,3 +172,55 @@ def test_an_evaluation_whose_traffic_is_gone_has_a_page_without_a_replay(
 
 def test_without_alarms_there_is_nothing_to_show(evaluation: TrafficEvaluation) -> None:
     assert replay_in_traffic(replace(evaluation, methods={}), InlineEngine()) is None
+
+
+def test_a_page_is_made_again_from_what_was_kept(
+    evaluation: TrafficEvaluation, shown: Replay, source: ScriptedSource, folder: Path
+) -> None:
+    nothing_runs = replace(source, broken=(11, 12))
+    again = replay_in_traffic(evaluation, InlineEngine(), RecordedFeedback(), nothing_runs, folder)
+    assert again is not None
+    assert again.packed() == shown.packed()
+    assert [one.shown_about for one in again.records] == [one.shown_about for one in shown.records]
+
+
+def test_only_what_no_longer_fits_is_simulated_again(
+    evaluation: TrafficEvaluation, shown: Replay, source: ScriptedSource, folder: Path, tmp_path: Path
+) -> None:
+    assert shown.records
+    shutil.copy(folder / MOMENTS_FILE, tmp_path)
+    first, *others = evaluation.truths
+    facts = first.episode.facts.model_copy(update={"fingerprint": "another"})
+    changed = replace(evaluation, truths=(replace(first, episode=replace(first.episode, facts=facts)), *others))
+    again = replay_in_traffic(changed, InlineEngine(), RecordedFeedback(), replace(source, broken=(11, 12)), tmp_path)
+    assert again is not None
+    assert {record.id.split("-")[1] for record in again.records} == {"12"}
+
+
+def test_moments_that_lack_a_tv_are_made_anew(
+    evaluation: TrafficEvaluation, shown: Replay, source: ScriptedSource, folder: Path, tmp_path: Path
+) -> None:
+    whole = (folder / MOMENTS_FILE).read_text()
+    (tmp_path / MOMENTS_FILE).write_text(json.dumps({key: seen[1:] for key, seen in json.loads(whole).items()}))
+    again = replay_in_traffic(evaluation, InlineEngine(), source=source, folder=tmp_path)
+    assert again is not None
+    assert again.packed() == shown.packed()
+    assert json.loads((tmp_path / MOMENTS_FILE).read_text()) == json.loads(whole)
+
+
+DAMAGES: dict[str, Callable[[str], str]] = {
+    "empty": lambda text: "",
+    "cut off": lambda text: text[: len(text) // 2],
+    "another thing": lambda text: '{"a": 1}',
+    "paths that are none": lambda text: text.replace('"truth":[[', '"truth":[[[0]],['),
+    "no numbers": lambda text: text.replace('"truth":[[', '"truth":[[NaN,'),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_of_moments_counts_as_none(damage: str, shown: Replay, folder: Path, tmp_path: Path) -> None:
+    assert shown.records
+    assert len(read_kept(folder)) == 2
+    whole = (folder / MOMENTS_FILE).read_text()
+    (tmp_path / MOMENTS_FILE).write_text(DAMAGES[damage](whole))
+    assert read_kept(tmp_path) == {}
