@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 
 import pandas as pd
@@ -17,10 +19,12 @@ from isac_cosim.evaluation.on_windows.results import (
     ScoreName,
 )
 from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDifference
-from isac_cosim.evaluation.report.figures import CYCLE, figure
+from isac_cosim.evaluation.report.figures import BESIDE, BY_PREDICTOR, CYCLE, figure
+from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.page import PAGE, write_page
 from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown
 from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.sweep_axes import Cell
 from isac_cosim.studies.sweep_results import SweepResult, SweepRow, TrainingScores
@@ -41,6 +45,7 @@ TEXT = (
     "stand beside it. The difference to the macro-F1 of the trees is paired on the "
     "same windows before the commit; its interval is a t interval of the delete-one jackknife over the test seeds."
 )
+SNR, SNR_FIGURE = "per-element SNR, dB", "macro_f1_by_snr.png"
 DRAWN: ScoreName = "before_commit_macro_f1"
 """The score in the figure."""
 
@@ -97,6 +102,8 @@ def write_sweep(result: SweepResult, out: Path) -> None:
     write_json(out / TABLE_JSON, content)
     if result.cells:
         draw(result.cells, report / FIGURE)
+    if at_snrs := by_snr(result.cells):
+        draw_by_snr(at_snrs, report / SNR_FIGURE)
     shown = [*parts(result), *parts_of(Shown(result, report))]
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
     write_page(f"Sweep {result.study}", shown, origin, report)
@@ -116,10 +123,19 @@ def parts(result: SweepResult) -> list[Part]:
             {**label, **counts, "before commit": row.before_commit_windows, **scores, AHEAD: _ahead(row), "": report}
         )
     figure = (FIGURE, "Macro-F1 before the commit by cell; whiskers: standard deviation over training seeds.")
+    at_snrs = by_snr(result.cells)
+    curve = Part(
+        "by-snr",
+        figures=[(SNR_FIGURE, "Macro-F1 before the commit against the SNR at which the sites sense, as means.")],
+        figure_rows={SNR_FIGURE: at_snrs},
+        charts={SNR_FIGURE: Chart(SNR, (HEADINGS[DRAWN],))},
+        on_terminal=False,
+    )
     failed = [f"{failed.cell}, training seed {failed.training_seed}: {failed.reason}" for failed in result.failed]
     return [
         Part("cells", rows=brief, on_page=False),
         Part("cells-in-full", text=TEXT, rows=whole, figures=[figure], on_terminal=False),
+        *([curve] if at_snrs else []),
         *([Part("left-out", "Left out", lines=failed, on_terminal=False)] if failed else []),
     ]
 
@@ -145,6 +161,35 @@ def draw(rows: Sequence[SweepRow], path: Path) -> None:
         axes.set_yticks(range(len(places)), places)
         axes.set(xlabel="macro-F1 before the commit, on unseen seeds", ylim=(len(places) - 0.5, -0.5))
         drawn.legend(loc="outside upper right", ncols=len(models))
+
+
+def by_snr(rows: Sequence[SweepRow]) -> list[Row]:
+    """Return the score DRAWN of the cells sensed at one SNR each, by predictor; nothing unless there are several."""
+    found: list[tuple[float, Row]] = []
+    for row in rows:
+        labels = {heading: text for heading, text in _labels(row, rows).items() if heading != "sensed by"}
+        if len({other.network for other in rows}) == 1:
+            del labels["network"]
+        mean, deviation = row.score(DRAWN)
+        with suppress(ValueError):
+            snr_db = float(row.snr or "")
+            name = ", ".join((labels.pop("model"), *labels.values()))
+            score = Estimate(value=mean, sd=deviation)
+            found.append((snr_db, {"predictor": name, SNR: snr_db, HEADINGS[DRAWN]: score}))
+    several = len({snr_db for snr_db, _ in found}) > 1
+    return [row for _, row in sorted(found, key=itemgetter(0))] if several else []
+
+
+def draw_by_snr(rows: Sequence[Row], path: Path) -> None:
+    """Draw the rows of `by_snr`, a line for each predictor."""
+    curves = Chart(SNR, (HEADINGS[DRAWN],)).content(rows)["lines"]
+    with figure(path, 8, 4) as drawn:
+        axes = drawn.subplots()
+        axes.set_prop_cycle(BY_PREDICTOR)
+        for curve in curves:
+            axes.plot(curve["x"], curve["y"], marker="o", ms=4, label=curve["name"])
+        axes.set(xlabel=SNR, ylabel=HEADINGS[DRAWN], ylim=(0, 1.02))
+        axes.legend(**BESIDE)
 
 
 def _compared_floor(result: EvaluationResult) -> PredictorResult | ComparedResult:

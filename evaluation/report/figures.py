@@ -28,6 +28,7 @@ from isac_cosim.evaluation.on_windows.repeats import MeasuredRun
 from isac_cosim.evaluation.on_windows.results import ReliabilityBin
 from isac_cosim.evaluation.on_windows.score_results import LeadTimeBin, WindowEndScores
 from isac_cosim.evaluation.report import figures
+from isac_cosim.evaluation.report.parts import Row, write_table
 from isac_cosim.labeling.intentions import KNOWN, over_text, spoken
 from isac_cosim.models.networks.checkpoints import HISTORY_FILE
 from isac_cosim.models.scores import open_set
@@ -40,6 +41,8 @@ BY_PREDICTOR = cycler(linestyle=["-", "--"]) * cycler(color=CYCLE)
 """Lines of figures with a line for each predictor, of which there can be more than colours."""
 HOLLOW = f"; hollow: over fewer than {len(KNOWN)} intentions"
 """What a title says where some points are a macro-F1 that lacks intentions."""
+FALSE_KNOWN, TRUE_KNOWN, SCORE = "share of following taken for known", "share of known kept", "validation score"
+"""Axes of figures, and columns of their tables."""
 LEAST_WINDOWS = 20
 """Bins of lead time with fewer windows are not drawn."""
 BESIDE: Any = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
@@ -116,7 +119,7 @@ def loss_curves(history: pd.DataFrame, path: Path, over: str = "") -> None:
         right.plot(
             epoch[best], score, "o", color=GREEN, mec="white", ms=8, label=f"kept: epoch {epoch[best]}, {score:.3f}"
         )
-        right.set(xlabel="epoch", ylabel="validation score", ylim=(0, 1.02))
+        right.set(xlabel="epoch", ylabel=SCORE, ylim=(0, 1.02))
         right.set_title("Validation seeds")
         for axes in (left, right):
             axes.xaxis.get_major_locator().set_params(integer=True)
@@ -133,7 +136,7 @@ def unknown_roc(curves: Mapping[str, tuple[Array, Array]], path: Path) -> None:
         for name, (false, true) in curves.items():
             axes.plot(false, true, label=name)
         axes.plot([0, 1], [0, 1], ":", color=GREY, lw=1.2, label="chance")
-        axes.set(xlabel="share of following taken for known", ylabel="share of known kept")
+        axes.set(xlabel=FALSE_KNOWN, ylabel=TRUE_KNOWN)
         axes.set(xlim=(0, 1), ylim=(0, 1.01), aspect="equal")
         axes.set_title("The unknown class: following")
         axes.legend(loc="lower right")
@@ -292,18 +295,41 @@ def draw_figures(evaluation: Evaluation, folder: Path) -> None:
     figures.lead_time(by_lead_time, folder / "lead_time.png")
     if has_following:
         figures.unknown_lead_time(by_lead_time, folder / "unknown_lead_time.png")
-        figures.unknown_roc(_roc_curves(evaluated), folder / "unknown_roc.png")
+        curves = _roc_curves(evaluated)
+        figures.unknown_roc(curves, folder / "unknown_roc.png")
+        write_table([*_roc_rows(curves)], folder / "unknown_roc.csv")
     if (curve := result.windows.window_end_curve) is not None:
         by_end = {shown.name: shown.by_window_end or [] for shown in side_by_side}
         figures.window_end(by_end, curve.relative_to, folder / "window_end.png")
         if has_following:
             figures.unknown_window_end(by_end, curve.relative_to, folder / "unknown_window_end.png")
     trained = {f"within {part.within_s:g} s": part.trained for part in result.passing or ()}
-    if curves := {name: answer.reliability for name, answer in trained.items() if answer is not None}:
-        figures.reliability(curves, folder / "passing.png")
+    if reliable := {name: answer.reliability for name, answer in trained.items() if answer is not None}:
+        figures.reliability(reliable, folder / "passing.png")
     if (run.path / HISTORY_FILE).exists():
         over = over_text(run.card.validated, run.card.classes)
-        figures.loss_curves(read_history(run.path / HISTORY_FILE), folder / "loss.png", over)
+        history = read_history(run.path / HISTORY_FILE)
+        figures.loss_curves(history, folder / "loss.png", over)
+        write_table([*_history_rows(history, over)], folder / "loss.csv")
+
+
+def _history_rows(history: pd.DataFrame, over: str) -> Iterator[Row]:
+    """Yield a row for each epoch and each of its quantities, each with the name of its line."""
+    lines = {
+        "training": ("loss", "train_loss"),
+        "validation": ("loss", "validation_loss"),
+        f"macro-F1{over}": (SCORE, "validation_macro_f1"),
+        "accuracy": (SCORE, "validation_accuracy"),
+    }
+    for name, (panel, column) in lines.items():
+        for epoch, value in zip(history["epoch"].tolist(), history[column].tolist(), strict=True):
+            yield {"of": name, "epoch": epoch + 1, "loss": None, SCORE: None, panel: value}
+
+
+def _roc_rows(curves: Mapping[str, tuple[Array, Array]]) -> Iterator[Row]:
+    for name, rates in curves.items():
+        for false, true in zip(*(rate.tolist() for rate in rates), strict=True):
+            yield {"score": name, FALSE_KNOWN: false, TRUE_KNOWN: true}
 
 
 def read_history(path: Path) -> pd.DataFrame:

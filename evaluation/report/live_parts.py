@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import (
@@ -12,7 +12,8 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     HeadlineScores,
     TrafficResult,
 )
-from isac_cosim.evaluation.report.parts import NO_VALUE, Cell, Part, Row, Shown, counted
+from isac_cosim.evaluation.report.html.charts import Chart
+from isac_cosim.evaluation.report.parts import NO_VALUE, Cell, Part, Row, Shown, counted, read_table, text_of
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import spoken
 
@@ -21,6 +22,20 @@ CAPTIONS = (
     ("lead_times.png", "How early alarms come before the commit, by intention: every alarm, median and quartiles."),
     ("time_line.png", "The first measured episode: events as bars, alarms as marks, false ones as crosses."),
 )
+RATE, RECALL, FROZEN = "false alarms per vehicle-hour", "recall", "frozen"
+"""Columns of the curve's table, and its entry for the alarms that were chosen beforehand."""
+CHARTS = {
+    CAPTIONS[0][0]: Chart(
+        RATE,
+        (RECALL,),
+        y_title="recall: share of events predicted by their commit",
+        ranges=((0.03, 100.0), (0.0, 1.02)),
+        log=True,
+        stairs=True,
+        single=("alarms", FROZEN),
+    )
+}
+"""Curves that the page draws itself."""
 ARMS_FIGURE = "arms.png"
 LEAST_FOR_SENTENCE = 20
 """Events, below which a table shows the score and no sentence says it."""
@@ -213,7 +228,17 @@ class LiveFigures:
     result_class = TrafficResult
 
     def parts(self, shown: Shown) -> list[Part]:
-        return [Part("live-figures", figures=CAPTIONS, on_terminal=False)]
+        rows = {name: read_table((shown.folder / name).with_suffix(".csv")) for name, _ in CAPTIONS}
+        curve = CAPTIONS[0][0]
+        seen = {curve: _seen_curve(rows[curve])} if rows[curve] else {}
+        return [Part("live-figures", figures=CAPTIONS, seen=seen, figure_rows=rows, charts=CHARTS, on_terminal=False)]
+
+
+def _seen_curve(rows: Sequence[Row]) -> str:
+    """Return what there is to be seen in the curve: where each predictor's frozen alarms lie."""
+    frozen = [row for row in rows if row.get("alarms") == FROZEN]
+    said = "; ".join(f"{row['predictor']}: {text_of(row[RECALL])} at {text_of(row[RATE])}" for row in frozen)
+    return f"Recall rises with the false alarms per vehicle-hour. Recall of the frozen alarms: {said or 'none'}."
 
 
 class Advisories:
@@ -227,7 +252,13 @@ class Advisories:
         title = f"closed loop: {facts.scored_vehicle_hours:.2f} vehicle-hours after alarms, {facts.seeds} seeds"
         caption = "By how much each arm differs from the traffic without advisories; bars: 95 % intervals."
         return [
-            Part("advisories", title, rows=list(_arms(result)), figures=[(ARMS_FIGURE, caption)]),
+            Part(
+                "advisories",
+                title,
+                rows=list(_arms(result)),
+                figures=[(ARMS_FIGURE, caption)],
+                figure_rows={ARMS_FIGURE: [*_differences(result)]},
+            ),
             Part("advisories-in-words", lines=_arm_sentences(result)),
         ]
 
@@ -245,6 +276,20 @@ def _arms(result: ClosedLoopResult) -> Iterable[Row]:
             "against none": NO_VALUE if difference.relative is None else f"{100 * difference.relative:+.0f} %",
             "travel s/km": _number(values["travel_s_per_km"]),
         }
+
+
+def _differences(result: ClosedLoopResult) -> Iterator[Row]:
+    """Yield by how much each arm differs from the traffic without advisories, percent, for each quantity."""
+    for arm, measured in result.arms.items():
+        for name, difference in measured.difference.items():
+            interval = difference.relative_interval
+            yield {
+                "arm": arm,
+                "quantity": name,
+                "against none %": None if difference.relative is None else 100 * difference.relative,
+                "low": None if interval is None else 100 * interval.low,
+                "high": None if interval is None else 100 * interval.high,
+            }
 
 
 def _arm_sentences(result: ClosedLoopResult) -> list[str]:

@@ -10,14 +10,18 @@ import csv
 import io
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol
 
 from isac_cosim.base.files import replace_file
+from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.statistics import Estimate
 
 NO_VALUE = "-"
+MOST_BYTES = 5_000_000
+"""Largest size of a table that is read again."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,9 @@ class Part:
     numbers of the rows that sum the others up. sentences: what can be said. lines: of a list. figures: file names in
     the folder of the page's figures, each with a caption that says what it shows; missing ones are left out. seen:
     what there is to be seen in a figure, for those who do not see it, by its file name. figure_rows: the numbers
-    behind a figure, by its file name. bars: whether estimates from 0 to 1 are also drawn. folded: whether the table
-    is behind its title on a page. matrix: who is taken for whom. replay: a road that moves; a page holds one.
+    behind a figure, by its file name. charts: how a page draws these numbers itself, by the figure's file name; the
+    figure then stands where no script runs. bars: whether estimates from 0 to 1 are also drawn. folded: whether the
+    table is behind its title on a page. matrix: who is taken for whom. replay: a road that moves; a page holds one.
     on_page, on_terminal: where the part is shown.
     """
 
@@ -71,6 +76,7 @@ class Part:
     lines: Sequence[str] = ()
     seen: Mapping[str, str] = field(default_factory=dict)
     figure_rows: Mapping[str, Sequence[Row]] = field(default_factory=dict)
+    charts: Mapping[str, Chart] = field(default_factory=dict)
     bars: bool = False
     folded: bool = False
     matrix: Matrix | None = None
@@ -169,6 +175,26 @@ def write_table(rows: Sequence[Row], path: Path) -> None:
     """Write rows as CSV (`csv_text`). Raises OutputError."""
     content = csv_text(rows).encode("utf-8")
     replace_file(path, lambda partial: partial.write_bytes(content))
+
+
+def read_table(path: Path) -> list[Row]:
+    """Return the rows that `write_table` wrote, numbers as numbers; none where the file is missing or damaged."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            return []
+        with path.open(encoding="utf-8", newline="") as file:
+            return [{str(name): _cell(text) for name, text in row.items()} for row in csv.DictReader(file, strict=True)]
+    except (OSError, ValueError, csv.Error):
+        return []
+
+
+def _cell(text: str | None) -> Cell:
+    """Return a cell of a CSV file: a number where it is one, nothing where it is empty."""
+    try:
+        number = float(text or "nan")
+    except (TypeError, ValueError):
+        return str(text)
+    return number if isfinite(number) else None
 
 
 def _flat(row: Row) -> dict[str, str | float | int]:

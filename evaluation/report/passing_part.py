@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, PassAnswer, PassScores
+from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.parts import Part, Row, Shown
 from isac_cosim.evaluation.report.score_table import head
 from isac_cosim.evaluation.report.verdict import seeds_text
@@ -21,6 +22,11 @@ FIGURE = (
     ("passing.png", "How often the TV passes the UV, against the probability of trees trained on this question."),
 )
 
+PROBABILITY, SHARE = "probability of passing", "share that passes"
+CHART = Chart(
+    PROBABILITY, (SHARE,), "TV passes the UV", ranges=((0.0, 1.0), (0.0, 1.01)), diagonal="calibrated"
+)  # fmt: skip
+
 
 class PassesUv:
     """The answers of the runs and of trees that were trained on the question."""
@@ -34,7 +40,18 @@ class PassesUv:
             return []
         top, rows = passing_table(result.passing)
         strong = range(len(result.runs) + 1)
-        page = Part("passing", QUESTION, TEXT, _under(top, rows), FIGURE, strong=strong, folded=True, on_terminal=False)
+        page = Part(
+            "passing",
+            QUESTION,
+            TEXT,
+            _under(top, rows),
+            FIGURE,
+            strong=strong,
+            figure_rows={FIGURE[0][0]: [*_reliability_rows(result.passing)]},
+            charts={FIGURE[0][0]: CHART},
+            folded=True,
+            on_terminal=False,
+        )
         columns = head(result)
         brief = _under(columns, passing_rows(result.passing, len(columns) - 1))
         title = f"{QUESTION} AUROC, {seeds_text(result.passing[0].groups)}"
@@ -43,6 +60,17 @@ class PassesUv:
 
 def _under(top: Sequence[str], rows: Sequence[Sequence[str]]) -> list[Row]:
     return [dict(zip(top, row, strict=True)) for row in rows]
+
+
+def _reliability_rows(passing: Sequence[PassScores]) -> Iterator[Row]:
+    for part in passing:
+        for row in [] if part.trained is None else part.trained.reliability:
+            yield {
+                CHART.line: f"within {part.within_s:g} s",
+                PROBABILITY: row.mean_probability,
+                SHARE: row.share_passed,
+                "windows": row.n,
+            }
 
 
 def passing_table(passing: Sequence[PassScores]) -> tuple[list[str], list[list[str]]]:

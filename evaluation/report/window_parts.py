@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.report.parts import Part, Row, Shown, counted
+from isac_cosim.evaluation.report.figures import FALSE_KNOWN, LEAST_WINDOWS, SCORE, TRUE_KNOWN
+from isac_cosim.evaluation.report.html.charts import Chart
+from isac_cosim.evaluation.report.parts import Part, Row, Shown, counted, read_table
 from isac_cosim.evaluation.report.score_table import by_lead_table, headline, sections
 from isac_cosim.evaluation.report.verdict import headline_difference, seeds_text, verdict
-from isac_cosim.labeling.intentions import spoken
+from isac_cosim.labeling.intentions import KNOWN, spoken
 
 RECORD_FIGURE = "record.png"
 CAPTIONS = {
@@ -31,6 +34,29 @@ SEEN = {
     "loss.png": "Two charts by epoch: loss of training and validation; validation scores, the kept epoch marked.",
 }
 """What there is to be seen, where it does not depend on the result."""
+
+OVER, UNKNOWN = "over intentions", ("AUROC of following", "false-positive rate at 95 % recall")
+"""Columns of the tables behind the figures."""
+HOLLOW = f"Hollow marks: over fewer than {len(KNOWN)} intentions."
+LEAD = Chart(
+    "lead s",
+    ("macro-F1",),
+    x_title="end of window before the commit, s",
+    backwards=True,
+    guide=(0.0, "commit"),
+    least=LEAST_WINDOWS,
+    whole=(OVER, len(KNOWN)),
+)
+"""Time runs to the right: windows that end long before the commit come first."""
+CHARTS = {
+    "lead_time.png": LEAD,
+    "unknown_lead_time.png": replace(LEAD, panels=UNKNOWN, whole=None),
+    "unknown_roc.png": Chart(
+        FALSE_KNOWN, (TRUE_KNOWN,), "score", ranges=((0.0, 1.0), (0.0, 1.01)), diagonal="chance", stairs=True
+    ),
+    "loss.png": Chart("epoch", ("loss", SCORE), "of", ranges=(None, None)),
+}  # fmt: skip
+"""Curves that the page draws itself."""
 
 
 class Headline:
@@ -123,7 +149,6 @@ class WindowFigures:
 
     def parts(self, shown: Shown) -> list[Part]:
         result: EvaluationResult = shown.result
-        captions = [(name, f"{text} {shown.remarks.get(name, '')}".strip()) for name, text in CAPTIONS.items()]
         leads, ends = _lead_rows(result), _end_rows(result)
         rows = {
             "confusion.png": _confusion_rows(result),
@@ -131,7 +156,18 @@ class WindowFigures:
             "unknown_lead_time.png": leads,
             "window_end.png": ends,
             "unknown_window_end.png": ends,
+            **{name: read_table((shown.folder / name).with_suffix(".csv")) for name in ("unknown_roc.png", "loss.png")},
         }
+        charts = {**CHARTS, **_end_charts(result.windows.relative_to)}
+        said = {
+            name: HOLLOW
+            for name, chart in charts.items()
+            if any(chart.hollow(row) and row["macro-F1"] is not None for row in rows.get(name, ()))
+        }
+        captions = [
+            (name, " ".join(filter(None, (text, shown.remarks.get(name), said.get(name)))))
+            for name, text in CAPTIONS.items()
+        ]
         seen = {
             **SEEN,
             "confusion.png": _seen_confusion(result),
@@ -140,7 +176,19 @@ class WindowFigures:
                 result.name, [(row.end_s, row.macro_f1) for row in result.by_window_end or []], "after"
             ),
         }
-        return [Part("figures", figures=captions, seen=seen, figure_rows=rows, on_terminal=False)]
+        return [Part("figures", figures=captions, seen=seen, figure_rows=rows, charts=charts, on_terminal=False)]
+
+
+def _end_charts(relative_to: str) -> dict[str, Chart]:
+    """Return how the scores by the end of the window are drawn. relative_to: onset or commit."""
+    against = Chart(
+        f"end after {relative_to} s",
+        ("macro-F1",),
+        x_title=f"end of window after {relative_to}, s",
+        guide=(0.0, relative_to),
+        whole=(OVER, len(KNOWN)),
+    )
+    return {"window_end.png": against, "unknown_window_end.png": replace(against, panels=UNKNOWN, whole=None)}
 
 
 def _lead_rows(result: EvaluationResult) -> list[Row]:
@@ -148,12 +196,14 @@ def _lead_rows(result: EvaluationResult) -> list[Row]:
     return [
         {
             "predictor": run.name,
+            "lead s": row.middle_s,
             "lead from s": row.from_s,
             "lead to s": row.to_s,
             "windows": row.n,
             "macro-F1": row.macro_f1,
-            "AUROC of following": row.auroc_unknown,
-            "false-positive rate at 95 % recall": row.fpr_at_95_recall,
+            OVER: None if row.macro_f1_over is None else len(row.macro_f1_over),
+            UNKNOWN[0]: row.auroc_unknown,
+            UNKNOWN[1]: row.fpr_at_95_recall,
         }
         for run in result.runs
         for row in run.by_lead_time
@@ -167,8 +217,9 @@ def _end_rows(result: EvaluationResult) -> list[Row]:
             "predictor": run.name,
             f"end after {result.windows.relative_to} s": row.end_s,
             "macro-F1": row.macro_f1,
-            "AUROC of following": row.auroc_unknown,
-            "false-positive rate at 95 % recall": row.fpr_at_95_recall,
+            OVER: None if row.macro_f1_over is None else len(row.macro_f1_over),
+            UNKNOWN[0]: row.auroc_unknown,
+            UNKNOWN[1]: row.fpr_at_95_recall,
         }
         for run in result.runs
         for row in run.by_window_end or []

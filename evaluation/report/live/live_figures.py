@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarm
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure
+from isac_cosim.evaluation.report.live_parts import FROZEN, RATE, RECALL
+from isac_cosim.evaluation.report.parts import Row, write_table
 from isac_cosim.labeling.intentions import KNOWN, spoken
 
 METHODS = {"reject": "unknown score", "background": 'with the answer "none"', "hazard": "log-odds"}
@@ -30,11 +32,14 @@ def draw_live_figures(evaluation: TrafficEvaluation, folder: Path) -> None:
         shown["on true motion"] = evaluation.true_motion
     shown |= {measured.result.name: measured for measured in evaluation.baselines.values()}
     recall_against_false_alarms(shown, folder / "recall_against_false_alarms.png")
+    write_table([*_recall_rows(shown)], folder / "recall_against_false_alarms.csv")
     first = next(iter(evaluation.methods.values()), None)
     if first is not None and any(outcome.alarmed.any() for outcome in first.outcomes):
         lead_times(first.outcomes, folder / "lead_times.png")
+        write_table([*_lead_rows(first.outcomes)], folder / "lead_times.csv")
     if first is not None and evaluation.truths:
         time_line(evaluation, first, folder / "time_line.png")
+        write_table([*_time_rows(evaluation, first)], folder / "time_line.csv")
 
 
 def recall_against_false_alarms(shown: Mapping[str, MeasuredAlarms], path: Path) -> None:
@@ -54,9 +59,32 @@ def recall_against_false_alarms(shown: Mapping[str, MeasuredAlarms], path: Path)
             if scores.false_alarms_per_vehicle_hour and scores.recall is not None:
                 axes.plot(scores.false_alarms_per_vehicle_hour, scores.recall, "o", color=colour, mec="white", ms=8)
         axes.set(xscale="log", xlim=(0.03, 100), ylim=(0, 1.02))
-        axes.set(xlabel="false alarms per vehicle-hour", ylabel="recall: share of events predicted by their commit")
+        axes.set(xlabel=RATE, ylabel=f"{RECALL}: share of events predicted by their commit")
         axes.set_title("Recall against false alarms; dots: frozen alarms")
         axes.legend(**BESIDE)
+
+
+def _recall_rows(shown: Mapping[str, MeasuredAlarms]) -> Iterator[Row]:
+    """Yield the corners of each predictor's curve, and where its frozen alarms lie."""
+    for name, measured in shown.items():
+        if measured.sweep is not None and len(measured.sweep.thresholds):
+            rate, recall = _staircase(measured.sweep.rates(), measured.sweep.recalls())
+            corner = np.diff(recall, prepend=-1.0) > 0
+            corner[-1] = True
+            for at, share in zip(rate[corner].tolist(), recall[corner].tolist(), strict=True):
+                yield {"predictor": name, "alarms": "any", RATE: at, RECALL: share}
+        scores = measured.result.over_all
+        if scores.false_alarms_per_vehicle_hour is not None and scores.recall is not None:
+            frozen = {RATE: scores.false_alarms_per_vehicle_hour, RECALL: scores.recall}
+            yield {"predictor": name, "alarms": FROZEN, **frozen}
+
+
+def _lead_rows(outcomes: Sequence[AlarmOutcome]) -> Iterator[Row]:
+    for row, intention in enumerate(KNOWN):
+        for outcome in outcomes:
+            for lead in outcome.of(row).to_commit.tolist():
+                if np.isfinite(lead):
+                    yield {"intention": spoken(intention.text), "from the alarm to the commit s": lead}
 
 
 def _staircase(rates: Array, recalls: Array) -> tuple[Array, Array]:
@@ -120,6 +148,24 @@ def time_line(evaluation: TrafficEvaluation, measured: MeasuredAlarms, path: Pat
             f"{episode.facts.scenario}, seed {episode.facts.seed}: events (bars), alarms (triangles, false: x)"
         )
         _legend(axes, colour)
+
+
+def _time_rows(evaluation: TrafficEvaluation, measured: MeasuredAlarms) -> Iterator[Row]:
+    """Yield the events and the alarms of the first measured episode, times in s of simulation time."""
+    truth, alarms = evaluation.truths[0], measured.alarms[0]
+    false = set(truth.table.match(alarms).false.tolist())
+    for event in truth.episode.facts.events:
+        what = {"vehicle": event.vehicle, "what": "event", "intention": spoken(event.intention)}
+        yield {**what, "from s": event.onset, "to s": event.end, "does not count": spoken(event.left_out or "")}
+    for k in range(len(alarms)):
+        at = float(alarms.time_s[k])
+        yield {
+            "vehicle": truth.episode.names[int(alarms.vehicle[k])],
+            "what": "false alarm" if k in false else "alarm",
+            "intention": spoken(KNOWN[int(alarms.intention[k])].text),
+            "from s": at,
+            "to s": at,
+        }
 
 
 def _legend(axes: Axes, colour: Mapping[str, str]) -> None:

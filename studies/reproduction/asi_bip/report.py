@@ -11,6 +11,7 @@ import pandas as pd
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.on_windows.metrics import accuracy, class_f1, mean_f1
 from isac_cosim.evaluation.report import figures
+from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.parts import Part, Row, write_table
 from isac_cosim.evaluation.statistics import (
     Trainings,
@@ -277,7 +278,16 @@ def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
         "trained anew. The paper prints no numbers for this figure. Records that the sites lose at a low SNR are left "
         "out."
     )
-    return Part("fig5", "Fig. 5: F1 by SNR", text, rows, [("fig5.png", "F1 of each intention.")])
+    chart = Chart("SNR, dB", ("F1",), "intention", x_title="per-element SNR, dB")
+    drawn: list[Row] = [
+        {"intention": name, "SNR, dB": level, "F1": value}
+        for name, values in curves.items()
+        for level, value in zip(levels, values, strict=True)
+    ]
+    figures = [("fig5.png", "F1 of each intention.")]
+    return Part(
+        "fig5", "Fig. 5: F1 by SNR", text, rows, figures, figure_rows={"fig5.png": drawn}, charts={"fig5.png": chart}
+    )
 
 
 def _fusion(out: Path, cases: dict[str, Trainings]) -> Part | None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -27,11 +25,10 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from tests.evaluation.report.replay.test_making import HereEngine
+from tests.support.browser import opened, serious_faults
 from tests.support.made_up import MADE_OF
 from tests.support.made_up_dataset import write_dataset
 
-playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: the page is in no browser")
-CHROMIUM = shutil.which("chromium")
 HOSTILE = "</script><script>document.title='taken'</script><b>"
 
 
@@ -52,28 +49,6 @@ def page_file(records: Records, trees_run: Run, tmp_path_factory: pytest.TempPat
     return write_page(
         evaluation.result, folder / "out", "", Replay(**{**shown.__dict__, "records": [*kept, last]}), cells
     )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    if CHROMIUM is None:
-        pytest.skip("chromium is not installed: the page is in no browser")
-    arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
-    with playwright.sync_playwright() as started:
-        launched = started.chromium.launch(executable_path=CHROMIUM, args=arguments)
-        yield launched
-        launched.close()
-
-
-def opened(browser: Any, file: Path, width: int = 1280, scheme: str = "light") -> Any:
-    """The page, open; `errors` and `requests` hold what it complained of and asked for."""
-    page = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme).new_page()
-    page.errors, page.requests = [], []
-    page.on("console", lambda said: page.errors.append(said.text) if said.type == "error" else None)
-    page.on("pageerror", lambda error: page.errors.append(str(error)))
-    page.on("request", lambda asked: page.requests.append(asked.url))
-    page.goto(file.as_uri())
-    return page
 
 
 @pytest.fixture
@@ -181,15 +156,10 @@ def test_nothing_scrolls_sideways(browser: Any, page_file: Path, width: int, sch
 
 @pytest.mark.parametrize("theme", ["light", "dark", "projector"])
 def test_axe_finds_nothing_serious(browser: Any, page_file: Path, theme: str) -> None:
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe is not installed")
     shown = opened(browser, page_file)
     shown.select_option("#theme", theme)
     shown.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
-    found = axe.Axe().run(shown).response["violations"]
-    serious = [
-        (fault["id"], fault["nodes"][0]["html"][:200]) for fault in found if fault["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    assert serious_faults(shown) == []
     shown.context.close()
 
 

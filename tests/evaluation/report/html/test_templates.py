@@ -23,7 +23,8 @@ def test_embedded_json_reads_back_and_ends_no_element(content: object) -> None:
 
 
 def test_texts_are_escaped() -> None:
-    page = templates.render("page.html.j2", mark="m", title="<script>", body="<b>", origin="</pre><script>", links=[])
+    texts = {"mark": "m", "title": "<script>", "body": "<b>", "origin": "</pre><script>", "links": [], "library": None}
+    page = templates.render("page.html.j2", **texts)
     assert "<title>&lt;script&gt;</title>" in page
     assert "&lt;/pre&gt;&lt;script&gt;" in page
 
