@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
+from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.radio.waveform import Waveform
 from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Echoes, Tapers, kernel
 
@@ -43,6 +44,14 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.power)
+
+    def places(self, panels: Panels, panel: int) -> Array:
+        """Return where the detections of a panel lie in the scenario's plane, m, (D, 2); NaN where nowhere on it."""
+        beside, distance = self.measured[:, 0] * self.measured[:, 1], self.measured[:, 1]
+        squared = distance**2 - panels.height_m[panel] ** 2 - beside**2
+        ahead = np.sqrt(np.where(squared > 0, squared, np.nan))
+        place = np.array([panels.x[panel], panels.y[panel]])
+        return np.asarray(place + np.outer(beside, panels.right[panel]) + np.outer(ahead, panels.front[panel]))
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,10 @@ def follow(recording: Recording, sites: Sequence[Site], setup: SceneSetup) -> Sc
 
 
 class SceneSensing:
-    """Senses a scene instant by instant. tracks: everything that came of it so far."""
+    """Senses a scene instant by instant.
+
+    tracks: everything that came of it so far. detections: of each panel, at the latest instant.
+    """
 
     def __init__(
         self, setup: SceneSetup, sites: Sequence[Site], lanes: Sequence[Lane], scenario: str, seed: int
@@ -55,6 +58,7 @@ class SceneSensing:
         self._tracker = SceneTracker(setup, self._panels, lanes)
         self._scoring = Scoring(1 / setup.scene.fixes_hz)
         self._tracks = SceneTracks(setup.scene.fixes_hz)
+        self.detections: list[Detections] = []
 
     @property
     def tracks(self) -> SceneTracks:
@@ -64,15 +68,15 @@ class SceneSensing:
 
     def step(self, fix: int, present: Present) -> TrackedInstant:
         """Sense the vehicles that are there at an instant, and return the tracks that count. Instants come in order."""
-        detections, measured, view = self.sensed(fix, present)
+        self.detections, measured, view = self.sensed(fix, present)
         true = (present.names, measured, view) if self._setup.scene.association == "truth" else None
-        tracks = self._tracker.step(detections, true)
+        tracks = self._tracker.step(self.detections, true)
         counted = tracks.take(tracks.confirmed)
         vehicle = self._scored(present, counted, view)
         instant = TrackedInstant(
             counted.number,
             counted.state[:, :6],
-            np.sqrt(np.trace(counted.covariance[:, :2, :2] + counted.outlasting(), axis1=1, axis2=2)),
+            counted.covariance[:, :2, :2] + counted.outlasting(),
             counted.looked,
             counted.found,
             10 * np.log10(counted.level / self._setup.numerology.waveform.size),

@@ -17,18 +17,23 @@ TAKEN_UP_M = 5.0
 class TrackedInstant:
     """The tracks that count at one instant, all arrays by track in ascending number.
 
-    number: (T,). state: x, y, vx, vy, ax, ay, (T, 6). position_sd_m: root of the trace of the position's covariance,
-    (T,). looked, found: panels that look for it, and that found it. snr_db: mean per-element SNR of what they found,
-    dB, NaN without. vehicle: name of the one that it is of, or None.
+    number: (T,). state: x, y, vx, vy, ax, ay, (T, 6). covariance: of the position, m², (T, 2, 2). looked, found: panels
+    that look for it, and that found it. snr_db: mean per-element SNR of what they found, dB, NaN without. vehicle: name
+    of the one that it is of, or None.
     """
 
     number: IntArray
     state: Array
-    position_sd_m: Array
+    covariance: Array
     looked: IntArray
     found: IntArray
     snr_db: Array
     vehicle: tuple[str | None, ...]
+
+    @property
+    def position_sd_m(self) -> Array:
+        """Root of the trace of the position's covariance, (T,)."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=1, axis2=2)))
 
 
 @dataclass(frozen=True)

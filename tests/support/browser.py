@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,21 @@ def opened(browser: Any, file: Path, width: int = 1280, scheme: str = "light", *
     page.on("request", lambda asked: page.requests.append(asked.url))
     page.goto(file.as_uri())
     return page
+
+
+def texts_drawn(page: Any) -> Callable[[], list[str]]:
+    """Return what tells which texts were written on any canvas since it was asked last."""
+    page.evaluate(
+        """() => {
+          window.written = [];
+          const write = CanvasRenderingContext2D.prototype.fillText;
+          CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+            window.written.push(text);
+            write.call(this, text, ...rest);
+          };
+        }"""
+    )
+    return lambda: list(page.evaluate("() => window.written.splice(0)"))
 
 
 def serious_faults(page: Any) -> list[tuple[str, str]]:

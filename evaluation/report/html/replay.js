@@ -15,6 +15,7 @@
   }
   const MARKS = ["circle", "square", "triangle", "diamond", "cross", "star"];
   const ALARM_STAYS = 2; // How long the road shows an alarm, s.
+  const WITHIN = 2.448; // Standard deviations that hold 95 % of a normal distribution in the plane.
   const DASHES = [[], [8, 4], [2, 3], [10, 3, 2, 3], [14, 5], [5, 2]];
   const words = (name) => name.replaceAll("_", " ");
   const lanes = data.lanes.map((lane) => {
@@ -37,7 +38,7 @@
   // Places as [x, y, x, y, ...]: 16-bit numbers of `step` metres around `middle`.
   function unpack(text, middle, step) {
     const raw = bytes(text), view = new DataView(raw.buffer), places = new Float64Array(raw.length / 2);
-    for (let k = 0; k < places.length; k++) places[k] = middle[k % 2] + step * view.getInt16(2 * k, true);
+    for (let k = 0; k < places.length; k++) places[k] = middle[k % middle.length] + step * view.getInt16(2 * k, true);
     return places;
   }
 
@@ -46,6 +47,15 @@
       const from = data.records[which], places = (text) => unpack(text, from.middle, from.step);
       const one = { ...from, truth: places(from.truth), sensed: places(from.sensed), uv: places(from.uv) };
       one.others = from.others.map((other) => ({ ...other, places: places(other.places) }));
+      if (from.scene) {
+        const { tracks, detected } = from.scene;
+        one.tracks = tracks.map((track) => ({
+          ...track,
+          places: places(track.places),
+          spread: unpack(track.spread, [0, 0, 0], track.finest),
+        }));
+        one.detected = { ...detected, places: places(detected.places) };
+      }
       if (from.answers) one.answers = { ...from.answers, probabilities: bytes(from.answers.probabilities) };
       one.duration = (one.truth.length / 2 - 1) / one.rate;
       one.heading = direction(one.truth, 0, one.truth.length / 2 - 1) ?? 0;
@@ -149,6 +159,7 @@
     path(record.truth, row, colours.ink, 1.5);
     if (uv) vehicle(pen, put, scale, uv, facing(record.uv, uvRow, 5), record.sizes[1], colours.uv, "UV");
     vehicle(pen, put, scale, tv, facing(record.truth, row, 5), record.sizes[0], colours.tv, "TV");
+    if (record.scene) drawScene(pen, put, scale);
     for (const [, x, y, azimuth] of data.sites) panel(pen, put(x, y), ((90 - azimuth) * Math.PI) / 180);
     for (const [names, x, y] of masts) {
       const [left, top] = put(x, y);
@@ -171,6 +182,36 @@
       pen.fillRect(8, top - 15 * letters, pen.measureText(text).width + 8, 20 * letters);
       label(pen, text, 12, top, "left", true);
     });
+  }
+
+  // The tracks of a scene, each with its number and 95 % of its position, and the detections of the latest instant.
+  function drawScene(pen, put, scale) {
+    const { from, step, counts, places } = record.detected, latest = Math.floor((time - from) / step + 1e-6);
+    const before = counts.slice(0, Math.max(latest, 0)).reduce((sum, count) => sum + count, 0);
+    pen.strokeStyle = colours.site;
+    pen.lineWidth = 1;
+    pen.beginPath();
+    for (let k = before; latest >= 0 && k < before + (counts[latest] ?? 0); k++) {
+      const [x, y] = put(places[2 * k], places[2 * k + 1]);
+      pen.moveTo(x - 3, y);
+      pen.lineTo(x + 3, y);
+      pen.moveTo(x, y - 3);
+      pen.lineTo(x, y + 3);
+    }
+    pen.stroke();
+    for (const track of record.tracks) {
+      const where = (time - track.from) / track.step, place = at(track.places, where);
+      if (!place) continue;
+      const k = 3 * Math.min(Math.max(Math.floor(where), 0), track.spread.length / 3 - 1);
+      const [xx, xy, yy] = track.spread.slice(k, k + 3), middle = (xx + yy) / 2, apart = Math.hypot((xx - yy) / 2, xy);
+      const radius = (share) => Math.max(WITHIN * Math.sqrt(Math.max(share, 0)) * scale, 2), [x, y] = put(...place);
+      pen.beginPath();
+      pen.ellipse(x, y, radius(middle + apart), radius(middle - apart), record.heading - Math.atan2(2 * xy, xx - yy) / 2, 0, 2 * Math.PI);
+      pen.strokeStyle = colours.sensed;
+      pen.lineWidth = 2;
+      pen.stroke();
+      label(pen, track.number, x + 6, y - 6, "left");
+    }
   }
 
   // What the TV does at this instant: the maneuver that is nearest in time.
@@ -386,6 +427,7 @@
     const { about, answers: given, others } = record;
     let said = `${about} `;
     if (others.length) said += `${others.length} other ${others.length === 1 ? "vehicle" : "vehicles"} near. `;
+    if (record.tracks) said += `${record.tracks.length} ${record.tracks.length === 1 ? "track" : "tracks"} of the network near. `;
     if (given && given.predicted && data.noun === "record") {
       const verdict = given.wrong === null ? "" : given.wrong ? " – wrong" : " – correct";
       said += `Predictor at the last measured window: ${words(given.predicted)}${verdict}.`;

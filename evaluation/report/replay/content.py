@@ -22,6 +22,10 @@ LARGEST = 32_767
 """Of a packed number."""
 STEP_M = 0.01
 """Of packed places, m, where they lie within 327 m of a record's middle."""
+STEP_S = 0.2
+"""About the time between the places of another vehicle; between them the page interpolates, s."""
+NEAR_M = 250.0
+"""Vehicles that come so near to the TV are shown, m."""
 LENGTH_M, WIDTH_M = 4.5, 1.8
 """Drawn size of a vehicle whose size is not known, m."""
 
@@ -53,6 +57,52 @@ class Vehicle:
     from_s: float
     step_s: float
     places: Places
+
+
+@dataclass(frozen=True)
+class TrackPath:
+    """A track of the network near a record: where it holds a vehicle to be, and how well it thinks to know.
+
+    number: of the track. from_s, step_s: as of a vehicle. places: m, (2, n). spread: covariances of the places, xx, xy
+    and yy, m², (3, n).
+    """
+
+    number: str
+    from_s: float
+    step_s: float
+    places: Array
+    spread: Array
+
+    def packed(self, middle: Array, step: float) -> dict[str, Any]:
+        """Return the track as plain values. middle, step: of packed places."""
+        finest = max(float(np.abs(self.spread).max()) / LARGEST, 1e-6)
+        return {
+            "number": self.number,
+            "from": round(self.from_s, 4),
+            "step": round(self.step_s, 4),
+            "places": pack(self.places, middle, step),
+            "spread": pack(self.spread, np.zeros(3), finest),
+            "finest": finest,
+        }
+
+
+@dataclass(frozen=True)
+class Detected:
+    """The detections of all panels near a record, instant by instant. places: of each instant, m, (D, 2)."""
+
+    from_s: float
+    step_s: float
+    places: Sequence[Array]
+
+    def packed(self, middle: Array, step: float) -> dict[str, Any]:
+        """Return the detections as plain values; those that lie nowhere on the plane are left out."""
+        found = [places[np.isfinite(places).all(axis=1)] for places in self.places]
+        return {
+            "from": round(self.from_s, 4),
+            "step": round(self.step_s, 4),
+            "counts": [len(places) for places in found],
+            "places": pack(np.concatenate([np.empty((0, 2)), *found]).T, middle, step),
+        }
 
 
 @dataclass(frozen=True)
@@ -98,7 +148,7 @@ class Moving:
     truth, sensed, uv: places of the TV as it drove and as it was sensed, and of the UV as it reported (in running
     traffic: as it drove), at RATE_HZ. sensed_from_s, uv_from_s: when the latter two begin. sizes: length and width of
     the TV and of the UV, m. others: vehicles near them; empty where they are not known. name: in the list; by default,
-    the id and the answer. about: a sentence on what is shown; by default, ids and times.
+    the id and the answer. about: a sentence on what is shown; by default, ids and times. tracks, detected: of a scene.
     """
 
     id: str
@@ -119,6 +169,8 @@ class Moving:
     uv_from_s: float = 0.0
     name: str = ""
     about: str = ""
+    tracks: Sequence[TrackPath] = ()
+    detected: Detected | None = None
 
     @property
     def shown_name(self) -> str:
@@ -144,7 +196,8 @@ class Moving:
     def packed(self) -> dict[str, Any]:
         """Return the record as plain values for the page."""
         paths = [self.truth, self.sensed, self.uv]
-        every = np.concatenate([*paths, *(vehicle.places for vehicle in self.others)], axis=1)
+        beside = [*(vehicle.places for vehicle in self.others), *(track.places for track in self.tracks)]
+        every = np.concatenate([*paths, *beside], axis=1)
         middle = np.round((every.min(axis=1) + every.max(axis=1)) / 2)
         step = max(STEP_M, float(np.abs(every - middle[:, None]).max()) / LARGEST)
         truth, sensed, uv = (pack(path, middle, step) for path in paths)
@@ -176,6 +229,11 @@ class Moving:
                 for vehicle in self.others
             ],
         }
+        if self.detected is not None:
+            content["scene"] = {
+                "tracks": [track.packed(middle, step) for track in self.tracks],
+                "detected": self.detected.packed(middle, step),
+            }
         if (answers := self.answers) is not None:
             shares = np.clip(np.rint(255 * answers.probabilities), 0, 255).astype(np.uint8)
             content["answers"] = {
@@ -231,7 +289,7 @@ class Replay:
 def pack(path: Array, middle: Array, step: float) -> str:
     """Return places as base64 text of little-endian 16-bit numbers: x and y of one place after the other.
 
-    path: (2, n), m. middle: the place that is 0, (2,), m. step: of the numbers, m.
+    path: (2, n), m; or other values, (k, n). middle: the place that is 0, (2,), m. step: of the numbers, m.
     """
     numbers = np.rint((path - middle[:, None]) / step)
     return base64.b64encode(np.clip(numbers, -LARGEST, LARGEST).T.astype("<i2").tobytes()).decode()

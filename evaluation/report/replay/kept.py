@@ -12,8 +12,7 @@ from pydantic import TypeAdapter
 from isac_cosim.base.files import content_digest, replace_file
 from isac_cosim.evaluation.in_traffic.streams.store import EpisodeFacts
 from isac_cosim.evaluation.report.replay.again import Seen, Wanted
-from isac_cosim.evaluation.report.replay.content import RATE_HZ
-from isac_cosim.evaluation.report.replay.others import NEAR_M, STEP_S
+from isac_cosim.evaluation.report.replay.content import NEAR_M, RATE_HZ, STEP_S
 
 MOMENTS_FILE = "moments.json"
 """In the folder of an evaluation: how the moments on its page move, by a digest of what that rests on."""

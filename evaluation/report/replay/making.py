@@ -14,6 +14,8 @@ from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.predictions import check_rates
 from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Maneuver, Moving, Replay, at_rate
 from isac_cosim.evaluation.report.replay.others import Around, around
+from isac_cosim.evaluation.report.replay.scene import SceneView
+from isac_cosim.isacsim.sensing.sensors import SCENE
 from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
 from isac_cosim.labeling.dataset.finding import of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
@@ -29,6 +31,11 @@ MOST_BYTES = 9_000_000
 """Of the other vehicles on one page, which then stays below 15 MB."""
 ALONE = "TV and UV only: "
 """How the sentence begins that says why no other vehicle is shown."""
+SCENE_SHOWN = (
+    "A scene: an ellipse with a number is a track of the network, 95 % of where it holds a vehicle to be; the crosses "
+    "are the detections of all panels at that time."
+)
+OTHER_TRACKS = "Tracks are not shown: the network holds others when the scene is sensed again with this version."
 SIDES = {
     "train": "The predictor was trained on this episode: how well it answers here says nothing of unseen traffic.",
     "validation": "The predictor was chosen on this episode: how well it answers here says little of unseen traffic.",
@@ -50,10 +57,14 @@ def replay_of(
     if run is not None:
         check_rates(run, records)
     samples = dataset.samples(shard)[:MOST_RECORDS]
-    found, reason = around(dataset, shard, engine, feedback)
+    whole, reason = around(dataset, shard, engine, feedback)
+    found, views = (None, None) if whole is None else whole
     remarks = [] if found is not None else [f"{ALONE}{reason}."]
-    if found is not None and (full := _full_after(found)) < len(samples):
+    if found is not None and samples[0].sensor == SCENE:
+        remarks.append(SCENE_SHOWN if views is not None else OTHER_TRACKS)
+    if found is not None and (full := _full_after(found, views)) < len(samples):
         found[full:] = [replace(beside, others=[]) for beside in found[full:]]
+        views = None if views is None else views[:full]
         remarks.append(f"From record {full + 1} on, TV and UV only: the page would grow beyond 15 MB.")
     if len(samples) < shard.samples:
         remarks.append(f"These are the first {len(samples)} of the episode's {shard.samples} records.")
@@ -62,6 +73,7 @@ def replay_of(
             sample,
             (rates.tv_rate_hz, rates.uv_rate_hz),
             None if found is None else found[row],
+            None if views is None or row >= len(views) else views[row],
             None if run is None else _answers(run, records, row),
         )
         for row, sample in enumerate(samples)
@@ -82,13 +94,23 @@ def replay_of(
     )
 
 
-def _full_after(found: Sequence[Around]) -> int:
-    """Return after how many records the vehicles around them fill a page."""
-    sizes = [sum(3 * vehicle.places.size + 150 for vehicle in beside.others) for beside in found]
+def _full_after(found: Sequence[Around], views: Sequence[SceneView] | None) -> int:
+    """Return after how many records the vehicles around them, and what a scene holds there, fill a page."""
+    sizes = np.array([sum(3 * vehicle.places.size + 150 for vehicle in beside.others) for beside in found])
+    for row, view in enumerate(views or ()):
+        numbers = sum(track.places.size + track.spread.size for track in view.tracks)
+        numbers += sum(places.size for places in view.detected.places)
+        sizes[row] += 3 * numbers + 150 * len(view.tracks) + 4 * len(view.detected.places)
     return int(np.searchsorted(np.cumsum(sizes), MOST_BYTES, side="right"))
 
 
-def _moving(sample: Sample, rates_hz: tuple[float, float], beside: Around | None, answers: Answers | None) -> Moving:
+def _moving(
+    sample: Sample,
+    rates_hz: tuple[float, float],
+    beside: Around | None,
+    view: SceneView | None,
+    answers: Answers | None,
+) -> Moving:
     """Return one record as it is replayed. rates_hz: of the TV's and of the UV's states."""
     columns = (sample.tv_truth, rates_hz[0]), (sample.tv, rates_hz[0]), (sample.uv, rates_hz[1])
     truth, sensed, uv = (at_rate(in_plane(states, sample.x0, sample.y0), rate_hz) for states, rate_hz in columns)
@@ -105,6 +127,8 @@ def _moving(sample: Sample, rates_hz: tuple[float, float], beside: Around | None
         sensed=sensed,
         uv=uv,
         answers=answers,
+        tracks=() if view is None else view.tracks,
+        detected=None if view is None else view.detected,
     )
     return moving if beside is None else replace(moving, sizes=beside.sizes, others=beside.others)
 

@@ -13,7 +13,9 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.threads import limited
-from isac_cosim.evaluation.report.replay.content import LENGTH_M, WIDTH_M, Vehicle
+from isac_cosim.evaluation.report.replay.content import LENGTH_M, NEAR_M, STEP_S, WIDTH_M, Vehicle
+from isac_cosim.evaluation.report.replay.scene import SceneView, scene_views
+from isac_cosim.isacsim.sensing.sensors import SCENE
 from isac_cosim.isacsim.traffic import motion
 from isac_cosim.isacsim.traffic.recordings.recording import Recording, Track
 from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
@@ -21,10 +23,6 @@ from isac_cosim.labeling.dataset.finding import of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.generation.recorded_again import Recorder
 
-STEP_S = 0.2
-"""About the time between the places of another vehicle; between them the page interpolates, s."""
-NEAR_M = 250.0
-"""Vehicles that come so near to the TV are shown, m."""
 WHY = "the other vehicles are only known if the episode is recorded again"
 REMEDY = "generate the dataset anew"
 Size = tuple[float, float]
@@ -38,7 +36,11 @@ class Around:
     others: list[Vehicle]
 
 
-def around(dataset: Dataset, shard: Shard, engine: Engine, feedback: Feedback) -> tuple[list[Around] | None, str]:
+Whole = tuple[list[Around], list[SceneView] | None]
+"""What is around each record of an episode, and what a scene holds there, if the episode is one."""
+
+
+def around(dataset: Dataset, shard: Shard, engine: Engine, feedback: Feedback) -> tuple[Whole | None, str]:
     """Simulate the episode of a shard again, and return what is around each of its records, in their order.
 
     Where that cannot be done, or where the TV of a record then drives otherwise than it is stored, by a single bit:
@@ -60,11 +62,14 @@ def around(dataset: Dataset, shard: Shard, engine: Engine, feedback: Feedback) -
 
 
 @limited()
-def _recorded(recorder: Recorder, alone: Dataset, shard: Shard) -> list[Around]:
-    """Record the episode of a shard; runs in a worker."""
-    stored = alone.samples(shard)
-    recording = recorder.record(shard.episode.scenario, shard.episode.seed, stored)
-    return [_around(recording, sample, alone.meta.tv_rate_hz, recorder.study.motion) for sample in stored]
+def _recorded(recorder: Recorder, alone: Dataset, shard: Shard) -> Whole:
+    """Record the episode of a shard, and sense it where it is a scene; runs in a worker."""
+    stored, scenario = alone.samples(shard), shard.episode.scenario
+    recording = recorder.record(scenario, shard.episode.seed, stored)
+    beside = [_around(recording, sample, alone.meta.tv_rate_hz, recorder.study.motion) for sample in stored]
+    if not any(sample.sensor == SCENE for sample in stored):
+        return beside, None
+    return beside, scene_views(recorder.study, recorder.scenario(scenario), recording, stored)
 
 
 def _around(recording: Recording, sample: Sample, rate_hz: float, settings: motion.MotionSettings) -> Around:

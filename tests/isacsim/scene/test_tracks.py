@@ -21,8 +21,9 @@ def scene(*instants: Mapping[int, tuple[str | None, float]]) -> SceneTracks:
         state[:, 0] = [place for _, place in there.values()]
         state[:, 2] = 20.0
         whole = np.full(count, 3)
+        covariance = np.tile(np.diag([0.005, 0.005]), (count, 1, 1))
         tracks.instants[fix] = TrackedInstant(
-            np.array(list(there), np.int64), state, np.full(count, 0.1), whole + 1, whole, np.full(count, 12.0),
+            np.array(list(there), np.int64), state, covariance, whole + 1, whole, np.full(count, 12.0),
             tuple(vehicle for vehicle, _ in there.values()),
         )  # fmt: skip
     return tracks
@@ -41,7 +42,7 @@ def test_between_instants_a_track_is_predicted_from_the_latest() -> None:
     assert of.state[0] == pytest.approx(expected)
     assert (of.track, of.right_share, of.breaks, of.n_sites) == (7, 1.0, 0, 4)
     assert of.detected == pytest.approx(0.75)
-    assert (of.snr_db, of.position_sd_m) == (12.0, 0.1)
+    assert (of.snr_db, of.position_sd_m) == (12.0, pytest.approx(0.1))
 
 
 def test_a_swapped_track_is_followed_on() -> None:

@@ -25,7 +25,7 @@ from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from tests.evaluation.report.replay.test_making import HereEngine
-from tests.support.browser import opened, serious_faults
+from tests.support.browser import opened, serious_faults, texts_drawn
 from tests.support.made_up import MADE_OF
 from tests.support.made_up_dataset import write_dataset
 
@@ -193,20 +193,10 @@ def live_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_moment_of_traffic_moves_with_its_alarms_and_without_an_uv_at_first(browser: Any, live_file: Path) -> None:
     shown = opened(browser, live_file)
-    written = "() => window.written.splice(0).join('|')"
-    shown.evaluate(
-        """() => {
-          window.written = [];
-          const write = CanvasRenderingContext2D.prototype.fillText;
-          CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
-            window.written.push(text);
-            write.call(this, text, ...rest);
-          };
-        }"""
-    )
+    drawn = texts_drawn(shown)
     shown.focus("#replay")
     shown.keyboard.press("Home")
-    said = shown.evaluate(written)
+    said = drawn()
     assert "left lane change, before onset" in said
     assert "UV" not in said
     assert "alarm" not in said
@@ -214,7 +204,7 @@ def test_a_moment_of_traffic_moves_with_its_alarms_and_without_an_uv_at_first(br
                               (600, ["evasive swerve (near miss), before onset", "✗ false alarm: hard brake", "UV"]),
                               (1000, ["evasive swerve (near miss), committed", "✗ alarm", "✓ alarm"])):  # fmt: skip
         shown.fill("#replay-time", str(time_ms))
-        said = shown.evaluate(written)
+        said = drawn()
         assert [text for text in expected if text not in said] == []
     assert "false alarm: " not in said  # It has passed.
     assert HOSTILE in shown.text_content("#replay-status")

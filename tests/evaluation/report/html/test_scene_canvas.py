@@ -1,0 +1,51 @@
+"""The road of a scene in a browser: its tracks with their numbers, as long as they last, and its detections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from isac_cosim.evaluation.report.page import write_page
+from isac_cosim.evaluation.report.parts import Part
+from isac_cosim.evaluation.report.replay.content import Detected, Moving, Replay, TrackPath
+from tests.support.browser import opened, texts_drawn
+
+
+def track(number: str, from_s: float, instants: int) -> TrackPath:
+    places = np.stack([np.linspace(0.0, 4.0 * instants, instants), np.full(instants, 3.0)])
+    return TrackPath(number, from_s, 0.2, places, np.tile([[0.3], [0.1], [0.1]], (1, instants)))
+
+
+def page_of(folder: Path, detected: bool) -> Path:
+    path = np.stack([np.linspace(0.0, 100.0, 126), np.zeros(126)])
+    found = Detected(0.0, 0.2, [np.array([[4.0 * k + 5.0, 1.0]]) if detected else np.empty((0, 2)) for k in range(26)])
+    record = Moving(
+        "a", "overtake", "natural", "tv", "uv", 0.0, [], path, path, path + 30.0,
+        tracks=[track("417", 0.0, 26), track("523", 2.0, 5)], detected=found,
+    )  # fmt: skip
+    return write_page("Scene", [Part("replay", replay=Replay("Scene", [record], [], []))], "made up", folder)
+
+
+def test_tracks_are_drawn_while_they_last(browser: Any, tmp_path: Path) -> None:
+    shown = opened(browser, page_of(tmp_path, True))
+    drawn = texts_drawn(shown)
+    for time_ms, expected in ((100, {"417"}), (500, {"417", "523"}), (900, {"417"})):
+        shown.fill("#replay-time", str(time_ms))
+        assert {text for text in drawn() if text in ("417", "523")} == expected
+    assert "2 tracks of the network near" in shown.text_content("#replay-status")
+    assert shown.errors == []
+    shown.context.close()
+
+
+def test_detections_are_drawn(browser: Any, tmp_path: Path) -> None:
+    pictures = []
+    for detected in (False, True):
+        folder = tmp_path / str(detected)
+        folder.mkdir()
+        shown = opened(browser, page_of(folder, detected))
+        shown.fill("#replay-time", "400")
+        pictures.append(shown.evaluate("document.getElementById('replay').toDataURL()"))
+        shown.context.close()
+    assert pictures[0] != pictures[1]
