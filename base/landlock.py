@@ -118,7 +118,7 @@ def _confine(writable: Path) -> None:
             raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
         _call(RESTRICT_SELF, ruleset, 0)
     except OSError as error:
-        raise RunError(f"the kernel's Landlock does not confine SUMO ({error.strerror})") from None
+        raise RunError(f"the kernel's Landlock does not confine the task ({error.strerror})") from None
     finally:
         os.close(ruleset)
     _here.folder = writable

@@ -30,6 +30,7 @@ from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.models.training.training import train
 from isac_cosim.studies.single import claim_study
 from isac_cosim.studies.study import Study, read_study
+from tests.support.made_up_videos import write_event
 from tests.support.mutations import ODD_NUMBERS, ODD_TEXTS, Spoilt, attribute_changed, changed, garbled, spoilt, toml
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
@@ -72,6 +73,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "study.toml").write_text('[dataset]\nscenarios = ["road"]\nseeds = { first = 1, last = 2 }\n')
     with claim_study(folder / "results", read_study(folder / "study.toml")):
         pass
+    write_event(folder / "videos", "lturn", "20141019_091035_1_26", 25, rate_hz=5)
     (folder / "empty").mkdir()
     (folder / "full").mkdir()
     (folder / "full/thesis.tex").write_text("years of work")
@@ -204,11 +206,13 @@ def test_studies(inputs: Path, examples: int) -> None:
 PATHS = (
     "road", "road/r.sumocfg", "road/r.net.xml", "bare.net.xml", "map.osm", "data", "run", "study.toml", "empty", "full",
     "binary.toml", "huge.toml", "data/dataset.json", "data/shards/road-1.parquet", "nowhere", "nowhere/deep", "new",
+    "videos", "videos/road_camera/lturn/20141019_091035_1_26.avi",
 )  # fmt: skip
 ARGUMENTS = {
     "run": ("study.toml",), "generate": ("road",), "sense": ("data",), "inspect": ("data",), "train": ("data",),
     "evaluate": ("run", "--data", "data"), "network import": ("map.osm",), "network sites": ("bare.net.xml",),
     "bench": ("echo",), "describe": ("data",), "export": ("data", "--sample", "road-2-0", "--csv"),
+    "clips": ("videos", "--driver-cut", "64x64"),
 }  # fmt: skip
 OPTIONS = {
     "--windows": "100", "--seeds": "1:3", "--snr": "0:10", "--jobs": "2", "--cluster": "tcp://127.0.0.1:9",
@@ -217,8 +221,10 @@ OPTIONS = {
     "--held-out": "overtake", "--against": "run", "--box": "9.9,51.9,10.1,52.1", "--spacing": "100", "--set-back": "10",
     "--height": "12", "--vehicles": "20", "--alone": "run", "--colour": "red",
     "--episode": "road-2", "--step": "0.1", "--from": "1", "--to": "2", "--log": "tensorboard",
+    "--driver-cut": "32x32+1+1", "--road-weights": "run/trees.skops", "--driver-weights": "nowhere",
 }  # fmt: skip
 FLAGS = (
+    "--complete-only",
     "--fcd",
     "--mcap",
     "--dry-run",

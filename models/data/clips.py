@@ -8,6 +8,8 @@ A folder of clips holds one `.npz` file per clip, without pickled objects:
     background  () int     optional: number of the class that is no maneuver (driving straight on), -1 for none
 
 T can differ between clips, W and V cannot, nor can the background. Clips are read in the order of their file names.
+
+`clips.json` beside them, if there is one, is of `cosim clips`, which made them from videos (`models.video`).
 """
 
 from __future__ import annotations
@@ -16,20 +18,43 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import JsonValue
 
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.seeding import stream
+from isac_cosim.base.settings import Sealed, read_json
 from isac_cosim.base.stored.arrays import read_arrays
 
 KEYS = ("in", "out", "label")
 BACKGROUND = "background"
 NO_BACKGROUND = -1
 """In place of the number of a class, where every class is a maneuver."""
+MANIFEST = "clips.json"
+View = Literal["road", "driver"]
+"""The views of a pair of videos: `out` and `in` of a clip."""
+
+
+class Extraction(Sealed):
+    """What `cosim clips` writes beside the clips that it makes from videos.
+
+    finished: whether all of them are there. random: views whose network has random weights, so that its features are a
+    floor. made: settings, weights, sizes of the videos, and versions of the libraries, the same for all clips. clips:
+    digests of the videos and speeds of each, and the begin of its maneuver. left_out: pairs that are no clips, and why.
+    """
+
+    sealed_since: ClassVar[int] = 1
+
+    schema_version: Literal[1] = 1
+    finished: bool
+    random: list[View]
+    made: dict[str, JsonValue]
+    clips: dict[str, list[str]]
+    left_out: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -65,6 +90,7 @@ def load_clips(folder: str | Path, n_classes: int) -> list[Clip]:
     files = sorted(Path(folder).glob("*.npz"))
     if not files:
         raise InputError(f"{folder}: no .npz files in it; name the folder of the clips")
+    _check_finished(Path(folder), files)
     clips = [read_clip(file, n_classes) for file in files]
     widths = (clips[0].inner.shape[1], clips[0].outer.shape[1])
     for file, clip in zip(files, clips, strict=True):
@@ -80,6 +106,24 @@ def load_clips(folder: str | Path, n_classes: int) -> list[Clip]:
                 f"{files[0].name}; say the same in all clips"
             )
     return clips
+
+
+def extraction_in(folder: Path) -> Extraction | None:
+    """Return what `cosim clips` says of the clips in a folder; None where they were made otherwise."""
+    return read_json(Extraction, folder / MANIFEST)
+
+
+def _check_finished(folder: Path, files: list[Path]) -> None:
+    """Raise InputError where `cosim clips` has yet to make some of the clips, or others have come or gone since."""
+    made = extraction_in(folder)
+    if made is None:
+        return
+    if not made.finished:
+        raise InputError(f"{folder}: its clips are not all made; run the same `cosim clips` again")
+    if odd := {file.stem for file in files} ^ made.clips.keys():
+        raise InputError(
+            f"{folder / min(odd)}.npz: {MANIFEST} and the folder differ in this clip; run the same `cosim clips` again"
+        )
 
 
 def _spoken(background: int | None) -> str:

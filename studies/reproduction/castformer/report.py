@@ -119,7 +119,11 @@ def _data(out: Path) -> Part | None:
         straight = "Every class counts as a maneuver, as the user says."
         if result.background != NO_BACKGROUND:
             straight = f"Class {result.background} drives straight on: the background of Eq. (13), no maneuver."
-        return Part("data", "Clips", f"{result.clips} feature files. {straight}", rows)
+        floor = ""
+        if result.random:
+            views = " and ".join(result.random)
+            floor = f" Features of the {views} are of networks with random weights: a floor, not the paper's features."
+        return Part("data", "Clips", f"{result.clips} feature files. {straight}{floor}", rows)
     rows = [{"intention": name, "samples": count} for name, count in result.dataset.by_intention.items() if count]
     text = (
         f"Source: {result.source}. The folds are of scenario seeds, so no traffic is on two sides. A window of "

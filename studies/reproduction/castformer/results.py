@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from isac_cosim.base.settings import Settings
-from isac_cosim.models.data.clips import NO_BACKGROUND
+from isac_cosim.models.data.clips import NO_BACKGROUND, View
 from isac_cosim.studies.reproduction.experiments.stage_results import Count, DatasetFacts, StageResult
 from isac_cosim.studies.reproduction.experiments.trainings import Scores
 
@@ -16,7 +16,8 @@ class DataResult(StageResult):
     """The dataset of a source, and the scenario seeds that each fold tests; or the clips, and how many of each class.
 
     source: its name. clips, by_class: None where the samples are windows; dataset: where they are clips. background:
-    the class of clips that is no maneuver, NO_BACKGROUND if there is none.
+    the class of clips that is no maneuver, NO_BACKGROUND if there is none. random: views of clips whose features are of
+    networks with random weights.
     """
 
     source: str
@@ -25,6 +26,7 @@ class DataResult(StageResult):
     clips: Count | None = None
     by_class: list[Count] | None = None
     background: int | None = Field(None, ge=NO_BACKGROUND)
+    random: list[View] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _of_windows_or_clips(self) -> Self:

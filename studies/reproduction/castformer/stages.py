@@ -25,7 +25,7 @@ from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
-from isac_cosim.models.data.clips import NO_BACKGROUND
+from isac_cosim.models.data.clips import NO_BACKGROUND, extraction_in
 from isac_cosim.models.predictors.castformer import PAPER_OPTIMISER
 from isac_cosim.models.predictors.protocol import Workload
 from isac_cosim.models.predictors.registry import PREDICTORS
@@ -136,7 +136,15 @@ class CastformerReproduction:
     def _clips_data(self) -> DataResult:
         labels = np.bincount([clip.label for clip in self._clips])
         background = NO_BACKGROUND if self.background is None else self.background
-        return DataResult(source="clips", clips=len(self._clips), by_class=labels.tolist(), background=background)
+        assert self.clips is not None
+        made = extraction_in(self.clips)
+        return DataResult(
+            source="clips",
+            clips=len(self._clips),
+            by_class=labels.tolist(),
+            background=background,
+            random=[] if made is None else made.random,
+        )
 
     def _background_stage(self) -> Stage:
         samples = sum(estimate(self.dataset_study(source)).samples for source in (KINEMATIC, DRIVING))
