@@ -93,7 +93,7 @@ def generate(
             "more. Default: what the source has for itself.",
         ),
     ] = None,
-    source: Annotated[str, typer.Option(help="Where motion comes from: {motion_sources}.")] = DEFAULT_SOURCE,
+    source: opt.Source = None,
     samples: Annotated[
         int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
     ] = None,
@@ -135,7 +135,7 @@ def generate(
 
     Repeat the command to continue an interrupted dataset.
     """
-    from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of
+    from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of, recognised
 
     console = output.console_of(quiet)
     wanted = one_of(samples, windows)
@@ -143,6 +143,7 @@ def generate(
         raise InputError("--samples counts records, and --streams stores whole episodes: give --seeds in its place")
     if streams and scene:
         raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
+    source = source or recognised(scenarios or [])
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
     study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene, network)
     feedback, engine = output.feedback_of(console, verbose), opt.engine_of(jobs, cluster, out)

@@ -13,8 +13,7 @@ from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.sensing.onboard_radar import LONG_RANGE, RADAR_PRESETS
 from isac_cosim.isacsim.sensing.sensors import DEFAULT as SENSOR
 from isac_cosim.isacsim.sensing.sensors import SCENE, SENSORS
-from isac_cosim.isacsim.traffic.sources import DEFAULT
-from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
+from isac_cosim.isacsim.traffic.sources.registry import natural_world, recognised, source_class
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.resense import ResenseSettings, own_sensing
 from isac_cosim.labeling.generation.settings import DatasetStudy
@@ -51,7 +50,7 @@ def dataset_study(
     windows: int | None,
     seeds: str | None,
     snr: str | None,
-    source: str = DEFAULT,
+    source: str | None = None,
     natural: bool = False,
     drivers: str = "theirs",
     demand: str = "as_given",
@@ -60,11 +59,12 @@ def dataset_study(
 ) -> DatasetStudy:
     """Return the study that the arguments of `generate` describe. Raises InputError.
 
-    scenarios: may be empty where the source has scenarios of its own. source: name of the motion source. natural:
-    leave the drivers alone. drivers, demand: as in `TrafficSettings`, of sources that have such a section. scene: the
-    sites sense all vehicles at once. network: the scenario or network that a file of trajectories was driven on, of
-    sources that have such a setting.
+    scenarios: may be empty where the source has scenarios of its own. source: name of the motion source; by default,
+    that which recognises the scenarios. natural: leave the drivers alone. drivers, demand: as in `TrafficSettings`, of
+    sources that have such a section. scene: the sites sense all vehicles at once. network: the scenario or network that
+    a file of trajectories was driven on, of sources that have such a setting.
     """
+    source = source or recognised(scenarios)
     kind = source_class(source)
     if not scenarios and not kind.own_scenarios:
         raise InputError("Missing argument 'SCENARIO': name a bundled scenario, a folder, a .sumocfg or a .net.xml")

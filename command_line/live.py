@@ -15,8 +15,7 @@ from isac_cosim.base.progress import print_line
 from isac_cosim.command_line import options, output
 from isac_cosim.command_line.arguments import of_network
 from isac_cosim.isacsim.scenarios.scenario import resolved
-from isac_cosim.isacsim.traffic.sources import DEFAULT
-from isac_cosim.isacsim.traffic.sources.registry import natural_world, source_class
+from isac_cosim.isacsim.traffic.sources.registry import natural_world, recognised, source_class
 
 if TYPE_CHECKING:
     from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
@@ -78,7 +77,7 @@ def evaluate_and_show(
         None if text is None else number_range(text, f"--{name}", int, "1001:1004")
         for name, text in (("seeds", arguments.seeds), ("development", arguments.development))
     )
-    settings, source = live_settings(arguments), arguments.source or DEFAULT
+    settings, source = live_settings(arguments), arguments.source or recognised([scenario])
     # Recordings are as they are: their source has no world in which drivers are left alone, and none to stress.
     worlds = source_class(source).natural is not None
     if arguments.natural or arguments.stress:

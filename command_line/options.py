@@ -94,12 +94,13 @@ TrafficScenario = Annotated[
     typer.Option(
         "--traffic",
         metavar="SCENARIO",
-        help="Evaluate live in running traffic: name of a bundled scenario, folder, .sumocfg, or with --source a file.",
+        help="Evaluate live in running traffic: name of a bundled scenario, folder, .sumocfg, or file of trajectories.",
     ),
 ]
+SOURCES = f"{{motion_sources}}. Default: {DEFAULT}; files of trajectories are recognised."
+Source = Annotated[str | None, typer.Option("--source", help=f"Where motion comes from: {SOURCES}")]
 TrafficSource = Annotated[
-    str | None,
-    typer.Option("--source", help=f"With --traffic: where motion comes from: {{motion_sources}}. Default: {DEFAULT}."),
+    str | None, typer.Option("--source", help=f"With --traffic: where motion comes from: {SOURCES}")
 ]
 MeasuredSeeds = Annotated[
     str | None,

@@ -238,7 +238,10 @@ def _find(where: Path) -> tuple[str, Path]:
     for ending in (*CONFIG_ENDINGS, *NETWORK_ENDINGS):
         if where.name.endswith(ending):
             return unicodedata.normalize("NFC", where.name.removesuffix(ending)), where
-    raise InputError(f"{where} is not a scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml")
+    raise InputError(
+        f"{where} is not a scenario: give a folder with a .sumocfg, a .sumocfg, or a .net.xml; of a file of "
+        "trajectories, give the source"
+    )
 
 
 def resolved(where: str) -> str:

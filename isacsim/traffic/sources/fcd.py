@@ -19,6 +19,7 @@ from pydantic import Field
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
+from isac_cosim.base.stored.tables import open_parquet
 from isac_cosim.isacsim.scenarios import scenario
 from isac_cosim.isacsim.scenarios.scenario import Scenario
 from isac_cosim.isacsim.scenarios.sumo_files import with_includes
@@ -35,7 +36,15 @@ from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_ro
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, Vehicle, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset, projected
-from isac_cosim.isacsim.traffic.trajectory_files.tables import PARQUET, Codes, batches, content_head
+from isac_cosim.isacsim.traffic.trajectory_files.tables import (
+    PARQUET,
+    Codes,
+    batches,
+    content_head,
+    header_of,
+    is_gzipped,
+    reading,
+)
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import DEFAULT, size_of, vehicle_types
 
 KINDS = (".fcd.xml", ".fcd.csv", ".fcd.parquet", ".xml", ".csv", ".parquet")
@@ -89,6 +98,16 @@ class FcdSource(FileSource):
 
     fcd: FcdSettings
     sections: ClassVar = {"fcd": FcdSettings}
+
+    @classmethod
+    def recognises(cls, where: Path) -> bool:
+        begin = content_head(where)
+        if begin.startswith(PARQUET):
+            if is_gzipped(where):
+                return where.name.endswith(".fcd.parquet.gz")
+            with reading(where), open_parquet(where) as table:
+                return {*NEEDED} <= {*table.schema_arrow.names}
+        return b"<fcd-export" in begin if _is_xml(where) else {*NEEDED} <= {*header_of(where, ";")}
 
     def open(self, where: Path) -> Opened:
         if where.is_dir():

@@ -50,6 +50,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway, lanes_and_numbers
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
+from isac_cosim.isacsim.traffic.trajectory_files.tables import header_of
 
 MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
 """The columns that name the y of markings, m, by the half of the image."""
@@ -80,6 +81,10 @@ class LevelxSource(FileSource):
 
     levelx: LevelxSettings
     sections: ClassVar = {"levelx": LevelxSettings}
+
+    @classmethod
+    def recognises(cls, where: Path) -> bool:
+        return where.name.endswith(TRACKS) and "frame" in header_of(where)
 
     def file_at(self, where: Path) -> Path:
         return files_of(where).tracks

@@ -26,7 +26,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
-from isac_cosim.isacsim.traffic.trajectory_files.ngsim_table import NgsimRows, read_ngsim
+from isac_cosim.isacsim.traffic.trajectory_files.ngsim_table import NgsimRows, is_ngsim, read_ngsim
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.fitted_lanes import FittedLanes, fitted_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.standing import steadied
@@ -62,6 +62,10 @@ class NgsimSource(FileSource):
 
     ngsim: NgsimSettings
     sections: ClassVar = {"ngsim": NgsimSettings}
+
+    @classmethod
+    def recognises(cls, where: Path) -> bool:
+        return is_ngsim(where)
 
     def open(self, where: Path) -> Opened:
         if where.is_dir():

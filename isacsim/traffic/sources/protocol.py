@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -42,6 +43,12 @@ class MotionSource(Protocol):
 
     def __hash__(self) -> int:
         return object.__hash__(self)
+
+    @classmethod
+    def recognises(cls, where: Path) -> bool:
+        """Return whether a file is one that this source reads, by its name and its beginning. Raises InputError where
+        it cannot be read."""
+        return False
 
     def load(self, where: str) -> Scenario:
         """Return the road and the sites for what the user named: a scenario, a file or a folder of recordings.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, Protocol
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.registry import Registry
 from isac_cosim.base.settings import Settings
+from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.fcd import FcdSource
 from isac_cosim.isacsim.traffic.sources.kinematic import KinematicSource
 from isac_cosim.isacsim.traffic.sources.levelx import LevelxSource
@@ -22,6 +25,7 @@ OWN: Mapping[str, type[MotionSource]] = {
 """The motion sources of this project."""
 MOTION_SOURCES: Registry[type[MotionSource]] = Registry("motion source", OWN, group="isac_cosim.motion_sources")
 """Classes of motion sources, by the name that a study gives as `source`."""
+SUMO_FILES = (".sumocfg", ".net.xml", ".net.xml.gz")
 
 
 class MotionStudy(Protocol):
@@ -49,6 +53,27 @@ def natural_world(name: str) -> str:
     if world is None:
         raise InputError(f"--natural: source {name} has no world in which drivers are left alone; leave it out")
     return world
+
+
+def recognised(scenarios: Sequence[str]) -> str:
+    """Return the name of the source that reads what the user named; `DEFAULT` where none knows it for its own.
+
+    Raises InputError where some are files of one source, and some are not.
+    """
+    sources = {where: _recognised(Path(where)) for where in scenarios}
+    if len({*sources.values()}) > 1:
+        told = ", ".join(f"{where} ({source})" for where, source in sources.items())
+        raise InputError(f"{told:.300}: are of different sources; make a dataset of each, or name one by --source")
+    return next(iter(sources.values()), DEFAULT)
+
+
+def _recognised(where: Path) -> str:
+    if where.is_file() and not where.name.endswith(SUMO_FILES):
+        for name in MOTION_SOURCES:
+            with suppress(InputError):  # a file that cannot be read is known by none
+                if source_class(name).recognises(where):
+                    return name
+    return DEFAULT
 
 
 def motion_source(study: MotionStudy) -> MotionSource:

@@ -7,6 +7,7 @@ header, `.csv` files have commas and one, and the file with all places has furth
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -39,6 +40,7 @@ NEEDED = (
 WHOLE = frozenset({"Vehicle_ID", "Frame_ID", "Global_Time", "v_Class", "Lane_ID"})
 """Columns of whole numbers; the others are in feet, or feet a second."""
 SPEED, PLACE = "v_Vel", "Location"
+NUMBER = re.compile(rb"-?\d+(\.\d*)?")
 FOOT_M = 0.3048
 MOST = 1e14
 """Numbers beyond this are no times in ms, and no feet."""
@@ -108,6 +110,14 @@ def read_ngsim(file: Path, place: str | None) -> NgsimRows:
         of["Vehicle_ID"], of["Frame_ID"], of["Global_Time"], of["Local_X"], of["Local_Y"], of["v_Length"],
         of["v_Width"], of["v_Class"], of["Lane_ID"], speed, number,
     )  # fmt: skip
+
+
+def is_ngsim(file: Path) -> bool:
+    """Return whether a file begins as one of NGSIM: with its columns, or with as many numbers. Raises InputError."""
+    if _has_header(file):
+        return {name.lower() for name in NEEDED} <= {name.lower() for name in header_of(file)}
+    first = content_head(file, 1 << 12).split(b"\n", 1)[0].replace(b",", b" ").split()
+    return len(first) == len(COLUMNS) and all(NUMBER.fullmatch(part) for part in first)
 
 
 def _has_header(file: Path) -> bool:
