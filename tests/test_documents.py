@@ -27,13 +27,8 @@ from isac_cosim.labeling.dataset.dataset import Dataset
 from tests.support.made_up_dataset import write_dataset
 
 ROOT = Path(cosim.__file__).parent
-DOCS = ROOT / "docs"
+EXAMPLE = ROOT / "docs" / "example_package"
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("sumo_nets/**/*.md")])
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    """The fenced blocks of a page in one language."""
-    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -84,20 +79,17 @@ def test_the_citation_is_valid_and_of_this_version() -> None:
     assert f"## {version}\n" in (ROOT / "CHANGELOG.md").read_text()
 
 
+@pytest.mark.parametrize("path", sorted(EXAMPLE.glob("my_cosim_parts/*.py")), ids=lambda path: path.name)
+def test_the_files_of_the_example_package_are_short(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
+
+
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """The environment in which the example package of docs/extending.md is installed."""
     folder = tmp_path_factory.mktemp("site")
-    page = ROOT / "docs/extending.md"
-    project = tomllib.loads(blocks(page, "toml")[0])["project"]
-    package = folder / "my_cosim_parts"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    for block in blocks(page, "python"):
-        name = re.match(r'"""my_cosim_parts/(\w+\.py)', block)
-        assert name, block
-        assert len(block.splitlines()) < 40
-        (package / name[1]).write_text(block)
+    shutil.copytree(EXAMPLE / "my_cosim_parts", folder / "my_cosim_parts", ignore=shutil.ignore_patterns("__pycache__"))
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
     metadata = folder / "my_cosim_parts-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-cosim-parts\nVersion: 1.0\n")
