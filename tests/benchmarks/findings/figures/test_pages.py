@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from isac_cosim.base.errors import InputError
+from isac_cosim.benchmarks.findings import architecture, settings_page
 from isac_cosim.benchmarks.findings.figures import pages
 from isac_cosim.benchmarks.findings.figures.pages import claims, printed_tables, rewritten, tables_of
 from isac_cosim.benchmarks.findings.figures.plan import ROOT, Stage, read_plan
@@ -27,6 +28,12 @@ TEXTS = {
     if path.parent.name != "tables"
 }
 CLAIMS = {page: claims(text) for page, text in TEXTS.items()}
+WRITTEN_BY_COMMANDS = {
+    "docs/api.md",
+    architecture.PAGE.relative_to(ROOT).as_posix(),
+    settings_page.PAGE.relative_to(ROOT).as_posix(),
+}
+MOST_LINES_BY_HAND = 2600
 
 
 def printed(command: str, monkeypatch: pytest.MonkeyPatch) -> str:
@@ -102,6 +109,26 @@ def test_the_tables_of_pages_are_those_of_the_stored_results(name: str, monkeypa
 )
 def test_every_stored_result_is_made_by_a_stage(path: Path) -> None:
     assert any(path in files for stage in STAGES.values() for files in stage.files(ROOT).values())
+
+
+def lines_by_hand(text: str) -> int:
+    """How many lines of a page are left without the tables that a command prints."""
+    return len(pages.TABLE.sub("", text).splitlines())
+
+
+def test_the_documents_are_kept_short() -> None:
+    """Printed tables, and pages that a command writes, do not count."""
+    counted = {
+        page: lines_by_hand(text)
+        for page, text in TEXTS.items()
+        if page.count("/") == 1 and page.startswith("docs/") and page not in WRITTEN_BY_COMMANDS
+    }
+    assert sum(counted.values()) <= MOST_LINES_BY_HAND, sorted(counted.items(), key=lambda item: -item[1])
+
+
+def test_a_printed_table_does_not_count_as_written_by_hand() -> None:
+    table = "<!-- table a: Leads -->\n### Leads: 3 windows\n\n| n |\n| --- |\n| 3 |\n"
+    assert lines_by_hand(f"# Page\n\n{table}\n| own |\n| --- |\n") == 5
 
 
 def test_the_commands_of_the_plan_name_programs_of_the_project() -> None:
