@@ -34,6 +34,8 @@ UNSIZED = frozenset({"motorcycle", "bicycle"})
 SPEEDS = ("xVelocity", "yVelocity")
 MOST = 1e7
 """Numbers beyond this are no coordinates in metres, and no frames."""
+MOST_OTHER_M = 0.5
+"""Sizes that differ by more are not those of one vehicle, m."""
 RATES_HZ = (1.0, 1000.0)
 
 
@@ -128,12 +130,13 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         **dict.fromkeys((*needed, *SPEEDS), pa.float64()),
     }
     parts: dict[str, list[np.ndarray[Any, Any]]] = {}
-    line, latest = 2, np.full(len(vehicles), -np.inf)
+    line, latest, sizes = 2, np.full(len(vehicles), -np.inf), _Sizes(vehicles)
     for batch in batches(files.tracks, columns, (*whole, *needed)):
         values = {name: _numbers(batch, name, files.tracks, line) for name in (*whole, *needed)}
         at = _places(ids, len(vehicles), values.pop(identity).astype(np.int64), files, line)
         kept = np.flatnonzero(at >= 0)
         held = {"vehicle": at[kept], "number": (kept + line).astype(np.int32)}
+        sizes.add(at[kept], values[length][kept], values[across][kept])
         if not corners:
             del values[across]
         held |= {name: column[kept] for name, column in values.items()}
@@ -147,6 +150,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         line += len(batch)
     if line == 2:
         raise InputError(f"{files.tracks}: holds no state of a vehicle; fetch it again")
+    sizes.check(files)
     # Each column is put together as its parts are given up: those of a long file fill most of the memory.
     of = {name: np.concatenate(parts.pop(name)) for name in [*parts]}
     if not len(of["vehicle"]):
@@ -221,6 +225,34 @@ def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles, l
             "both files again"
         )
     return np.where(at < vehicles, at, -1).astype(np.int32)
+
+
+class _Sizes:
+    """How often the tracks say of a vehicle that it is as large as the meta file says, and how often not."""
+
+    def __init__(self, vehicles: Sequence[Vehicle]) -> None:
+        self.vehicles = vehicles
+        self.named = np.array([(vehicle.length_m, vehicle.width_m) for vehicle in vehicles]).reshape(-1, 2)
+        self.named[[vehicle.kind in UNSIZED for vehicle in vehicles]] = np.nan
+        self.rows, self.others = (np.zeros(len(vehicles), np.int64) for _ in range(2))
+        self.other = np.zeros((len(vehicles), 2))
+
+    def add(self, vehicle: Int32Array, length: Array, width: Array) -> None:
+        """Count some rows."""
+        said = np.column_stack([length, width])
+        other = (np.abs(said - self.named[vehicle]) > MOST_OTHER_M).any(axis=1)
+        self.rows += np.bincount(vehicle, minlength=len(self.rows))
+        self.others += np.bincount(vehicle[other], minlength=len(self.rows))
+        self.other[vehicle[other]] = said[other]
+
+    def check(self, files: LevelxFiles) -> None:
+        """Raise InputError where most rows of a vehicle have another size."""
+        if (wrong := np.flatnonzero(2 * self.others > self.rows)).size:
+            vehicle, said = self.vehicles[wrong[0]], self.other[wrong[0]]
+            raise InputError(
+                f"{files.tracks_meta}: vehicle {vehicle.id} is {vehicle.length_m:g} m x {vehicle.width_m:g} m, and "
+                f"{said[0]:g} m x {said[1]:g} m in {files.tracks.name}; fetch both files again"
+            )
 
 
 def _check_order(

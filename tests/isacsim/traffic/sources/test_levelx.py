@@ -175,7 +175,7 @@ BAD = {
     "one marking": ("recordingMeta", cell(1, "lowerLaneMarkings", "28.8"), r"Markings is 28\.8; give the y of"),
     "text for markings": ("recordingMeta", cell(1, "lowerLaneMarkings", "a;b"), r"Markings is a;b; give the y"),
     "two recordings": ("recordingMeta", lambda text: text + text.splitlines()[1] + "\n", r"has 2 rows and needs one"),
-    "feet": ("tracksMeta", column("width", lambda text: float(text) * 3.28), r"median car is \d+\.\d+ m long"),
+    "another size": ("tracksMeta", cell(6, "width", "0.45"), r"vehicle 6 is 0\.45 m x \S+ m, and \S+ m x \S+ m in 07"),
     "speeds in km/h": ("tracks", column("xVelocity", lambda text: float(text) * 3.6), r"speeds are 3\.\d+ times"),
     "x backwards": ("tracks", column("x", lambda text: -float(text)), r"row \d+: vehicle \d+ and most others drive ag"),
     "y upwards": ("tracks", column("y", lambda text: -float(text)), r"\d+% of its positions are beyond the markings"),
@@ -206,6 +206,14 @@ def test_bad_input_is_refused_in_one_line(fault: str, highd: tuple[Path, dict[st
     assert re.search(message, str(refused.value)), refused.value
     assert "\n" not in str(refused.value)
     assert str(refused.value).startswith(str(folder))
+
+
+def test_lengths_in_feet_are_refused(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
+    for file in highd[0].iterdir():
+        feet = column("width", lambda text: float(text) * 3.28) if "width" in file.read_text() else str
+        (tmp_path / file.name).write_text(feet(file.read_text()))
+    with pytest.raises(InputError, match=r"median car is \d+\.\d+ m long"):
+        read(study_of(tmp_path))
 
 
 def test_what_is_no_recording_is_refused_with_what_to_name(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
