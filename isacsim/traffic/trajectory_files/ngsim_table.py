@@ -44,7 +44,7 @@ NUMBER = re.compile(rb"-?\d+(\.\d*)?")
 FOOT_M = 0.3048
 MOST = 1e14
 """Numbers beyond this are no times in ms, and no feet."""
-CHUNK = 1 << 18
+CHUNK = 1 << 16
 
 
 @dataclass
@@ -166,13 +166,21 @@ def _tables(file: Path) -> Iterator[_Part]:
 def _blanks(file: Path) -> Iterator[_Part]:
     """Yield the rows of a file without a header, with blanks or commas between its columns."""
     separator = "," if b"," in content_head(file, 1 << 12).split(b"\n", 1)[0] else r"\s+"
-    wanted = (*NEEDED, SPEED)
+    wanted, further = (*NEEDED, SPEED), "further"
+    line = 1
     with reading(file):
+        # All columns are read, and one more: else rows with others than these would be shifted unnoticed.
         chunks = pd.read_csv(
-            file, sep=separator, header=None, names=list(COLUMNS), usecols=list(wanted), dtype=np.float64,
-            chunksize=CHUNK, index_col=False, on_bad_lines="error", compression=None,
+            file, sep=separator, header=None, names=[*COLUMNS, further], dtype=np.float64, chunksize=CHUNK,
+            index_col=False, on_bad_lines="error", compression=None,
         )  # fmt: skip
         for chunk in cast("Iterator[pd.DataFrame]", chunks):
+            odd = chunk[further].notna().to_numpy() | (chunk[COLUMNS[-1]].isna().to_numpy() & (separator != ","))
+            if odd.any():
+                raise InputError(
+                    f"{file}: row {line + int(np.argmax(odd))}: has not {len(COLUMNS)} columns; leave it out, or fix it"
+                )
+            line += len(chunk)
             yield {name: chunk[name].to_numpy(np.float64) for name in wanted}, None
 
 

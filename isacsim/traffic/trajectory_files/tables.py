@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +24,8 @@ BLOCK = 1 << 22
 """Bytes of a CSV file that are parsed at once."""
 BATCH = 1 << 18
 """Rows of a Parquet file that are decoded at once."""
+CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+"""Bytes that are in no text."""
 PARQUET = b"PAR1"
 """How a Parquet file begins."""
 
@@ -155,7 +158,10 @@ def _csv(
 
 def header_of(file: Path, delimiter: str = ",") -> list[str]:
     """Return the names of a CSV file's columns. Raises InputError where the file cannot be read."""
-    first = content_head(file).split(b"\n", 1)[0].decode("utf-8-sig", "replace").strip()
+    line = content_head(file).split(b"\n", 1)[0]
+    if CONTROL.search(line):
+        raise InputError(f"{file}: is neither text nor Parquet; give a CSV or a Parquet file")
+    first = line.decode("utf-8-sig", "replace").strip()
     return [name.strip().strip('"') for name in first.split(delimiter)]
 
 

@@ -248,8 +248,19 @@ def test_more_bad_input(tmp_path: Path) -> None:
     rows, _ = plain()
     file = write_txt(tmp_path / "trajectories.txt", rows)
     file.write_text(file.read_text()[:-100])
-    with pytest.raises(InputError, match=r"row \d+: \S+ is missing|cannot be read as a table"):
+    with pytest.raises(InputError, match=r"row \d+: has not 18 columns; leave it out, or fix it"):
         read(study_of(file))
+    lines = write_txt(file, rows).read_text().splitlines()
+    for wrong in (lines[40].rsplit(maxsplit=1)[0], f"{lines[40]} 1"):
+        file.write_text("\n".join([*lines[:40], wrong, *lines[41:], ""]))
+        with pytest.raises(InputError, match=r"row 41: has not 18 columns; leave it out, or fix it"):
+            read(study_of(file))
+    file.write_text("\n".join([*lines, "", ""]))
+    assert len(read(study_of(file)).tracks)
+    noise = tmp_path / "noise.csv"
+    noise.write_bytes(b"a,b\x00\x07")
+    with pytest.raises(InputError, match=r"noise\.csv: is neither text nor Parquet; give a CSV or a Parquet file"):
+        read(study_of(noise))
     table = write_csv(tmp_path / "table.csv", rows)
     table.write_text(table.read_text().replace("Lane_ID", "Lane", 1))
     with pytest.raises(InputError, match=r"table\.csv: has no column lane_id"):
