@@ -13,7 +13,9 @@ from isac_cosim.base.arrays import Array, ComplexArray, IntArray
 from isac_cosim.isacsim.scenarios.lane import Lane
 
 AT_ONCE = 2_000_000
-"""Pairs of a position and a segment that are compared at once."""
+"""At most so many pairs of a position and a segment are compared at once."""
+AT_ONCE_NEAR = 256
+"""Positions that are compared at once with the segments that may be nearest to one of them."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,24 @@ class _CentreLine:
     length_m: Array
     station: Array
     stretch: float
+
+    def near(self, position: ComplexArray) -> IntArray:
+        """Return the segments of which one is nearest to each position, ascending.
+
+        Where all positions are within r of a point, and the nearest segment within d of it, those further than d + 2 r
+        from it are nearest to none.
+        """
+        middle = position.mean()
+        reach = float(np.abs(position - middle).max())
+        away = np.sqrt(_squares(middle, self.start, self.heading, self.length_m))
+        return np.flatnonzero(away <= away.min() + 2.0 * reach + 1e-6 * (1.0 + np.abs(middle)))
+
+
+def _squares(position: ComplexArray, start: ComplexArray, heading: ComplexArray, length_m: Array) -> Array:
+    """Return the squared distances of positions from segments, m2."""
+    offset = (position - start) * np.conj(heading)
+    outside = offset.real - np.clip(offset.real, 0.0, length_m)
+    return np.asarray(outside**2 + offset.imag**2)
 
 
 class LanePlaces:
@@ -66,12 +86,12 @@ class LanePlaces:
         count = len(line.start)
         nearest = np.zeros(len(position), np.int64)
         if count > 1:
-            size = max(1, AT_ONCE // count)
+            size = min(AT_ONCE_NEAR, max(1, AT_ONCE // count))
             for first in range(0, len(position), size):
                 part = position[first : first + size]
-                offset = (part[:, None] - line.start) * np.conj(line.heading)
-                outside = offset.real - np.clip(offset.real, 0.0, line.length_m)
-                nearest[first : first + size] = np.argmin(outside**2 + offset.imag**2, axis=1)
+                near = line.near(part)
+                found = np.argmin(_squares(part[:, None], line.start[near], line.heading[near], line.length_m[near]), 1)
+                nearest[first : first + size] = near[found]
         heading = line.heading[nearest]
         offset = (position - line.start[nearest]) * np.conj(heading)
         raw = line.station[nearest] + offset.real
