@@ -43,7 +43,7 @@ def ready() -> None:
     """Prepare a process for episodes; only the first call does anything.
 
     Loads what labelling imports late. What modules hold is then left out by the cyclic garbage collector: each full
-    round through it would take a third as long as labelling an episode (docs/performance.md).
+    round through it would take a third as long as labelling an episode.
     """
     importlib.import_module("scipy.signal")
     gc.collect()

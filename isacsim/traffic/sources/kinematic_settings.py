@@ -1,6 +1,6 @@
 """What the kinematic motion source draws from: ranges with units, bounds and sources.
 
-Every range is drawn from evenly, anew for each scene. docs/kinematic.md lists them.
+Every range is drawn from evenly, anew for each scene. docs/settings.md lists them.
 """
 
 from __future__ import annotations
