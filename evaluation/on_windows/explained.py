@@ -41,9 +41,14 @@ def check_explainable(run: Run) -> CastformerPredictor:
             f"--explain: {run.path} is of {run.card.settings.model}; only castformer has attention, gates and weights "
             "to show; leave the option out"
         )
-    if not run.predictor.network.settings.modules:
+    if not is_explainable(run):
         raise InputError(f"--explain: {run.path} has none of the modules rsf, cpe and fsn; leave the option out")
     return run.predictor
+
+
+def is_explainable(run: Run) -> bool:
+    """Return whether a run has modules whose inside can be shown."""
+    return isinstance(run.predictor, CastformerPredictor) and bool(run.predictor.network.settings.modules)
 
 
 def inspect_windows(run: Run, records: Records, ends: Ends) -> Inspection:

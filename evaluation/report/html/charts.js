@@ -42,7 +42,7 @@
   const namesOf = (data) => [...new Set(data.lines.map((line) => line.name))];
 
   function traces({ data, off }, shades) {
-    const names = namesOf(data), many = names.length > TURN;
+    const names = namesOf(data), many = names.length > TURN, grown = shades.size / 16;
     return data.lines.map((line) => {
       const which = names.indexOf(line.name), colour = shades.lines[which % TURN];
       const turn = many ? Math.floor(which / TURN) : which;
@@ -54,11 +54,11 @@
         y: line.y,
         yaxis: line.panel ? `y${line.panel + 1}` : "y",
         mode: line.single ? "markers" : "lines+markers",
-        line: { color: colour, width: 2, dash: DASHES[turn % DASHES.length], shape: data.stairs ? "hv" : "linear" },
+        line: { color: colour, width: 2 * grown, dash: DASHES[turn % DASHES.length], shape: data.stairs ? "hv" : "linear" },
         marker: {
           color: line.hollow.map((hollow) => (hollow ? shades.page : colour)),
           symbol: SYMBOLS[which % SYMBOLS.length],
-          size: line.single ? 14 : 7,
+          size: (line.single ? 14 : 7) * grown,
           line: { color: line.single ? shades.text : colour, width: line.single ? 1.5 : 1.2 },
           maxdisplayed: line.single ? 0 : 40,
         },
@@ -176,26 +176,30 @@
     });
   }
 
-  async function show() {
-    await library();
-    for (const chart of charts) {
-      const picture = chart.box.parentElement.querySelector("img");
-      chart.box.hidden = false;
-      try {
-        await draw(chart);
-        drawLegend(chart);
-        picture.hidden = true;
-        reachable(chart);
-      } catch {
-        chart.box.hidden = true;
-      }
+  async function show(chart) {
+    await (loading ??= library());
+    chart.box.hidden = false;
+    try {
+      await draw(chart);
+      drawLegend(chart);
+      chart.box.parentElement.querySelector("img").hidden = true;
+      reachable(chart);
+    } catch {
+      chart.box.hidden = true;
     }
-    const repaint = () => charts.filter((chart) => !chart.box.hidden).forEach((chart) => { draw(chart); drawLegend(chart); });
-    document.addEventListener("theme-change", repaint);
-    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-    document.documentElement.dataset.charts = "drawn";
   }
 
-  // After the first screen has been painted.
-  setTimeout(() => show().catch(() => {}), 0);
+  // The library takes a moment: it is unpacked when the first curve comes near, not while the page opens.
+  let loading = null;
+  const coming = new IntersectionObserver((seen) => {
+    for (const { target, isIntersecting } of seen) {
+      if (!isIntersecting) continue;
+      coming.unobserve(target);
+      show(charts.find((chart) => chart.box.parentElement === target)).catch(() => {});
+    }
+  }, { rootMargin: "50% 0px" });
+  for (const chart of charts) coming.observe(chart.box.parentElement);
+  const repaint = () => charts.filter((chart) => !chart.box.hidden).forEach((chart) => { draw(chart); drawLegend(chart); });
+  document.addEventListener("theme-change", repaint);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
 })();

@@ -68,7 +68,7 @@ class Chart:
                 continue
             name = str(row.get(self.line))
             single = self.single is not None and row.get(self.single[0]) == self.single[1]
-            new = {"name": name, "panel": panel, "single": single, "x": [], "y": [], "hollow": []}
+            new: dict[str, Any] = {"name": name, "panel": panel, "single": single, "x": [], "y": [], "hollow": []}
             line = found.setdefault((name, single), new)
             line["x"].append(x)
             line["y"].append(y)

@@ -3,7 +3,7 @@
 "use strict";
 (() => {
   const element = (id) => document.getElementById(id);
-  const road = element("replay"), answers = element("replay-answers"), slider = element("replay-time");
+  const road = element("replay"), answers = element("replay-answers"), inside = element("replay-inside"), slider = element("replay-time");
   const picker = element("replay-record"), playButton = element("replay-play"), status = element("replay-status");
   let data;
   try {
@@ -56,7 +56,10 @@
         }));
         one.detected = { ...detected, places: places(detected.places) };
       }
-      if (from.answers) one.answers = { ...from.answers, probabilities: bytes(from.answers.probabilities) };
+      if (from.answers) {
+        const modules = from.answers.inside.map((module) => ({ ...module, lines: module.lines.map(bytes) }));
+        one.answers = { ...from.answers, probabilities: bytes(from.answers.probabilities), inside: modules };
+      }
       one.duration = (one.truth.length / 2 - 1) / one.rate;
       one.heading = direction(one.truth, 0, one.truth.length / 2 - 1) ?? 0;
       kept.set(which, one);
@@ -339,22 +342,72 @@
     pen.fill();
   }
 
+  function stroke(pen, x0, y0, x1, y1, style, dash = []) {
+    pen.strokeStyle = style;
+    pen.lineWidth = 1;
+    pen.setLineDash(dash);
+    pen.beginPath();
+    pen.moveTo(x0, y0);
+    pen.lineTo(x1, y1);
+    pen.stroke();
+    pen.setLineDash([]);
+  }
+
+  // A line up to the present time, with its class's or its own mark at the end. value: of the window k.
+  function curve(pen, which, count, value, x, y) {
+    const { from, step } = record.answers;
+    pen.strokeStyle = pen.fillStyle = colours.classes[which % MARKS.length];
+    pen.lineWidth = 2;
+    pen.setLineDash(DASHES[which % DASHES.length]);
+    pen.beginPath();
+    let end = null;
+    for (let k = 0; k < count; k++) {
+      const t = from + k * step, place = [x(t), y(value(k))];
+      if (t > time + 1e-6) break;
+      pen[k ? "lineTo" : "moveTo"](...place);
+      end = place;
+    }
+    pen.stroke();
+    pen.setLineDash([]);
+    if (end) mark(pen, which % MARKS.length, ...end);
+  }
+
+  // What the modules of a network do with the windows: a chart for each.
+  function drawInside() {
+    if (!inside) return;
+    const modules = record.answers.inside, [pen, width, height] = sized(inside, 110 * Math.max(modules.length, 1));
+    const left = 40, right = width - 12, x = (t) => left + ((right - left) * t) / record.duration;
+    pen.fillStyle = colours.ground;
+    pen.fillRect(0, 0, width, height);
+    modules.forEach(({ title, top: most, names, lines }, k) => {
+      const top = 110 * k + 24, bottom = 110 * k + 100, y = (share) => bottom - (bottom - top) * share;
+      for (const share of [0, 1]) {
+        stroke(pen, left, y(share), right, y(share), colours.line);
+        label(pen, String(most * share), left - 6, y(share) + 4, "right");
+      }
+      for (const maneuver of record.maneuvers) {
+        for (const t of maneuver.slice(1, 3)) if (t >= 0 && t <= record.duration) stroke(pen, x(t), top, x(t), bottom, colours.soft, [2, 3]);
+      }
+      label(pen, title, left, top - 8, "left");
+      let beside = left + pen.measureText(title).width + 18;
+      names.forEach((name, which) => {
+        pen.fillStyle = pen.strokeStyle = colours.classes[which % MARKS.length];
+        mark(pen, which % MARKS.length, beside, top - 12);
+        label(pen, name, beside + 9, top - 8, "left");
+        beside += pen.measureText(name).width + 30;
+        curve(pen, which, lines[which].length, (window) => lines[which][window] / 255, x, y);
+      });
+      stroke(pen, x(time), top, x(time), bottom, colours.ink);
+    });
+  }
+
   function drawAnswers() {
     if (!answers) return;
     const [pen, width, height] = sized(answers, 220), left = 40, right = width - 12, top = 22, bottom = height - 36;
     pen.fillStyle = colours.ground;
     pen.fillRect(0, 0, width, height);
     const x = (t) => left + ((right - left) * t) / record.duration, y = (p) => bottom - (bottom - top) * p;
-    const line = (x0, y0, x1, y1, style, dash = []) => {
-      pen.strokeStyle = style;
-      pen.lineWidth = 1;
-      pen.setLineDash(dash);
-      pen.beginPath();
-      pen.moveTo(x0, y0);
-      pen.lineTo(x1, y1);
-      pen.stroke();
-      pen.setLineDash([]);
-    };
+    const line = (...ends) => stroke(pen, ...ends);
     for (const share of [0, 0.5, 1]) {
       line(left, y(share), right, y(share), colours.line);
       label(pen, String(share), left - 6, y(share) + 4, "right");
@@ -369,22 +422,9 @@
     }
     label(pen, "end of the window, s after the start", (left + right) / 2, height - 5, "center");
     for (let t = 0; t <= record.duration; t++) label(pen, String(t), x(t), bottom + 14, "center");
-    const { from, step, probabilities } = record.answers, count = probabilities.length / data.classes.length;
+    const { probabilities } = record.answers, count = probabilities.length / data.classes.length;
     data.classes.forEach((_, which) => {
-      pen.strokeStyle = pen.fillStyle = colours.classes[which % MARKS.length];
-      pen.lineWidth = 2;
-      pen.setLineDash(DASHES[which % DASHES.length]);
-      pen.beginPath();
-      let end = null;
-      for (let k = 0; k < count; k++) {
-        const t = from + k * step, place = [x(t), y(probabilities[k * data.classes.length + which] / 255)];
-        if (t > time + 1e-6) break;
-        pen[k ? "lineTo" : "moveTo"](...place);
-        end = place;
-      }
-      pen.stroke();
-      pen.setLineDash([]);
-      if (end) mark(pen, which % MARKS.length, ...end);
+      curve(pen, which, count, (k) => probabilities[k * data.classes.length + which] / 255, x, y);
     });
     for (const [intention, t, wrong] of record.alarms) {
       if (t > time + 1e-6) continue;
@@ -438,6 +478,7 @@
   function draw() {
     drawRoad();
     drawAnswers();
+    drawInside();
     slider.value = String(Math.round((1000 * time) / record.duration));
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} s`);
     element("replay-clock").textContent = `${time.toFixed(2)} s`;

@@ -106,12 +106,29 @@ class Detected:
 
 
 @dataclass(frozen=True)
+class Inside:
+    """What a module of a predictor does with the windows of a record. names: of k lines. values: (k, n), from 0."""
+
+    title: str
+    names: Sequence[str]
+    values: Array
+
+    def packed(self) -> dict[str, Any]:
+        """Return the lines as plain values: bytes, of which 255 is the top of the axis."""
+        top = max(1.0, float(np.ceil(self.values.max(initial=0.0))))
+        shares = np.rint(255 * np.clip(self.values / top, 0, 1)).astype(np.uint8)
+        lines = [base64.b64encode(line.tobytes()).decode() for line in shares]
+        return {"title": self.title, "top": top, "names": [*self.names], "lines": lines}
+
+
+@dataclass(frozen=True)
 class Answers:
     """What a predictor answers along a record.
 
     from_s, step_s: ends of the windows, s after the record's start. probabilities: (n, G). predicted: the likeliest
     intention at the last window that an evaluation measures; None where there is no such window. wrong: whether that
-    is another than the label; None where the predictor was not trained on the label's intention.
+    is another than the label; None where the predictor was not trained on the label's intention. inside: what its
+    modules do with the windows.
     """
 
     from_s: float
@@ -119,6 +136,7 @@ class Answers:
     probabilities: Array
     predicted: str | None
     wrong: bool | None
+    inside: Sequence[Inside] = ()
 
 
 @dataclass(frozen=True)
@@ -242,6 +260,7 @@ class Moving:
                 "probabilities": base64.b64encode(shares.tobytes()).decode(),
                 "predicted": answers.predicted,
                 "wrong": answers.wrong,
+                "inside": [module.packed() for module in answers.inside],
             }
         return content
 
@@ -268,6 +287,11 @@ class Replay:
         """Whether the predictor was asked, and is not wrong in all records: the next wrong one is then worth a key."""
         verdicts = {record.answers.wrong for record in self.records if record.answers is not None}
         return bool(verdicts) and verdicts != {True}
+
+    @property
+    def modules(self) -> int:
+        """How many modules of the predictor are shown, at most."""
+        return max((len(record.answers.inside) for record in self.records if record.answers is not None), default=0)
 
     def beginning_with(self, record: str) -> Replay:
         """Return the replay with the record of this id in front; as it is where there is none."""

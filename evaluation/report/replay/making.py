@@ -11,8 +11,10 @@ import numpy as np
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.on_windows.explained import is_explainable
 from isac_cosim.evaluation.on_windows.predictions import check_rates
 from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Maneuver, Moving, Replay, at_rate
+from isac_cosim.evaluation.report.replay.inside import REMARK, inside_of
 from isac_cosim.evaluation.report.replay.others import Around, around
 from isac_cosim.evaluation.report.replay.scene import SceneView
 from isac_cosim.isacsim.sensing.sensors import SCENE
@@ -27,8 +29,8 @@ ROAD_REACH_M = 300.0
 """Lanes are on the page as far as this from the records, m."""
 MOST_RECORDS = 1_000
 """Records on one page."""
-MOST_BYTES = 9_000_000
-"""Of the other vehicles on one page, which then stays below 15 MB."""
+MOST_BYTES = 6_500_000
+"""Of the other vehicles and of scenes on one page, which then stays below 15 MB, with the library of its curves."""
 ALONE = "TV and UV only: "
 """How the sentence begins that says why no other vehicle is shown."""
 SCENE_SHOWN = (
@@ -81,6 +83,8 @@ def replay_of(
     name = shard.file.removesuffix(".parquet")
     if run is not None:
         remarks += [SIDES[side] for side, groups in run.card.split.items() if name in groups][:1]
+        if is_explainable(run):
+            remarks.append(REMARK)
         if run.card.settings.held_out is not None:
             remarks.append(f"It never saw {run.card.settings.held_out.replace('_', ' ')}.")
     scenario = shard.episode.scenario
@@ -152,6 +156,7 @@ def _answers(run: Run, records: Records, row: int) -> Answers:
         probabilities=probabilities[:-1],
         predicted=predicted,
         wrong=predicted != run.card.classes[label] if measured and trained else None,
+        inside=inside_of(run, records, Ends(np.full(len(steps), row), steps)),
     )
 
 

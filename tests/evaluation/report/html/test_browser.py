@@ -73,6 +73,15 @@ def test_the_page_asks_for_no_other_file(page: Any, page_file: Path) -> None:
     assert page.locator("b").count() == 3  # The three figures.
 
 
+def test_its_curves_are_those_of_the_evaluation(page: Any) -> None:
+    chart = page.locator(".chart").first
+    chart.locator("..").scroll_into_view_if_needed()
+    chart.locator("svg.main-svg").first.wait_for()
+    chart.focus()
+    page.keyboard.press("ArrowRight")
+    assert re.search(r": macro-F1 [01]\.\d{3} \(", chart.locator(".reading").text_content())
+
+
 def test_space_plays_and_pauses_and_arrows_step(page: Any) -> None:
     page.focus("#replay")
     page.keyboard.press("ArrowRight")

@@ -82,10 +82,29 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_page("Curves", [part, replace(part, name="again")], "made up", folder)
 
 
+def draw_all(page: Any) -> None:
+    """Go down the page: a curve is drawn when it comes near."""
+    for chart in page.locator(".chart").all():
+        chart.locator("..").scroll_into_view_if_needed()
+        chart.locator("svg.main-svg").first.wait_for()
+    page.evaluate("window.scrollTo(0, 0)")
+
+
+def test_curves_far_down_are_pictures_until_they_come_near(browser: Any, page_file: Path, tmp_path: Path) -> None:
+    far = page_file.read_text().replace("<h1>", "<div style='height: 9000px'></div><h1>")
+    (tmp_path / "far.html").write_text(far)
+    shown = opened(browser, tmp_path / "far.html")
+    shown.wait_for_timeout(300)
+    assert shown.evaluate("typeof Plotly") == "undefined"
+    draw_all(shown)
+    assert shown.locator(".chart:visible").count() == 6
+    shown.context.close()
+
+
 @pytest.fixture
 def page(browser: Any, page_file: Path) -> Iterator[Any]:
     shown = opened(browser, page_file)
-    shown.wait_for_selector("html[data-charts]")
+    draw_all(shown)
     yield shown
     assert shown.errors == []
     shown.context.close()
@@ -160,7 +179,7 @@ def test_axe_finds_nothing_serious(page: Any, theme: str) -> None:
 @pytest.mark.parametrize("width", [400, 1920])
 def test_nothing_scrolls_sideways(browser: Any, page_file: Path, width: int) -> None:
     shown = opened(browser, page_file, width, "dark")
-    shown.wait_for_selector("html[data-charts]")
+    draw_all(shown)
     shown.select_option("#theme", "projector")
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
     assert shown.errors == []

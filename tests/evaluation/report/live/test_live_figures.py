@@ -12,6 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from isac_cosim.evaluation.report.live import live_figures
+from isac_cosim.evaluation.report.live_parts import CHARTS, FROZEN, RATE, RECALL, _seen_curve
+from isac_cosim.evaluation.report.parts import read_table, write_table
 from isac_cosim.labeling.intentions import KNOWN
 
 
@@ -40,3 +42,28 @@ def test_lead_times_show_median_and_quartiles_of_all_episodes(tmp_path: Path, mo
     bars = {tuple(line.get_ydata()): tuple(line.get_xdata()) for line in axes.lines if line.get_linewidth() == 2}
     assert bars[0, 0] == (0.5, 1.5)
     assert [label.get_text() for label in axes.get_yticklabels()] == [k.text.replace("_", " ") for k in KNOWN]
+
+
+def test_the_table_of_the_curve_has_its_corners_and_the_frozen_alarms(tmp_path: Path) -> None:
+    rates, recalls = np.array([4.0, 0.5, 1.0, 2.0, np.inf]), np.array([0.75, 0.25, 0.25, 0.5, 0.75])
+    sweep = SimpleNamespace(thresholds=rates, rates=lambda: rates, recalls=lambda: recalls)
+    frozen = SimpleNamespace(over_all=SimpleNamespace(false_alarms_per_vehicle_hour=1.5, recall=0.4))
+    nothing = SimpleNamespace(over_all=SimpleNamespace(false_alarms_per_vehicle_hour=None, recall=None))
+    shown = {
+        "a": SimpleNamespace(sweep=sweep, result=frozen),
+        "b": SimpleNamespace(sweep=None, result=frozen),
+        "c": SimpleNamespace(sweep=None, result=nothing),
+    }
+    rows = list(live_figures._recall_rows(shown))  # type: ignore[arg-type]
+    write_table(rows, tmp_path / "recall.csv")
+    stored = read_table(tmp_path / "recall.csv")
+    assert [(row["predictor"], row["alarms"], row[RATE], row[RECALL]) for row in stored] == [
+        ("a", "any", 0.5, 0.25), ("a", "any", 2.0, 0.5), ("a", "any", 4.0, 0.75), ("a", "any", None, 0.75),
+        ("a", FROZEN, 1.5, 0.4), ("b", FROZEN, 1.5, 0.4),
+    ]  # fmt: skip
+    (chart,) = CHARTS.values()
+    lines = chart.content(stored)["lines"]
+    assert [(line["name"], line["single"], line["x"]) for line in lines] == [
+        ("a", False, [0.5, 2.0, 4.0]), ("a", True, [1.5]), ("b", True, [1.5]),
+    ]  # fmt: skip
+    assert _seen_curve(stored).endswith("a: 0.4 at 1.5; b: 0.4 at 1.5.")

@@ -1,4 +1,4 @@
-"""The road of a scene in a browser: its tracks with their numbers, as long as they last, and its detections."""
+"""The replay in a browser: the tracks and detections of a scene, and what the modules of a predictor do."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from isac_cosim.evaluation.report.page import write_page
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.evaluation.report.replay.content import Detected, Moving, Replay, TrackPath
-from tests.support.browser import opened, texts_drawn
+from isac_cosim.evaluation.report.replay.content import Answers, Detected, Inside, Moving, Replay, TrackPath
+from tests.support.browser import opened, serious_faults, texts_drawn
 
 
 def track(number: str, from_s: float, instants: int) -> TrackPath:
@@ -49,3 +49,38 @@ def test_detections_are_drawn(browser: Any, tmp_path: Path) -> None:
         pictures.append(shown.evaluate("document.getElementById('replay').toDataURL()"))
         shown.context.close()
     assert pictures[0] != pictures[1]
+
+
+def test_a_chart_for_each_module_follows_the_time(browser: Any, tmp_path: Path) -> None:
+    path = np.stack([np.linspace(0.0, 100.0, 126), np.zeros(126)])
+    modules = [
+        Inside("CPE: gate", ("in", "out"), np.full((2, 50), 0.5)),
+        Inside("RSF: age, s", ("in",), np.full((1, 50), 1.7)),
+    ]
+    answers = Answers(1.0, 0.04, np.full((50, 2), 0.5), "overtake", False, modules)
+    explained = Moving("a", "overtake", "natural", "tv", "uv", 0.0, [], path, path, path + 30.0, answers=answers)
+    plain = Moving(
+        "b",
+        "overtake",
+        "natural",
+        "tv",
+        "uv",
+        0.0,
+        [],
+        path,
+        path,
+        path,
+        answers=Answers(1.0, 0.04, answers.probabilities, None, None),
+    )
+    replay = Replay("Explained", [explained, plain], [], [], ["overtake", "following"])
+    shown = opened(browser, write_page("Explained", [Part("replay", replay=replay)], "made up", tmp_path))
+    drawn = texts_drawn(shown)
+    shown.fill("#replay-time", "500")
+    assert {"CPE: gate", "RSF: age, s", "in", "out", "2"} <= set(drawn())
+    shown.select_option("#replay-record", "1")
+    drawn()
+    shown.fill("#replay-time", "600")
+    assert "CPE: gate" not in drawn()
+    assert serious_faults(shown) == []
+    assert shown.errors == []
+    shown.context.close()
