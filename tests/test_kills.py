@@ -29,6 +29,7 @@ import pytest
 
 import cosim
 from isac_cosim.isacsim.scenarios.scenario import bundled
+from tests.support.made_up_videos import write_event
 from tests.support.waiting import HANGING_S, wait_until
 
 pytestmark = [
@@ -110,6 +111,7 @@ COMMANDS = {
     "evaluate --data": "evaluate made/run --data made/dataset -o {out}",
     "evaluate --traffic": "evaluate trees --traffic road -o {out} --seeds 1001:1003 --development 2001:2003 --jobs 2",
     "reproduce": "reproduce asi-bip --quick --stages truth -o {out} --jobs 2",
+    "clips": "clips videos -o {out} --driver-cut 64x64 --jobs 2",
     "network import": "network import map.osm -o {out} --vehicles 10",
     "network sites": "network sites bare -o {out}",
 }
@@ -148,6 +150,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "map.osm").write_text(MAP)
     shutil.copytree(bundled()["straight_road"], folder / "bare")
     (folder / "bare" / "sites.add.xml").write_text("<additional/>")
+    for event in range(4):
+        write_event(folder / "videos", "lturn", f"20141019_09103{event}_1_26", 25, rate_hz=5)
     for words in ("run study.toml -o made --jobs 2", "train made/dataset -o trees --model trees"):
         assert finish(folder, words) == (0, "")
     return folder

@@ -197,7 +197,6 @@ def _made(tasks: list[ClipTask], engine: Engine, feedback: Feedback) -> dict[str
     return sources
 
 
-@limited()
 def extract_clip(task: ClipTask) -> list[str]:
     """Make a clip, unless its file is of the same videos and speeds already. Returns what it was made from.
 
@@ -207,7 +206,7 @@ def extract_clip(task: ClipTask) -> list[str]:
     source = [file_digest(path) for path in (pair.road, pair.driver, pair.speed)] + [str(pair.maneuver_s)]
     if not _is_kept(task.file, source, pair.label):
         opencv()
-        arrays = confined(lambda: clip_of(task.checked, task.settings, lambda view: _encoder(view, task)))
+        arrays = confined(partial(_arrays, task))
         content: dict[str, Any] = {
             **arrays, "label": pair.label, BACKGROUND: ACTIONS.index(STRAIGHT), SOURCE: np.array(source)
         }  # fmt: skip
@@ -232,8 +231,10 @@ def clip_of(
     return {"in": np.hstack([driver, speed]), "out": np.hstack([road, speed])}
 
 
-def _encoder(view: View, task: ClipTask) -> Encoder:
-    return _loaded(view, task.weights.of(view), task.settings.model_dump_json())
+@limited()
+def _arrays(task: ClipTask) -> dict[str, Any]:
+    settings = task.settings.model_dump_json()
+    return clip_of(task.checked, task.settings, lambda view: _loaded(view, task.weights.of(view), settings))
 
 
 @cache
