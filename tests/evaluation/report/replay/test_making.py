@@ -1,7 +1,6 @@
 """A replay of an episode: which records, what a predictor answers, and what is said where the others are not known."""
 
 from collections.abc import Generator, Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,9 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.attempts import Outcome
 from isac_cosim.evaluation.report.replay import others
-from isac_cosim.evaluation.report.replay.content import at_rate
+from isac_cosim.evaluation.report.replay.content import Detected, TrackPath, at_rate
 from isac_cosim.evaluation.report.replay.making import replay_of
+from isac_cosim.evaluation.report.replay.scene import SceneView
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.finding import find_episode, of_one
@@ -100,17 +100,23 @@ def test_an_unknown_episode_is_refused_with_those_there_are(name: str, dataset: 
         find_episode(dataset, name)
 
 
+@pytest.mark.parametrize("scene", [False, True])
 def test_a_page_that_is_full_leaves_vehicles_out_and_says_so(
-    dataset: Dataset, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    scene: bool, dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from isac_cosim.evaluation.report.replay import making
 
     shard = find_episode(dataset, "toy-1")
     near = others.Vehicle("v", "truck", 9.0, 2.5, 0.0, 0.2, np.zeros((2, 26)))
     beside = others.Around(((4.0, 2.0), (4.0, 2.0)), [near])
-    monkeypatch.setattr(making, "around", lambda *_: ([beside] * shard.samples, ""))
+    track = TrackPath("1", 0.0, 0.2, np.zeros((2, 5)), np.ones((3, 5)))
+    view = SceneView([track], Detected(0.0, 0.2, [np.zeros((3, 2))] * 5))
+    whole = [beside] * shard.samples, [view] * shard.samples if scene else None
+    monkeypatch.setattr(making, "around", lambda *_: (whole, ""))
     monkeypatch.setattr(making, "MOST_BYTES", 1000)
     shown = replay_of(dataset, shard, HereEngine())
     full = sum(bool(record.others) for record in shown.records)
-    assert 0 < full < len(shown.records)
+    assert full == (1 if scene else 3)
+    assert full < len(shown.records)
+    assert sum(bool(record.tracks) for record in shown.records) == (full if scene else 0)
     assert f"From record {full + 1} on" in shown.remarks[0]
