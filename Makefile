@@ -17,7 +17,7 @@ test-slow: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest -m slow $(ARGS)
 
 fuzz: $(VENV)/installed-dev
-	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py $(ARGS)
+	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py tests/isacsim/traffic/sources/test_damaged_recordings.py $(ARGS)
 
 # STAGE: names of stages, or `list`. JOBS: stages side by side. CLUSTER: address of a scheduler.
 FIGURES := $(VENV)/bin/python -m isac_cosim.benchmarks.findings.figures
