@@ -83,7 +83,7 @@ def driven(minutes: float, lanes: int, length_m: float, rate_hz: float) -> tuple
             beside = np.minimum(before + 1, lanes - 1)
             yield Piece(step, vehicle, after_s * speeds[vehicle], before + share * (beside - before))
 
-    return len(drawn), pieces()
+    return int((ends > firsts).sum()), pieces()
 
 
 def write(path: Path, minutes: float) -> None:

@@ -32,6 +32,7 @@ PERSONS = frozenset({"pedestrian", "animal"})
 UNSIZED = frozenset({"motorcycle", "bicycle"})
 """Kinds whose sizes the files may give as 0."""
 SPEEDS = ("xVelocity", "yVelocity")
+FRAMES = "numFrames"
 MOST = 1e7
 """Numbers beyond this are no coordinates in metres, and no frames."""
 MOST_OTHER_M = 0.5
@@ -121,7 +122,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
     Raises InputError where a file cannot be read, lacks a column, or holds a value that cannot be.
     """
     corners = files.has_corners
-    ids, vehicles, direction, remarks = _read_vehicles(files.tracks_meta, corners)
+    ids, vehicles, direction, frames, remarks = _read_vehicles(files.tracks_meta, corners)
     identity, x, y, length = ("id", "x", "y", "width") if corners else ("trackId", "xCenter", "yCenter", "length")
     across = "height" if corners else "width"
     whole, needed = ("frame", identity), [x, y, length, across, *([] if corners else ["heading"])]
@@ -150,7 +151,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         line += len(batch)
     if line == 2:
         raise InputError(f"{files.tracks}: holds no state of a vehicle; fetch it again")
-    sizes.check(files)
+    remarks += sizes.check(files, frames)
     # Each column is put together as its parts are given up: those of a long file fill most of the memory.
     of = {name: np.concatenate(parts.pop(name)) for name in [*parts]}
     if not len(of["vehicle"]):
@@ -160,8 +161,11 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
     return rows, remarks
 
 
-def _read_vehicles(file: Path, corners: bool) -> tuple[IntArray, list[Vehicle], IntArray | None, list[str]]:
-    """Return the ids of the road users of a file; the vehicles among them, and their directions; and remarks.
+def _read_vehicles(
+    file: Path, corners: bool
+) -> tuple[IntArray, list[Vehicle], IntArray | None, Array, list[str]]:  # fmt: skip
+    """Return the ids of the road users of a file; the vehicles among them, their directions, and for how many frames
+    they are seen, 1 where it does not say; and remarks.
 
     The ids are those of the vehicles, in their order, and then those of persons.
     """
@@ -169,7 +173,9 @@ def _read_vehicles(file: Path, corners: bool) -> tuple[IntArray, list[Vehicle], 
     whole = (identity, "drivingDirection") if corners else (identity,)
     needed = (*whole, length, width, "class")
     columns = {**dict.fromkeys(whole, pa.int64()), length: pa.float64(), width: pa.float64()}
-    values = _columns(file, columns, (*whole, length, width))
+    counted = (FRAMES,) if FRAMES in header_of(file) else ()
+    columns |= dict.fromkeys(counted, pa.float64())
+    values = _columns(file, columns, (*whole, length, width, *counted))
     classes = [named for batch in batches(file, {"class": pa.string()}, needed) for named in batch["class"].to_pylist()]
     ids = values[identity].astype(np.int64)
     if not len(ids):
@@ -199,7 +205,8 @@ def _read_vehicles(file: Path, corners: bool) -> tuple[IntArray, list[Vehicle], 
         remarks.append(f"the classes {', '.join(list(unknown)[:3])} are not known: their vehicles are taken for cars")
     if persons:
         remarks.append(f"{len(persons)} persons are left out")
-    return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, remarks
+    frames = values[FRAMES][rows] if counted else np.ones(len(rows))
+    return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, frames, remarks
 
 
 def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str) -> Vehicle:
@@ -245,14 +252,24 @@ class _Sizes:
         self.others += np.bincount(vehicle[other], minlength=len(self.rows))
         self.other[vehicle[other]] = said[other]
 
-    def check(self, files: LevelxFiles) -> None:
-        """Raise InputError where most rows of a vehicle have another size."""
+    def check(self, files: LevelxFiles, frames: Array) -> list[str]:
+        """Return what is to be said where rows are missing, a line if any; frames: how many rows vehicles should have.
+
+        Raises InputError where most rows of a vehicle have another size.
+        """
         if (wrong := np.flatnonzero(2 * self.others > self.rows)).size:
             vehicle, said = self.vehicles[wrong[0]], self.other[wrong[0]]
             raise InputError(
                 f"{files.tracks_meta}: vehicle {vehicle.id} is {vehicle.length_m:g} m x {vehicle.width_m:g} m, and "
                 f"{said[0]:g} m x {said[1]:g} m in {files.tracks.name}; fetch both files again"
             )
+        if not (missing := self.rows < frames).any():
+            return []
+        one = self.vehicles[int(np.argmax(missing))].id
+        return [
+            f"{int(missing.sum())} of {len(frames)} vehicles, such as {one}, have fewer states than "
+            f"{files.tracks_meta.name} says: {files.tracks.name} may be cut off"
+        ]
 
 
 def _check_order(

@@ -208,6 +208,20 @@ def test_bad_input_is_refused_in_one_line(fault: str, highd: tuple[Path, dict[st
     assert str(refused.value).startswith(str(folder))
 
 
+def test_tracks_that_end_early_are_told(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(highd[0], folder)
+    source = motion_source(study_of(folder))
+    assert not any("cut off" in remark for remark in source.remarks(source.load(str(folder))))
+    lines = (folder / "07_tracks.csv").read_text().splitlines(keepends=True)
+    (folder / "07_tracks.csv").write_text("".join(lines[:-200]))
+    remarks = [*source.remarks(source.load(str(folder)))]
+    told = (
+        r"\d+ of \d+ vehicles, such as \d+, have fewer states than 07_tracksMeta\.csv says: 07_tracks\.csv may be cut"
+    )
+    assert re.match(told, remarks[-1])
+
+
 def test_lengths_in_feet_are_refused(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
     for file in highd[0].iterdir():
         feet = column("width", lambda text: float(text) * 3.28) if "width" in file.read_text() else str
