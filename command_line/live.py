@@ -81,7 +81,7 @@ def evaluate_and_show(
     # Recordings are as they are: their source has no world in which drivers are left alone, and none to stress.
     worlds = source_class(source).natural is not None
     if arguments.natural or arguments.stress:
-        natural_world(source)
+        natural_world(source, "--natural" if arguments.natural else "--stress")
     sections = {} if arguments.network is None else {of_network(source): {"network": resolved(arguments.network)}}
     chosen = (loaded.card, scenario, seeds, development, arguments.duration, settings)
     natural = worlds and (bool(arguments.natural) or not arguments.advisories)

@@ -134,6 +134,7 @@ REFUSED = {
     EVALUATE.replace("2:2", "2:3"): "tracks: has no seed 3; give other --seeds or --development",
     EVALUATE + " --advisories": "source drone: has recordings only, and a closed loop needs a world that runs",
     EVALUATE + " --natural": "--natural: source drone has no world in which drivers are left alone; leave it out",
+    EVALUATE + " --stress": "--stress: source drone has no world in which drivers are left alone; leave it out",
 }
 AFTER_A_CHANGE = {
     GENERATE: "drone: holds a dataset, and tracks.csv of tracks has changed since it was begun",

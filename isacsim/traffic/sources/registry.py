@@ -47,11 +47,14 @@ def source_class(name: str) -> type[MotionSource]:
     return kind
 
 
-def natural_world(name: str) -> str:
-    """Return the world of a source in which drivers are left alone. Raises InputError where it has none."""
+def natural_world(name: str, option: str = "--natural") -> str:
+    """Return the world of a source in which drivers are left alone.
+
+    Raises InputError where it has none. option: of the command line that asks for it.
+    """
     world = source_class(name).natural
     if world is None:
-        raise InputError(f"--natural: source {name} has no world in which drivers are left alone; leave it out")
+        raise InputError(f"{option}: source {name} has no world in which drivers are left alone; leave it out")
     return world
 
 
