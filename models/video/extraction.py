@@ -83,7 +83,7 @@ def extract_clips(
     speeds, shorter than a clip, or of different lengths. Raises InputError where the videos, the weights or the folder
     are wrong, or the folder's clips were made with other settings; RunError where a worker process fails.
     """
-    opencv()
+    cv2 = opencv()
     digests: dict[str, JsonValue] = {}
     for view in VIEWS:
         encoder(view, weights.of(view), settings)
@@ -93,7 +93,7 @@ def extract_clips(
         "settings": settings.model_dump(mode="json"),
         "weights": digests,
         "sizes": {"road": list(pairs[0].road.size), "driver": list(pairs[0].driver.size)},
-        "versions": {name: version(name) for name in ("opencv-python-headless", "torch")},
+        "versions": {"opencv": cv2.__version__, "torch": version("torch")},
     }
     random: list[View] = [view for view in VIEWS if weights.of(view) is None]
     begun = Extraction(finished=False, random=random, made=made, clips={}, left_out=left_out)
