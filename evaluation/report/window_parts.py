@@ -52,7 +52,7 @@ CHARTS = {
     "lead_time.png": LEAD,
     "unknown_lead_time.png": replace(LEAD, panels=UNKNOWN, whole=None),
     "unknown_roc.png": Chart(
-        FALSE_KNOWN, (TRUE_KNOWN,), "score", ranges=((0.0, 1.0), (0.0, 1.01)), diagonal="chance", stairs=True
+        FALSE_KNOWN, (TRUE_KNOWN,), "score", ranges=((0.0, 1.0), (0.0, 1.01)), diagonal="chance"
     ),
     "loss.png": Chart("epoch", ("loss", SCORE), "of", ranges=(None, None)),
 }  # fmt: skip
@@ -162,7 +162,7 @@ class WindowFigures:
         said = {
             name: HOLLOW
             for name, chart in charts.items()
-            if any(chart.hollow(row) and row["macro-F1"] is not None for row in rows.get(name, ()))
+            if any(chart.hollow(row) and row["macro-F1"] is not None for row in chart.drawn(rows.get(name, ())))
         }
         captions = [
             (name, " ".join(filter(None, (text, shown.remarks.get(name), said.get(name)))))

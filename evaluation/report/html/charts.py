@@ -42,7 +42,7 @@ class Chart:
 
     def content(self, rows: Sequence[AnyRow]) -> dict[str, Any]:
         """Return the curves of rows as plain values for `charts.js`; no lines where nothing can be drawn."""
-        drawn = [row for row in rows if not self.least or (row.get("windows") or 0) >= self.least]
+        drawn = self.drawn(rows)
         lines = [line for panel in range(len(self.panels)) for line in self._lines(panel, drawn)]
         return {
             "lines": lines,
@@ -56,9 +56,14 @@ class Chart:
             "diagonal": self.diagonal,
         }
 
+    def drawn(self, rows: Sequence[AnyRow]) -> list[AnyRow]:
+        """Return the rows that are drawn, as far as they have values."""
+        return [row for row in rows if not self.least or (row.get("windows") or 0) >= self.least]
+
     def hollow(self, row: AnyRow) -> bool:
-        """Return whether a row's mark is hollow: it is not over everything that it should be over."""
-        return self.whole is not None and (row.get(self.whole[0]) or 0) < self.whole[1]
+        """Return whether a row's mark is hollow: it is known not to be over everything that it should be over."""
+        over = None if self.whole is None else row.get(self.whole[0])
+        return self.whole is not None and over is not None and over < self.whole[1]
 
     def _lines(self, panel: int, rows: Sequence[AnyRow]) -> list[dict[str, Any]]:
         column, found = self.panels[panel], dict[tuple[str, bool], dict[str, Any]]()

@@ -41,6 +41,8 @@ def test_lines_hold_the_values_of_the_rows_that_are_drawn() -> None:
     first, second = LEAD.content(ROWS)["lines"]
     assert (first["name"], first["x"], first["y"], first["hollow"]) == ("a", [-0.5, 0.0], [0.9, 0.8], [False, True])
     assert second["name"] == HOSTILE
+    assert not LEAD.hollow({"predictor": "of an earlier version", "over": None})
+    assert len(LEAD.drawn(ROWS)) == 6
 
 
 def test_panels_share_rows_and_marks_stand_apart_from_lines() -> None:
