@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from statistics import median
 
 from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import (
@@ -24,6 +25,8 @@ CAPTIONS = (
 )
 RATE, RECALL, FROZEN = "false alarms per vehicle-hour", "recall", "frozen"
 """Columns of the curve's table, and its entry for the alarms that were chosen beforehand."""
+LEAD = "from the alarm to the commit s"
+"""Column of the table of lead times."""
 CHARTS = {
     CAPTIONS[0][0]: Chart(
         RATE,
@@ -229,8 +232,8 @@ class LiveFigures:
 
     def parts(self, shown: Shown) -> list[Part]:
         rows = {name: read_table((shown.folder / name).with_suffix(".csv")) for name, _ in CAPTIONS}
-        curve = CAPTIONS[0][0]
-        seen = {curve: _seen_curve(rows[curve])} if rows[curve] else {}
+        said = zip(CAPTIONS, (_seen_curve, _seen_leads, _seen_line), strict=True)
+        seen = {name: sentence(rows[name]) for (name, _), sentence in said if rows[name]}
         return [Part("live-figures", figures=CAPTIONS, seen=seen, figure_rows=rows, charts=CHARTS, on_terminal=False)]
 
 
@@ -239,6 +242,23 @@ def _seen_curve(rows: Sequence[Row]) -> str:
     frozen = [row for row in rows if row.get("alarms") == FROZEN]
     said = "; ".join(f"{row['predictor']}: {text_of(row[RECALL])} at {text_of(row[RATE])}" for row in frozen)
     return f"Recall rises with the false alarms per vehicle-hour. Recall of the frozen alarms: {said or 'none'}."
+
+
+def _seen_leads(rows: Sequence[Row]) -> str:
+    """Return what there is to be seen in the lead times: the median of each intention."""
+    leads: dict[str, list[float]] = {}
+    for row in rows:
+        if isinstance(lead := row.get(LEAD), float):
+            leads.setdefault(str(row.get("intention")), []).append(lead)
+    said = "; ".join(f"{name}: {counted(len(of), 'alarm')}, median {median(of):.2f} s" for name, of in leads.items())
+    return f"Time from the alarm to the commit, a row for each intention. {said or 'No alarm was right'}."
+
+
+def _seen_line(rows: Sequence[Row]) -> str:
+    """Return what there is to be seen in the time line: how many events and alarms."""
+    kinds = [row.get("what") for row in rows]
+    events, right, false = (kinds.count(kind) for kind in ("event", "alarm", "false alarm"))
+    return f"{counted(events, 'event')}, {counted(right, 'right or neutral alarm')}, {counted(false, 'false alarm')}."
 
 
 class Advisories:

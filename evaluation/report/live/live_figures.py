@@ -15,7 +15,7 @@ from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarm
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
 from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome
 from isac_cosim.evaluation.report.figures import BESIDE, BLUE, BY_PREDICTOR, CYCLE, GREY, figure
-from isac_cosim.evaluation.report.live_parts import FROZEN, RATE, RECALL
+from isac_cosim.evaluation.report.live_parts import FROZEN, LEAD, RATE, RECALL
 from isac_cosim.evaluation.report.parts import Row, write_table
 from isac_cosim.labeling.intentions import KNOWN, spoken
 
@@ -84,7 +84,7 @@ def _lead_rows(outcomes: Sequence[AlarmOutcome]) -> Iterator[Row]:
         for outcome in outcomes:
             for lead in outcome.of(row).to_commit.tolist():
                 if np.isfinite(lead):
-                    yield {"intention": spoken(intention.text), "from the alarm to the commit s": lead}
+                    yield {"intention": spoken(intention.text), LEAD: lead}
 
 
 def _staircase(rates: Array, recalls: Array) -> tuple[Array, Array]:

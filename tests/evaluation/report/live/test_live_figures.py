@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,8 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from isac_cosim.evaluation.report.live import live_figures
-from isac_cosim.evaluation.report.live_parts import CHARTS, FROZEN, RATE, RECALL, _seen_curve
-from isac_cosim.evaluation.report.parts import read_table, write_table
+from isac_cosim.evaluation.report.live_parts import CAPTIONS, CHARTS, FROZEN, RATE, RECALL, LiveFigures
+from isac_cosim.evaluation.report.parts import Row, Shown, read_table, write_table
 from isac_cosim.labeling.intentions import KNOWN
 
 
@@ -55,8 +55,8 @@ def test_the_table_of_the_curve_has_its_corners_and_the_frozen_alarms(tmp_path: 
         "c": SimpleNamespace(sweep=None, result=nothing),
     }
     rows = list(live_figures._recall_rows(shown))  # type: ignore[arg-type]
-    write_table(rows, tmp_path / "recall.csv")
-    stored = read_table(tmp_path / "recall.csv")
+    write_table(rows, tmp_path / "recall_against_false_alarms.csv")
+    stored = read_table(tmp_path / "recall_against_false_alarms.csv")
     assert [(row["predictor"], row["alarms"], row[RATE], row[RECALL]) for row in stored] == [
         ("a", "any", 0.5, 0.25), ("a", "any", 2.0, 0.5), ("a", "any", 4.0, 0.75), ("a", "any", None, 0.75),
         ("a", FROZEN, 1.5, 0.4), ("b", FROZEN, 1.5, 0.4),
@@ -66,4 +66,21 @@ def test_the_table_of_the_curve_has_its_corners_and_the_frozen_alarms(tmp_path: 
     assert [(line["name"], line["single"], line["x"]) for line in lines] == [
         ("a", False, [0.5, 2.0, 4.0]), ("a", True, [1.5]), ("b", True, [1.5]),
     ]  # fmt: skip
-    assert _seen_curve(stored).endswith("a: 0.4 at 1.5; b: 0.4 at 1.5.")
+    assert seen_in(tmp_path)["recall_against_false_alarms.png"].endswith("a: 0.4 at 1.5; b: 0.4 at 1.5.")
+
+
+def seen_in(folder: Path) -> Mapping[str, str]:
+    """What those are told who do not see the figures of a folder."""
+    (part,) = LiveFigures().parts(Shown(None, folder))
+    return part.seen
+
+
+def test_those_who_do_not_see_the_figures_are_told_what_is_in_them(tmp_path: Path) -> None:
+    assert seen_in(tmp_path) == {}
+    outcomes = [SimpleNamespace(of=lambda row: SimpleNamespace(to_commit=np.array([0.5, 1.5, 4.0, np.nan][: 4 - row])))]
+    write_table(list(live_figures._lead_rows(outcomes)), tmp_path / "lead_times.csv")  # type: ignore[arg-type]
+    events: list[Row] = [{"what": "event"}, {"what": "alarm"}, {"what": "event"}, {"what": "false alarm"}]
+    write_table(events, tmp_path / "time_line.csv")
+    seen = seen_in(tmp_path)
+    assert "hard brake: 3 alarms, median 1.50 s" in seen[CAPTIONS[1][0]]
+    assert seen[CAPTIONS[2][0]] == "2 events, 1 right or neutral alarm, 1 false alarm."
