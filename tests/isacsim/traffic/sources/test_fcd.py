@@ -206,6 +206,7 @@ BAD = {
     "elsewhere": (scaled("vehicle_x", 500.0), r"most of its positions.*name the network that was driven on"),
     "no number": (row_with(5, "vehicle_x", "wide"), r"cannot be read as a table \(.*wide"),
     "not finite": (row_with(5, "vehicle_y", "inf"), r"row 6: y is inf"),
+    "no speed of a vehicle": (row_with(5, "vehicle_speed", "1e308"), r"row 6: speed is 1e\+308; fix it"),
     "a lane of another network": (row_with(5, "vehicle_lane", "e7_0"), r"row 6: lane e7_0 is not in .*\.net\.xml"),
     "twice": (lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \S+ has two states at \S+ s \(rows \d+"),
     "time runs backwards": (back_in_time, r"row 5: time runs backwards"),

@@ -182,6 +182,7 @@ BAD = {
     "no number": ("tracks", cell(5, "x", "wide"), r"cannot be read as a table \(.*wide"),
     "missing": ("tracks", cell(5, "x", ""), r"row 6: x is missing; fix it"),
     "not finite": ("tracks", cell(5, "y", "inf"), r"row 6: y is inf; fix it"),
+    "no speed of a vehicle": ("tracks", cell(5, "yVelocity", "1e308"), r"row 6: yVelocity is 1e\+308; fix it"),
     "twice": ("tracks", lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \d+ has two states at \S+ s"),
     "time runs backwards": ("tracks", swapped, r"row 7: time runs backwards, from frame \d+ to \d+ of vehicle 1"),
     "cut off": ("tracks", lambda text: text[:-20], r"cannot be read as a table .*it may be cut off"),

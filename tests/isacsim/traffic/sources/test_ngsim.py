@@ -225,6 +225,7 @@ BAD = {
     "no size": (at_row(1, v_Length=0.0), r"row \d+: vehicle 1 is 0 m x \S+ m; give more than 0 and at most 100 m"),
     "no number": (at_row(5, Local_X="wide"), r"cannot be read as a table \(.*wide"),
     "not finite": (at_row(5, Local_Y="inf"), r"row 5: Local_Y is inf; fix it"),
+    "no speed of a vehicle": (at_row(5, v_Vel="-inf"), r"row 5: v_Vel is -inf; fix it"),
     "missing": (at_row(5, Local_Y="nan"), r"row 5: Local_Y is missing; fix it"),
     "half a lane": (at_row(5, Lane_ID=2.5), r"row 5: Lane_ID is 2\.5, which is no whole number"),
     "twice": (lambda rows: [*rows, rows[5] | {"Local_X": 1.0}], r"vehicle 1 has two states at \S+ s \(rows 6"),
