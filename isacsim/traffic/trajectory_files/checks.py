@@ -13,6 +13,8 @@ CAR_LENGTHS_M = (3.0, 8.0)
 CAR_KINDS = frozenset({"passenger", "private", "taxi"})
 SPEED_FACTOR = 2.0
 """Speeds that differ from those of the positions by this factor have another unit."""
+MOST_UNLIKE = 1.1
+"""Speeds that differ by more than this factor are worth a word: a recording at 30 Hz that says 25 Hz, for example."""
 MOST_SHOWING = 2_000_000
 """At most so many states show the unit of speeds."""
 MOVING_MPS = 1.0
@@ -51,24 +53,28 @@ def speeds_of_positions(observed: Observed) -> Array:
     return speed
 
 
-def check_speeds(observed: Observed, where: object) -> float | None:
-    """Return how far the file's speeds are from those of its positions, m/s, in the median; None if it has none.
+def check_speeds(observed: Observed, where: object) -> list[str]:
+    """Return how far the file's speeds are from those of its positions, a line if it has any.
 
     Raises InputError where they differ by a factor.
     """
     if observed.speed is None:
-        return None
+        return []
     between = speeds_of_positions(observed)
     stated = observed.speed[:MOST_SHOWING].astype(float)
     moving = (between > MOVING_MPS) & np.isfinite(stated)
     if not moving.any():
-        return None
+        return []
     factor = float(np.median(stated[moving] / between[moving]))
     if not 1.0 / SPEED_FACTOR <= factor <= SPEED_FACTOR:
         raise InputError(
             f"{where}: its speeds are {factor:.2f} times those of its positions; give both in the units of the format"
         )
-    return float(np.median(np.abs(stated[moving] - between[moving])))
+    difference = float(np.median(np.abs(stated[moving] - between[moving])))
+    told = f"its speeds differ from those of its positions, which are used, by {difference:.2g} m/s in the median"
+    if max(factor, 1.0 / factor) > MOST_UNLIKE:
+        told += f", and are {factor:.2f} times these: see whether rate and units are right"
+    return [told]
 
 
 def check_durations(observed: Observed, least_s: float, where: object) -> None:

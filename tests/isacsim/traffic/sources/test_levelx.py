@@ -209,6 +209,18 @@ def test_bad_input_is_refused_in_one_line(fault: str, highd: tuple[Path, dict[st
     assert str(refused.value).startswith(str(folder))
 
 
+def test_speeds_of_another_rate_are_told(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
+    folder = tmp_path / "recording"
+    shutil.copytree(highd[0], folder)
+    meta = folder / "07_recordingMeta.csv"
+    meta.write_text(cell(1, "frameRate", "30")(meta.read_text()))
+    source = motion_source(study_of(folder))
+    (remark,) = (remark for remark in source.remarks(source.load(str(folder))) if "speeds" in remark)
+    assert re.search(
+        r"by \d\.\d m/s in the median, and are 0\.83 times these: see whether rate and units are right", remark
+    )
+
+
 def test_tracks_that_end_early_are_told(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
     folder = tmp_path / "recording"
     shutil.copytree(highd[0], folder)
