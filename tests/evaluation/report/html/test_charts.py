@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from isac_cosim.evaluation.report.html.charts import Chart
-from isac_cosim.evaluation.report.page import write_page
+from isac_cosim.evaluation.report.page import packed_plotly, write_page
 from isac_cosim.evaluation.report.parts import Part, Row, read_table, write_table
 from isac_cosim.evaluation.statistics import Estimate
 from tests.support.browser import opened, serious_faults
@@ -117,6 +118,18 @@ def test_the_library_is_on_the_page_once_and_small(page_file: Path, tmp_path: Pa
     assert text.count('id="plotly"') == 1
     assert len(text) < 3_000_000
     assert 'id="plotly"' not in write_page("None", [Part("a", text="No curve.")], "", tmp_path).read_text()
+
+
+def test_an_environment_without_the_library_makes_a_page_of_pictures(
+    page_file: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    packed_plotly.cache_clear()
+    part = Part("a", figures=[("lead.png", "F1.")], figure_rows={"lead.png": ROWS}, charts={"lead.png": LEAD})
+    text = write_page("Curves", [part], "", tmp_path, page_file.parent).read_text()
+    packed_plotly.cache_clear()
+    assert "data:image/png" in text
+    assert 'id="plotly"' not in text
 
 
 def test_curves_replace_their_pictures_and_ask_for_nothing(page: Any, page_file: Path) -> None:
