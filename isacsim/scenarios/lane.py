@@ -17,6 +17,7 @@ class Lane:
     index: 0 is the outermost lane of its edge: the rightmost one, or the leftmost one where traffic keeps left.
     shape: centre line in the scenario's plane, m, (n, 2).
     successors: ids of the lanes that continue this one; at a junction, those inside it.
+    uneven: whether its width varies, of which `width_m` is the mean.
     """
 
     id: str
@@ -26,6 +27,7 @@ class Lane:
     length_m: float
     shape: Array
     successors: tuple[str, ...]
+    uneven: bool = False
 
     @cached_property
     def segments(self) -> tuple[Array, ComplexArray]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from isac_cosim.isacsim.scenarios.lane import Lane
+from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 
 MAX_SKIPPED = 6
 """Maximum number of lanes that a vehicle passes within one step: junction lanes can be centimetres long."""
@@ -32,6 +33,7 @@ class LaneGraph:
 
     def __init__(self, lanes: Sequence[Lane], lefthand: bool = False) -> None:
         self.lanes = lanes
+        self.places = LanePlaces(lanes)
         self._leftward = -1 if lefthand else 1
         number = {lane.id: k for k, lane in enumerate(lanes)}
         self.successors = [tuple(number[s] for s in lane.successors if s in number) for lane in lanes]

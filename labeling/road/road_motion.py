@@ -6,7 +6,7 @@ junction, another numbering of lanes, or another place on the map therefore does
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -138,6 +138,10 @@ def _lateral(
         change = float(track.lane_lat[row] - track.lane_lat[row - 1])
         step = _likeliest(graph.steps(a, b), change)
         same_edge = graph.lanes[a].edge == graph.lanes[b].edge
+        if step is not None and same_edge and graph.lanes[a].uneven:
+            # The centre lines are not everywhere as far apart as the mean widths say.
+            here = np.array([complex(track.x[row], track.y[row])])
+            step = replace(step, shift_m=float(graph.places.places(a, here).left[0] - track.lane_lat[row]))
         # Where an edge ends, the centre line may be offset: that is the road's shape, not the vehicle's motion.
         continued = step is not None and (same_edge or abs(change + step.shift_m) <= limit)
         shifts[n] = step.shift_m if step is not None and continued else -change

@@ -323,4 +323,5 @@ def _lane(lanelet: _Lanelet, road: str, index: int, successors: tuple[str, ...],
         raise InputError(
             f"{file}: lanelet {lanelet.id} is {length:.3g} m long and {width:.3g} m wide, and no lane is; fix the map"
         )
-    return Lane(lanelet.id, road, index, width, length, np.column_stack([middle.real, middle.imag]), successors)
+    shape = np.column_stack([middle.real, middle.imag])
+    return Lane(lanelet.id, road, index, width, length, shape, successors, uneven=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events
 from tests.support.exid_writer import write_exid
-from tests.support.lanelet_writer import UTM, write_lanelets
+from tests.support.highd_writer import straight_recording
+from tests.support.lanelet_writer import UTM, LaneletMap, write_lanelets
 from tests.support.sumo_recording import SCENARIO, motorway_recording
 
 
@@ -98,6 +100,30 @@ def test_a_lanelet2_map_beside_the_recording_gives_the_lanes(exid: tuple[Path, d
     assert sum(of.events for of in found.values()) > 20
     assert sum(of.matched for of in found.values()) >= 0.99 * sum(of.events for of in found.values())
     assert sum(of.surplus for of in found.values()) <= 0.01 * sum(of.events for of in found.values())
+
+
+def test_lanes_whose_widths_vary_give_the_same_events(tmp_path: Path) -> None:
+    """As people draw them: the inner borders of a straight road sway by a third of a metre."""
+    true = straight_recording(1)
+    names = write_exid(tmp_path, true, utm=UTM, walkers=0)
+    drawn = LaneletMap()
+    along = np.arange(-850.0, 2100.0, 10.0)
+    sway = [0.0, *(0.33 * np.sin(along / 40.0 + k) for k in range(3)), 0.0]
+    ways = [drawn.way(np.column_stack([along, -7.2 + 3.6 * k + sway[k] + 0.0 * along])) for k in range(5)]
+    for right, left in pairwise(ways):
+        drawn.lanelet(left, right)
+    drawn.write(tmp_path / "place.osm")
+    study = study_of(tmp_path, None)
+    labels = label(read(study), study.labels)
+    tracks = {names[name]: replace(track, vehicle=names[name]) for name, track in true.tracks.items() if name in names}
+    found = found_events(label(replace(true, tracks=tracks), study.labels), labels)
+    assert {name for name, of in found.items() if "change" in name and of.events} == {
+        "left_lane_change",
+        "right_lane_change",
+    }
+    assert sum(of.matched for of in found.values()) >= 0.99 * sum(of.events for of in found.values())
+    assert sum(of.surplus for of in found.values()) <= 2  # who drives near a marking is now and then beyond it
+    assert not any(labels.jumps.values())
 
 
 def test_a_lanelet2_map_may_be_named_and_must_be_there(exid: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
