@@ -136,7 +136,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         values = {name: _numbers(batch, name, files.tracks, line) for name in (*whole, *needed)}
         at = _places(ids, len(vehicles), values.pop(identity).astype(np.int64), files, line)
         kept = np.flatnonzero(at >= 0)
-        held = {"vehicle": at[kept], "number": (kept + line).astype(np.int32)}
+        held: dict[str, np.ndarray[Any, Any]] = {"vehicle": at[kept], "number": (kept + line).astype(np.int32)}
         sizes.add(at[kept], values[length][kept], values[across][kept])
         if not corners:
             del values[across]
