@@ -153,7 +153,26 @@ def _csv(
             null_values=["", "null", "NULL"],
         ),
     )
-    yield from reader
+    rows = int(names is None)
+    for batch in reader:
+        rows += len(batch)
+        yield batch
+    if _is_quoted(plain) and rows < (lines := _lines(plain)):
+        raise InputError(
+            f"{file}: {lines} lines are {rows} rows, because a quotation mark is not closed on its line; leave it out"
+        )
+
+
+def _is_quoted(file: Path) -> bool:
+    """Return whether a file has quotation marks."""
+    with file.open("rb") as opened:
+        return any(b'"' in block for block in iter(lambda: opened.read(BLOCK), b""))
+
+
+def _lines(file: Path) -> int:
+    """Return the number of lines that are not empty."""
+    with file.open("rb") as opened:
+        return sum(1 for line in opened if line.strip())
 
 
 def header_of(file: Path, delimiter: str = ",") -> list[str]:

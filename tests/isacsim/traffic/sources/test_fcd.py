@@ -211,6 +211,10 @@ BAD = {
     "twice": (lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \S+ has two states at \S+ s \(rows \d+"),
     "time runs backwards": (back_in_time, r"row 5: time runs backwards"),
     "cut off": (lambda text: text[:-40], r"cannot be read as a table .*it may be cut off"),
+    "quotation marks": (
+        lambda text: table([[*row[:9], '"' if k else row[9], *row[10:]] for k, row in enumerate(rows_of(text))]),
+        r"\d+ lines are \d+ rows, because a quotation mark is not closed on its line; leave it out",
+    ),
     "no vehicle": (lambda text: text.splitlines()[0] + "\n", r"holds no vehicle"),
     "between steps": (row_with(-1, "timestep_time", "9999.013"), r"is at 9999\.01 s, between two of the steps of"),
 }  # fmt: skip
