@@ -164,7 +164,7 @@ def _budgets(predictors: Mapping[str, list[Headlines]]) -> Iterator[tuple[str, .
         for answers in _questions(trainings).values():
             for intention in answers[0].by_intention:
                 scores = [answer.by_intention[intention] for answer in answers]
-                if scores[0].own_budget:
+                if scores[0].own_budget and scores[0].events:
                     yield name, spoken(intention), str(scores[0].events), *_own(scores)
 
 
