@@ -44,7 +44,7 @@ NUMBER = re.compile(rb"-?\d+(\.\d*)?")
 FOOT_M = 0.3048
 MOST = 1e14
 """Numbers beyond this are no times in ms, and no feet."""
-CHUNK = 1 << 16
+CHUNK = 1 << 18
 
 
 @dataclass
