@@ -141,8 +141,6 @@ def generate(
     wanted = one_of(samples, windows)
     if streams and wanted is not None:
         raise InputError("--samples counts records, and --streams stores whole episodes: give --seeds in its place")
-    if streams and scene:
-        raise InputError("--scene senses records, and --streams stores whole episodes: leave out one of them")
     source = source or recognised(scenarios or [])
     chosen = STREAM_SEEDS if streams and seeds is None and source == DEFAULT_SOURCE else seeds
     study = dataset_study(scenarios or [], wanted, chosen, snr, source, natural, drivers, demand, scene, network)
@@ -286,6 +284,7 @@ def evaluate(
     truth: opt.TrueMotion = False,
     lanes: opt.InLane = None,
     alone: opt.AloneRun = None,
+    scene: opt.LiveScene = None,
     source: opt.TrafficSource = None,
     network: opt.Network = None,
     natural: opt.NaturalTraffic = False,
@@ -320,6 +319,7 @@ def evaluate(
         lanes=lanes,
         source=source,
         network=network,
+        scene=scene,
     )
     console, others = output.console_of(quiet), against or ()
     if source_of(data, traffic, live) == "traffic":

@@ -42,6 +42,7 @@ class LiveArguments:
     lanes: bool | None = None
     source: str | None = None
     network: str | None = None
+    scene: bool | None = None
 
 
 def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Literal["data", "traffic"]:
@@ -55,8 +56,8 @@ def source_of(data: Path | None, traffic: str | None, live: LiveArguments) -> Li
             raise InputError("--advisories runs in one world, by default the stimulated one: leave out --stress")
         return "traffic"
     for name, value in asdict(live).items():
-        if value is not None and (value is not False or name == "lanes"):
-            option = "no-lanes" if name == "lanes" and not value else name.replace("_", "-")
+        if value is not None and (value is not False or name in ("lanes", "scene")):
+            option = f"no-{name}" if value is False else name.replace("_", "-")
             raise InputError(f"--{option} applies to an evaluation in traffic: give --traffic SCENARIO")
     return "data"
 
@@ -85,9 +86,11 @@ def evaluate_and_show(
     sections = {} if arguments.network is None else {of_network(source): {"network": resolved(arguments.network)}}
     chosen = (loaded.card, scenario, seeds, development, arguments.duration, settings)
     natural = worlds and (bool(arguments.natural) or not arguments.advisories)
-    study = study_of(*chosen, natural=natural, source=source, sections=sections)
-    stressed = study_of(*chosen, source=source) if arguments.stress else None
+    study = study_of(*chosen, natural=natural, source=source, sections=sections, scene=arguments.scene)
+    stressed = study_of(*chosen, source=source, scene=arguments.scene) if arguments.stress else None
     kind = f"-advisories{'-natural' if natural else ''}" if arguments.advisories else ""
+    if arguments.scene is not None:
+        kind += "-scene" if arguments.scene else "-no-scene"
     folder = out or run / f"traffic-{Path(scenario).name}{kind}"
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster, folder), output.feedback_of(console)
     others = [load_run(path) for path in against]

@@ -130,6 +130,14 @@ TrueMotion = Annotated[
     bool,
     typer.Option("--truth", help="With --traffic: also predict from true motion, to measure what sensing costs."),
 ]
+LiveScene = Annotated[
+    bool | None,
+    typer.Option(
+        "--scene/--no-scene",
+        help="With --traffic: whether the sites sense all vehicles at once. Default: as in the run's dataset.",
+        show_default=False,
+    ),
+]
 InLane = Annotated[
     bool | None,
     typer.Option(

@@ -68,11 +68,25 @@ class SceneTracks:
         """Return the number of the latest instant that is not after a time, s."""
         return int(np.floor(time_s * self.fixes_hz + 1e-6))
 
-    def known(self, vehicle: str, times: Array) -> BoolArray:
-        """Return at which times, s, (S,), a vehicle has a track, (S,)."""
-        number, place = np.unique(np.floor(times * self.fixes_hz + 1e-6).astype(np.int64), return_inverse=True)
-        has = [fix in self.instants and vehicle in self.instants[fix].vehicle for fix in number.tolist()]
-        return np.array(has, dtype=bool)[place]
+    def held(self, vehicle: str, times: Array, watched: BoolArray, lost_s: float) -> BoolArray:
+        """Return at which times, s, (S,), the network has something that it takes for a vehicle, (S,).
+
+        watched: when it looks for the vehicle, (S,). From when on the vehicle has a track, that is followed, whatever
+        becomes of it. Where it has been lost for longer than lost_s, s, there is nothing until the vehicle has a track.
+        """
+        result = np.zeros(len(times), dtype=bool)
+        number = np.floor(times * self.fixes_hz + 1e-6).astype(np.int64)
+        follower: Follower | None = None
+        for k, (fix, here) in enumerate(zip(number.tolist(), watched.tolist(), strict=True)):
+            if not here:
+                follower = None
+                continue
+            follower = follower or self.follower(vehicle, fix)
+            if follower is not None:
+                follower.go_on(fix)
+                follower = None if follower.lost_for > lost_s * self.fixes_hz else follower
+            result[k] = follower is not None
+        return result
 
     def followed(self, vehicle: str, times: Array) -> FollowedVehicle | None:
         """Return what the network takes for a vehicle, (S,) instants in s; None if it has no track of it at first.
@@ -119,13 +133,14 @@ class Follower:
         begins = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
         for begin, end in zip(begins.tolist(), [*begins[1:].tolist(), len(times)], strict=True):
             fix = int(number[begin])
-            if fix != self._fix:
-                self._step(fix)
+            self.go_on(fix)
             state[:, begin:end] = predicted(self._state, times[begin:end] - fix / fixes_hz)
         return state
 
-    def _step(self, fix: int) -> None:
-        """Go on to an instant. Instants come in order."""
+    def go_on(self, fix: int) -> None:
+        """Go on to an instant, unless that is the latest one. Instants come in order."""
+        if fix == self._fix:
+            return
         instant = self._tracks.instants.get(fix)
         row = None if instant is None else self._row(instant, fix)
         if instant is None or row is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from isac_cosim.isacsim.scene.scores import pooled
-from isac_cosim.labeling.dataset.dataset import Dataset, Episode
+from isac_cosim.isacsim.scene.scores import SceneScores, pooled
+from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
 from isac_cosim.labeling.dataset.label_truth import label_truth
@@ -83,7 +83,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "dropped_pull_outs": _outcomes(dataset),
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
-        **_scene(episodes),
+        **scene_scores([episode.scene for episode in episodes]),
         "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
@@ -113,8 +113,7 @@ def show(values: dict[str, Any], console: Console) -> None:
     for key in SHOWN:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
     if "scene" in values:
-        scores = {key: values["scene"][key] for key in SCENE_SHOWN}
-        console.print(f"scene: {_brief(scores)}", highlight=False, soft_wrap=True)
+        console.print(scene_line(values["scene"]), highlight=False, soft_wrap=True)
     for key in ("collided", "teleported"):
         console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 
@@ -218,10 +217,15 @@ def faults(values: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _scene(episodes: Sequence[Episode]) -> dict[str, Any]:
+def scene_scores(of_episodes: Iterable[SceneScores | None]) -> dict[str, Any]:
     """Return how well the network knew who was where, by the key `scene`; nothing where it was not a scene."""
-    scores = [episode.scene for episode in episodes if episode.scene is not None]
+    scores = [scores for scores in of_episodes if scores is not None]
     return {"scene": pooled(scores).model_dump(mode="json")} if scores else {}
+
+
+def scene_line(scores: Mapping[str, Any]) -> str:
+    """Return what is printed of the scores of a scene."""
+    return f"scene: {_brief({key: scores[key] for key in SCENE_SHOWN})}"
 
 
 def _brief(value: Any) -> str:

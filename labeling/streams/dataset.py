@@ -126,8 +126,11 @@ def summary(streams: Streams) -> dict[str, Any]:
     """Return what is in a dataset of streams, as plain values.
 
     `vehicle_hours` have decisions; `coverage` is their share of all driving, and `uncovered` says why there are none in
-    the rest. Events `counted` are those of watched vehicles with a UV.
+    the rest. Events `counted` are those of watched vehicles with a UV. `scene`, only where the sites sense all vehicles
+    at once: how well the network knew who was where, over all episodes.
     """
+    from isac_cosim.labeling.dataset.summary import scene_scores  # loaded only here, because it takes long
+
     facts = streams.facts()
     instants = sum(of.instants for of in facts)
     hours = sum(of.decisions * of.decision_s for of in facts) / 3600
@@ -154,12 +157,14 @@ def summary(streams: Streams) -> dict[str, Any]:
         "coverage": sum(of.decisions for of in facts) / instants if instants else None,
         "uncovered": {reason: number / instants for reason, number in sorted(uncovered.items())},
         "by_intention": by_intention,
+        **scene_scores(of.scene for of in facts),
         "bytes": sum((streams.path / name).stat().st_size for name in streams.meta.files),
     }
 
 
 def show(values: dict[str, Any], console: Console) -> None:
     """Print a summary on a console."""
+    from isac_cosim.labeling.dataset.summary import scene_line  # loaded only here, because it takes long
 
     def line(text: str) -> None:
         console.print(text, highlight=False, soft_wrap=True, markup=False)
@@ -173,4 +178,6 @@ def show(values: dict[str, Any], console: Console) -> None:
     share = "-" if values["coverage"] is None else f"{100 * values['coverage']:.0f} %"
     rest = ", ".join(f"{reason.replace('_', ' ')} {100 * part:.0f} %" for reason, part in values["uncovered"].items())
     line(f"{values['vehicle_hours']:.2f} vehicle-hours, {share} of the driving (not: {rest})")
+    if "scene" in values:
+        line(scene_line(values["scene"]))
     line(f"{values['bytes'] / 1e6:.1f} MB")

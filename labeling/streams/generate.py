@@ -161,6 +161,7 @@ def streams_of(
         instants=driving.instants,
         decisions=sum(map(len, decisions.values())),
         uncovered={reason: uncovered[reason] for reason in sorted(uncovered) if uncovered[reason]},
+        scene=sensor.scene_scores,
         events=tuple(events_of(surroundings, labels, study, when, timing.decision_s)),
     )
     return facts, stored
@@ -204,6 +205,7 @@ def _stored(track: SensedStretch, study: DatasetStudy, timing: Timing, reports: 
         uv_id=tuple(name for name, _ in segments),
         uv_first=tuple(first),
         uv=tuple(uv),
+        track=track.track,
     )
 
 

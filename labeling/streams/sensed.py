@@ -12,7 +12,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.isacsim.sensing.following import MOST_SNAPSHOTS
-from isac_cosim.isacsim.sensing.passages import Carrier, Passage
+from isac_cosim.isacsim.sensing.passages import Carrier, Passage, TrackUse
 from isac_cosim.isacsim.sensing.sensors import Watch
 from isac_cosim.isacsim.traffic.motion import even_states, states
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
@@ -29,12 +29,14 @@ class SensedStretch:
 
     state: x, y, vx, vy, ax, ay in m, m/s and m/s2, in the scenario's plane, at tv_rate_hz from `stretch.start_s` on,
     (6, S). truth: the true motion at the same instants, (6, S). n_sites: fewest sites that sensed it at any of them.
+    track: of a sensor that does not know who is who, which track stands for the TV; None of others.
     """
 
     stretch: Stretch
     state: Array
     truth: Array
     n_sites: int
+    track: TrackUse | None = None
 
     @property
     def true(self) -> SensedStretch:
@@ -119,7 +121,8 @@ class StretchSensing:
         records = self.sensor.record([passage for _, passage in waiting])
         for (part, passage), record in zip(waiting, records, strict=True):
             if record.usable:
-                yield SensedStretch(part, np.ascontiguousarray(record.state), passage.truth, record.n_sites)
+                state = np.ascontiguousarray(record.state)
+                yield SensedStretch(part, state, passage.truth, record.n_sites, record.track)
             else:
                 self.uncovered[NOT_DETECTED] += len(part.decision_s)
 

@@ -19,14 +19,17 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.files import replace_file
 from isac_cosim.base.settings import Settings
 from isac_cosim.base.stored.episode_files import EpisodeFiles
 from isac_cosim.base.stored.tables import check_types
+from isac_cosim.isacsim.scene.scores import SceneScores
+from isac_cosim.isacsim.sensing.passages import TrackUse
 from isac_cosim.labeling.dataset.record_point import in_plane
+from isac_cosim.labeling.dataset.shard import TRACK, schema
 from isac_cosim.labeling.streams.events import LiveEvent
 
 STRETCHES, EVENTS = "stretches", "events"
@@ -49,6 +52,8 @@ COLUMNS = pa.schema(
     ]
 )
 """The columns of a file of stretches; docs/streams.md explains each."""
+TRACK_COLUMNS = pa.schema([schema(1, 1).field(name) for name in TRACK])
+"""The columns that streams of a scene have besides, those of its records."""
 EVENT_COLUMNS = pa.schema(
     [
         *((name, pa.string()) for name in ("vehicle", "intention")),
@@ -63,7 +68,8 @@ class StreamFacts(Settings):
     """The facts of an episode.
 
     fingerprint: of the dataset. simulated_s: recorded time, s. instants: number of due decisions of all vehicles.
-    decisions: number of those that windows can be cut for. uncovered: number of the others, by reason.
+    decisions: number of those that windows can be cut for. uncovered: number of the others, by reason. scene: how well
+    the network knew who was where; None, and then not stored, of sensors that know whom they watch.
     """
 
     schema_version: Literal[1] = 1
@@ -75,7 +81,15 @@ class StreamFacts(Settings):
     instants: int = Field(ge=0)
     decisions: int = Field(ge=0)
     uncovered: dict[str, Annotated[int, Field(ge=0)]]
+    scene: SceneScores | None = None
     events: tuple[LiveEvent, ...]
+
+    @model_serializer(mode="wrap")
+    def _without_no_scene(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = serialize(self)
+        if content.get("scene", ...) is None:
+            del content["scene"]
+        return content
 
 
 @dataclass(frozen=True)
@@ -85,7 +99,8 @@ class StoredStretch:
     start_s: first instant, s of simulation time. point: to which positions are relative, m. tv, tv_truth: sensed and
     true states of the TV from `start_s` on, (6, S). decision_s: instants at which windows can end, (n,). segment:
     number of each decision's segment of reports, (n,). uv_id, uv_first, uv: of each segment the UV, the number of its
-    first report in intervals since time 0, and its reports, (6, r).
+    first report in intervals since time 0, and its reports, (6, r). track: which of the network's tracks stands for the
+    TV, in a scene; None where the sensor knows whom it watches.
     """
 
     tv_id: str
@@ -99,6 +114,7 @@ class StoredStretch:
     uv_id: tuple[str, ...]
     uv_first: tuple[int, ...]
     uv: tuple[Float32Array, ...]
+    track: TrackUse | None = None
 
     def window(
         self, k: int, lengths: tuple[int, int], rates_hz: tuple[float, float], delay_s: float, true: bool = False
@@ -131,6 +147,7 @@ def file_name(scenario: str, seed: int) -> str:
 def _check(table: pa.Table) -> None:
     """Raise ValueError, which names the column, unless a table holds what `write_stretches` writes."""
     check_types(table, COLUMNS)
+    _check_tracks(table)
     for row in range(len(table)):
         stretch = _stretch(table, row)
         if stretch.tv.shape != stretch.tv_truth.shape or not stretch.tv.shape[1]:
@@ -147,6 +164,17 @@ def _check(table: pa.Table) -> None:
                 raise ValueError(f"{name}: is not finite")
         if not all(np.isfinite(part).all() for part in stretch.uv):
             raise ValueError("uv: is not finite")
+
+
+def _check_tracks(table: pa.Table) -> None:
+    """Raise ValueError, which names the column, unless a table says nothing of tracks, or what can be true."""
+    if not any(name in table.column_names for name in TRACK):
+        return
+    check_types(table, TRACK_COLUMNS)
+    for name, most in (("right_share", 1.0), ("breaks", np.inf), ("position_sd_m", np.inf)):
+        values = table[name].to_numpy()
+        if not (np.isfinite(values) & (values >= 0) & (values <= most)).all():
+            raise ValueError(f"{name}: is not finite, or out of bounds")
 
 
 FILES = EpisodeFiles(StreamFacts, b"isac_cosim.streams", lambda facts: [file_name(facts.scenario, facts.seed)], _check)
@@ -173,6 +201,9 @@ def write_stretches(folder: Path, facts: StreamFacts, stretches: Sequence[Stored
         "uv": [[list(part) for part in s.uv] for s in stretches],
     }
     columns = {field.name: pa.array(values[field.name], field.type) for field in COLUMNS}
+    if facts.scene is not None:
+        tracks = {field.name: [getattr(s.track, field.name) for s in stretches] for field in TRACK_COLUMNS}
+        columns |= {field.name: pa.array(tracks[field.name], field.type) for field in TRACK_COLUMNS}
     floats = [f"{name}.list.element.list.element" for name in ("tv", "tv_truth")]
     options = {
         "row_group_size": 16,
@@ -204,6 +235,7 @@ def _stretch(table: pa.Table, row: int) -> StoredStretch:
         uv_id=tuple(at("uv_id").as_py()),
         uv_first=tuple(at("uv_first").as_py()),
         uv=tuple(_states(part) for part in at("uv")),
+        track=TrackUse(*(at(name).as_py() for name in TRACK)) if TRACK[0] in table.column_names else None,
     )
 
 

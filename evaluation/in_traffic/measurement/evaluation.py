@@ -48,6 +48,7 @@ from isac_cosim.evaluation.in_traffic.streams.store import (
 )
 from isac_cosim.evaluation.questions import with_answers
 from isac_cosim.isacsim.scenarios.scenario import Scenario, resolved
+from isac_cosim.isacsim.sensing.sensors.scene import as_sensed
 from isac_cosim.isacsim.traffic.sources import DEFAULT
 from isac_cosim.isacsim.traffic.sources.protocol import MotionSource
 from isac_cosim.isacsim.traffic.sources.registry import motion_source, natural_world, source_class
@@ -97,6 +98,7 @@ def study_of(
     natural: bool = False,
     source: str = DEFAULT,
     sections: Mapping[str, Mapping[str, Any]] | None = None,
+    scene: bool | None = None,
 ) -> LiveStudy:
     """Return the study of an evaluation, with the settings of the dataset that the run was trained on.
 
@@ -105,7 +107,8 @@ def study_of(
     whole samples of these.
     seeds, development: first and last seed; by default, alarms are chosen on DEVELOPMENT_H vehicle-hours. duration_s:
     of an episode, s. natural: if true, drivers are left alone: no causes, commands or disturbances. source: name of the
-    motion source. sections: settings of the source that are given, by section.
+    motion source. sections: settings of the source that are given, by section. scene: whether the sites sense all
+    vehicles at once, by default as in the dataset.
     Raises InputError if an argument is wrong, or the dataset's study cannot be read.
     """
     kind, stored = source_class(source), as_stored(card.dataset.get("study", {}))
@@ -125,7 +128,9 @@ def study_of(
             raise InputError(f"--duration: recordings of source {source} have their own length; leave it out")
         section, setting = kind.duration
         given[section] = {setting: duration_s}
-    content = checked(DatasetStudy, merged(stored, given), "the run's dataset").model_dump()
+    dataset = checked(DatasetStudy, merged(stored, given), "the run's dataset")
+    sensing = dataset.sensing if scene is None else as_sensed(dataset.sensing, scene)
+    content = dataset.model_copy(update={"sensing": sensing}).model_dump()
     first, last = seeds or SEEDS
     content |= {"scenarios": (scenario,), "seeds": {"first": first, "last": last}}
     content["record"] |= {"tv_rate_hz": card.tv_rate_hz, "uv_rate_hz": card.uv_rate_hz}

@@ -29,7 +29,7 @@ from isac_cosim.isacsim.sensing.sensors.protocol import SensorSettings
 from isac_cosim.isacsim.traffic.motion import MotionSettings
 
 GIVEN_UP_S = 1.0
-"""In running traffic, a TV without a track for longer than this is not followed any more, s."""
+"""In running traffic and streams, a TV whose track has been lost for longer than this is not followed any more, s."""
 
 
 def as_sensed(settings: SensingSettings, scene: bool) -> SensingSettings:
@@ -81,7 +81,8 @@ class ScenePicture:
     """The network's tracks, and which of them stand for a TV.
 
     A TV is the track that is the nearest to it when it is first asked about, whatever becomes of the track. A passage
-    that begins without one is not usable. In running traffic, a TV whose track is lost is a gap until it has a new one.
+    that begins without one is not usable. In running traffic and streams, a TV whose track is lost is a gap until it
+    has a new one.
     """
 
     def __init__(self, traffic: WatchedTraffic, setup: SceneSetup) -> None:
@@ -101,17 +102,12 @@ class ScenePicture:
         return self._tracks.scores if self._sensing is None else self._sensing.tracks.scores
 
     def in_view(self, passage: Passage) -> BoolArray:
-        """Return where two masts see the TV, from when on it has a track."""
+        """Return where two masts see the TV and the network follows a track for it: each part begins with its own."""
         setup = self._setup
         view = seen(passage.truth[:2].T, self._panels, setup.range_m, setup.half_width_deg)
         masts = np.stack([view[:, self._mast == mast].any(axis=1) for mast in np.unique(self._mast)])
         covered = masts.sum(axis=0) >= LEAST_MASTS
-        known = self._tracks.known(passage.tv, self._times(passage))
-        begun, result = False, np.zeros(len(covered), dtype=bool)
-        for k, (here, has_track) in enumerate(zip(covered.tolist(), known.tolist(), strict=True)):
-            begun = here and (begun or has_track)
-            result[k] = begun
-        return result
+        return self._tracks.held(passage.tv, self._times(passage), covered, GIVEN_UP_S)
 
     def record(self, passages: Sequence[Passage]) -> list[SensedRecord]:
         """Return the state of the track that stands for each TV."""

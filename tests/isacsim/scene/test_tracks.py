@@ -64,4 +64,29 @@ def test_a_vehicle_without_a_track_at_the_beginning_is_not_known() -> None:
     assert tracks.followed("a", np.array([0.0, 0.1])) is None
     assert tracks.followed("a", np.array([0.1])) is not None
     assert tracks.followed("a", np.array([7.0])) is None
-    assert tracks.known("a", np.array([0.0, 0.09, 0.1, 0.15, 0.2])).tolist() == [False, False, True, True, False]
+
+
+def held(tracks: SceneTracks, count: int, lost_s: float, watched: list[bool] | None = None) -> list[bool]:
+    """Twice an instant: what is between two instants is as at the earlier one."""
+    times, at = np.arange(2 * count) / (2 * HZ), np.array(watched or [True] * count).repeat(2)
+    of_instants = tracks.held("a", times, at, lost_s).reshape(count, 2)
+    assert (of_instants[:, 0] == of_instants[:, 1]).all()
+    return of_instants[:, 0].tolist()
+
+
+def test_a_track_is_held_until_it_has_been_lost_for_too_long() -> None:
+    """Two instants without a track are bridged, the third is not; the vehicle's next track begins anew."""
+    tracks = scene({}, {1: ("a", 0.0)}, {}, {}, {}, {}, {4: ("b", 12.0)}, {4: ("b", 14.0), 5: ("a", 60.0)})
+    assert held(tracks, 8, lost_s=0.2) == [False, True, True, True, False, False, False, True]
+    assert held(tracks, 8, lost_s=9.0) == [False, *[True] * 7]
+
+
+def test_a_swapped_track_is_held() -> None:
+    tracks = scene({1: ("a", 0.0)}, *({1: ("b", 2.0 * k), 2: ("a", 50.0 + 2.0 * k)} for k in range(1, 6)))
+    assert held(tracks, 6, lost_s=0.2) == [True] * 6
+
+
+def test_a_vehicle_out_of_view_is_not_held() -> None:
+    tracks = scene({1: ("a", 0.0)}, {1: ("a", 2.0)}, {1: ("b", 4.0)}, {1: ("b", 6.0), 2: ("a", 50.0)})
+    watched = [True, False, True, True]
+    assert held(tracks, 4, lost_s=9.0, watched=watched) == [True, False, False, True]
