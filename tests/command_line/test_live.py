@@ -42,6 +42,9 @@ def test_a_run_is_evaluated_on_a_dataset_or_in_traffic() -> None:
         source_of(None, None, NOTHING)
     with pytest.raises(InputError, match="--duration applies to an evaluation in traffic"):
         source_of(Path("data"), None, LiveArguments(duration=30.0))
+    for scene, option in ((True, "--scene"), (False, "--no-scene")):
+        with pytest.raises(InputError, match=f"^{option} applies to an evaluation in traffic"):
+            source_of(Path("data"), None, LiveArguments(scene=scene))
 
 
 @pytest.fixture(scope="module")
@@ -104,9 +107,13 @@ def test_stress_adds_the_stimulated_world_on_the_same_seeds(
 
 def test_the_traffic_is_natural_unless_the_loop_is_closed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     quiet: list[bool] = []
+    scenes: list[bool] = []
+    folders: list[str] = []
 
     def stop(loaded: Run, study: LiveStudy, *rest: object, **named: object) -> None:
         quiet.append(study.dataset.maneuvers.quiet)
+        scenes.append(study.dataset.sensing.scene is not None)
+        folders.extend(one.name for one in rest if isinstance(one, Path))
         raise InputError("stop")
 
     monkeypatch.setattr(evaluation, "evaluate_traffic", stop)
@@ -115,6 +122,11 @@ def test_the_traffic_is_natural_unless_the_loop_is_closed(run: Run, monkeypatch:
         with pytest.raises(InputError, match="stop"):
             live.evaluate_and_show(run.path, "motorway", LiveArguments(**arguments), None, (), Console())
     assert quiet == [True, True, False, True]
+    assert not any(scenes)
+    with pytest.raises(InputError, match="stop"):
+        live.evaluate_and_show(run.path, "motorway", LiveArguments(scene=True), None, (), Console())
+    assert scenes[-1]
+    assert (folders[0], folders[-1]) == ("traffic-motorway", "traffic-motorway-scene")
     with pytest.raises(InputError, match="leave out --stress"):
         source_of(None, "motorway", LiveArguments(advisories=True, stress=True))
 

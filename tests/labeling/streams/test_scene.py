@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +14,9 @@ import pytest
 import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.workers.engine import LocalEngine
-from isac_cosim.isacsim.scene.scores import SceneScores
-from isac_cosim.isacsim.scene.tracks import SceneTracks, TrackedInstant
+from isac_cosim.isacsim.scene.tracks import SceneTracks
 from isac_cosim.isacsim.sensing.passages import TrackUse
 from isac_cosim.isacsim.sensing.sensors import scene as scene_sensor
-from isac_cosim.isacsim.traffic import motion
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.streams import generate
 from isac_cosim.labeling.streams.cost_estimate import estimate
@@ -34,15 +31,13 @@ from isac_cosim.labeling.streams.store import (
     read_stretches,
     write_stretches,
 )
+from tests.support.scene_tracks import altered, tracks_of
 from tests.support.scripted import InlineEngine, ScriptedSource
 
 HZ = 5.0
 STUDY = DatasetStudy.model_validate(
     {"scenarios": ["road"], "seeds": {"first": 1, "last": 1}, "sensing": {"scene": {"fixes_hz": HZ}}}
 )
-
-COUNTS = ("instants", "vehicle_fixes", "track_fixes", "matched_fixes")
-SCORES = dict.fromkeys(COUNTS, 1) | {"rms_m": 0.05, "idf1": 0.99, "gospa_parts_m2": (0.0, 0.0, 0.0)}
 
 
 @pytest.fixture(scope="module")
@@ -53,17 +48,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> ScriptedSource:
 @pytest.fixture(scope="module")
 def tracks(source: ScriptedSource) -> SceneTracks:
     """A network that knows everybody after a second, to 5 cm."""
-    recording = source.record(source.load("road"), 1)
-    known = SceneTracks(HZ, scores=SceneScores.model_validate(SCORES))
-    names = tuple(recording.tracks)
-    for fix in range(round(HZ), round(recording.lasts_s * HZ) - 1):
-        at = np.array([fix / HZ])
-        states = [motion.states(recording, track, at, STUDY.motion)[:, 0] for track in recording.tracks.values()]
-        state, number, whole = np.stack(states), np.arange(1, len(names) + 1), np.full(len(names), 4)
-        state[:, 1] += 0.05
-        covariance = np.tile(0.05**2 * np.eye(2), (len(names), 1, 1))
-        known.instants[fix] = TrackedInstant(number, state, covariance, whole, whole, whole * 3.0, names)
-    return known
+    return tracks_of(source.record(source.load("road"), 1), HZ)
 
 
 @pytest.fixture
@@ -86,23 +71,6 @@ def made_of(
 
 def of_vehicle(stretches: list[StoredStretch], vehicle: str) -> list[StoredStretch]:
     return [stretch for stretch in stretches if stretch.tv_id == vehicle]
-
-
-def altered(
-    tracks: SceneTracks, from_s: float, to_s: float, number: Mapping[str, int | None], after: Mapping[str, int | None]
-) -> SceneTracks:
-    """The tracks with other numbers for those of some vehicles, or without them: over a span of time, s, and after."""
-    instants = {}
-    for fix, instant in tracks.instants.items():
-        time_s = fix / tracks.fixes_hz
-        named = number if from_s <= time_s < to_s else after if time_s >= to_s else {}
-        numbers = [named.get(str(of), own) for of, own in zip(instant.vehicle, instant.number.tolist(), strict=True)]
-        rows = sorted((new, row) for row, new in enumerate(numbers) if new is not None)
-        kept = [row for _, row in rows]
-        arrays = {name: getattr(instant, name)[kept] for name in ("state", "covariance", "looked", "found", "snr_db")}
-        vehicles = tuple(instant.vehicle[row] for row in kept)
-        instants[fix] = TrackedInstant(np.array([new for new, _ in rows], np.int64), vehicle=vehicles, **arrays)
-    return SceneTracks(tracks.fixes_hz, instants, tracks.scores)
 
 
 def test_a_stretch_is_the_track_that_is_taken_for_its_vehicle(
