@@ -7,12 +7,11 @@ Here one worker is replaced, its task is tried again, and the others go on.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import pickle
 import shutil
 import signal
 import tempfile
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -25,10 +24,9 @@ from isac_cosim.base.temporary import TemporaryFolder, temporary_root, writing_t
 from isac_cosim.base.workers import interrupts
 from isac_cosim.base.workers.activity import Reading
 from isac_cosim.base.workers.attempts import DIED, RETRIES, Attempt, Item, Outcome, Result, Tries, describe
+from isac_cosim.base.workers.threads import told_to_libraries
 from isac_cosim.base.workers.worker import MESSAGES_FILE, Ready, Workplace, last_words, serve
 
-ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables that set the number of threads of numerical libraries."""
 KILLED = tuple(-getattr(signal, name) for name in ("SIGKILL", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Exit codes of processes that others ended."""
 SPAWN = multiprocessing.get_context("spawn")
@@ -152,7 +150,7 @@ class _Worker:
         try:
             self.connection, theirs = SPAWN.Pipe()
             self.process = SPAWN.Process(target=serve, args=(theirs, workplace), name="cosim worker")
-            with _environment(dict.fromkeys(ONE_THREAD, "1")):
+            with told_to_libraries(1):
                 self.process.start()
             theirs.close()
         except BrokenPipeError:
@@ -236,18 +234,3 @@ def _end(workers: Iterable[_Worker]) -> None:
     with interrupts.deferred():
         for worker in workers:
             worker.end()
-
-
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables for the processes that are started inside the block."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

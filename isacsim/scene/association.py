@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.isacsim.scene.detection import Detections
@@ -86,6 +85,8 @@ def _assigned(costs: Sequence[Array], several: bool) -> Pairs:
 
     several: whether rows that are left go to the columns where they cost least.
     """
+    from scipy.optimize import linear_sum_assignment  # loaded only here, because few commands track scenes
+
     track, panels, detection, free = [], [], [], []
     for panel, cost in enumerate(costs):
         count = len(cost)

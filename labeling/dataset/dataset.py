@@ -13,10 +13,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -58,6 +57,9 @@ from isac_cosim.labeling.dataset.shard import (
 )
 from isac_cosim.labeling.dataset.shard_index import INDEX_FILE, TOGETHER, ShardIndex
 from isac_cosim.labeling.dataset.state_columns import states_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "ARRAYS",

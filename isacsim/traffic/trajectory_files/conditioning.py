@@ -8,12 +8,15 @@ of the kernel has the energy 3 / (8 sqrt(pi) w^5).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.isacsim.traffic.motion import condition
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 USUAL_S = 0.15
 """The standard deviation of the kernel that everything after a source uses, s."""
@@ -107,5 +110,7 @@ class Sampling:
 
 
 def _spline(step: IntArray, values: Array) -> CubicSpline:
+    from scipy.interpolate import CubicSpline  # loaded only here, because every command imports this module
+
     # Not-a-knot needs four points to be a cubic; a line through two of them is all that they say.
     return CubicSpline(step, values, bc_type="not-a-knot" if len(step) > 3 else "natural")

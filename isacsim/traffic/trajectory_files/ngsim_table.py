@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
@@ -165,6 +164,8 @@ def _tables(file: Path) -> Iterator[_Part]:
 
 def _blanks(file: Path) -> Iterator[_Part]:
     """Yield the rows of a file without a header, with blanks or commas between its columns."""
+    import pandas as pd  # loaded only here, because every command imports this module
+
     separator = "," if b"," in content_head(file, 1 << 12).split(b"\n", 1)[0] else r"\s+"
     wanted, further = (*NEEDED, SPEED), "further"
     line = 1
