@@ -11,7 +11,7 @@ import ast
 import importlib
 import pkgutil
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from enum import Enum
 from functools import cache
@@ -120,12 +120,12 @@ def constants(rooms: Sequence[str]) -> Settings:
     return found
 
 
-def _modules(room: str) -> Iterator[ModuleType]:
+@cache
+def _modules(room: str) -> tuple[ModuleType, ...]:
+    """Return the modules of a room as this process found them first: it does not run what a checkout gets later."""
     module = importlib.import_module(f"{NAME}.{room}")
-    yield module
-    for found in pkgutil.walk_packages(getattr(module, "__path__", ()), f"{module.__name__}."):
-        if not found.name.endswith(ESTIMATES):
-            yield importlib.import_module(found.name)
+    names = [found.name for found in pkgutil.walk_packages(getattr(module, "__path__", ()), f"{module.__name__}.")]
+    return module, *(importlib.import_module(name) for name in names if not name.endswith(ESTIMATES))
 
 
 @cache

@@ -10,6 +10,7 @@ import pytest
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.isacsim.radio import blockage
+from isac_cosim.isacsim.traffic import sources
 from isac_cosim.labeling.streams import cost_estimate
 from isac_cosim.models.data import windows
 from isac_cosim.models.runs.settings import TrainSettings
@@ -103,6 +104,15 @@ def test_settings_of_predictors_are_free(frozen: Frozen, monkeypatch: pytest.Mon
 
 def test_what_it_costs_is_no_setting(frozen: Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost_estimate, "SENSED_S", 1.0)
+    check(TINY, frozen)
+
+
+def test_a_module_that_a_checkout_gets_meanwhile_is_no_setting(
+    frozen: Frozen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where a commit lands beside a running study, which goes on with the code that it has loaded."""
+    (tmp_path / "landed_meanwhile.py").write_text("DISTANCE_M = 5.0\n")
+    monkeypatch.setattr(sources, "__path__", [*sources.__path__, str(tmp_path)])
     check(TINY, frozen)
 
 
