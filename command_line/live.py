@@ -71,6 +71,7 @@ def evaluate_and_show(
     from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
     from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
     from isac_cosim.evaluation.report.report import show_live
+    from isac_cosim.labeling.streams.cost_estimate import estimate
     from isac_cosim.models.runs.run import load_run
 
     loaded = load_run(run)
@@ -96,6 +97,12 @@ def evaluate_and_show(
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
     closed: ClosedLoopResult | None = None
+    cost = None if study.dataset.sensing.scene is None else estimate(study.dataset)
+    if cost is not None:
+        minutes = cost.cpu_s / cost.episodes / 60
+        print_line(
+            console, f"a scene is sensed: about {minutes:.0f} min of processor time an episode, as on the motorway"
+        )
     if arguments.advisories:
         from isac_cosim.evaluation.closed_loop.evaluation import evaluate_advisories
         from isac_cosim.evaluation.report.live.live_figures import arms

@@ -219,7 +219,7 @@ def faults(values: dict[str, Any]) -> list[str]:
 
 def scene_scores(of_episodes: Iterable[SceneScores | None]) -> dict[str, Any]:
     """Return how well the network knew who was where, by the key `scene`; nothing where it was not a scene."""
-    scores = [scores for scores in of_episodes if scores is not None]
+    scores = [one for one in of_episodes if one is not None]
     return {"scene": pooled(scores).model_dump(mode="json")} if scores else {}
 
 
