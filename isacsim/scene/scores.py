@@ -14,7 +14,8 @@ vehicles explains.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -218,6 +219,19 @@ def pooled(scores: Sequence[SceneScores]) -> SceneScores:
     )
 
 
+def scene_scores(of_episodes: Iterable[SceneScores | None]) -> dict[str, Any]:
+    """Return the scores of several episodes together by the key `scene`; nothing where none of them was a scene."""
+    scores = [one for one in of_episodes if one is not None]
+    return {"scene": pooled(scores).model_dump(mode="json")} if scores else {}
+
+
+def scene_line(scores: Mapping[str, Any]) -> str:
+    """Return what is printed of scores, as plain values."""
+    return "scene: " + ", ".join(f"{key} {scores[key]}" for key in SHOWN)
+
+
+SHOWN = ("rms_m", "p95_m", "missed", "missed_slow", "false", "switches_per_km", "idf1", "nees", "gospa_m")
+"""Scores that are printed."""
 _COUNTS = (
     "instants", "vehicle_fixes", "slow_fixes", "track_fixes", "matched_fixes", "driven_km", "switches",
 )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Column, Table
 
-from isac_cosim.isacsim.scene.scores import SceneScores, pooled
+from isac_cosim.isacsim.scene.scores import scene_line, scene_scores
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.dataset.dependence import HELP, Dependence, Driven
 from isac_cosim.labeling.dataset.distributions import distributions, too_few_seeds
@@ -24,8 +24,6 @@ SHOWN = (
     "dropped_pull_outs", "counts",
 )  # fmt: skip
 """Keys of the summary that are printed after the tables, in this order."""
-SCENE_SHOWN = ("rms_m", "p95_m", "missed", "missed_slow", "false", "switches_per_km", "idf1", "nees", "gospa_m")
-"""Scores of a scene that are printed."""
 EPISODES_SHOWN = 24
 """With more episodes than this, the console shows only the sums by scenario. The plain values hold all of them."""
 
@@ -215,17 +213,6 @@ def faults(values: dict[str, Any]) -> list[str]:
     if few := too_few_seeds(values["distributions"]):
         lines.append(f"too few seeds to split into training, validation and test: {', '.join(few)}")
     return lines
-
-
-def scene_scores(of_episodes: Iterable[SceneScores | None]) -> dict[str, Any]:
-    """Return how well the network knew who was where, by the key `scene`; nothing where it was not a scene."""
-    scores = [one for one in of_episodes if one is not None]
-    return {"scene": pooled(scores).model_dump(mode="json")} if scores else {}
-
-
-def scene_line(scores: Mapping[str, Any]) -> str:
-    """Return what is printed of the scores of a scene."""
-    return f"scene: {_brief({key: scores[key] for key in SCENE_SHOWN})}"
 
 
 def _brief(value: Any) -> str:

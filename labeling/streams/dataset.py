@@ -16,6 +16,7 @@ from rich.table import Table
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, file_digest
 from isac_cosim.base.settings import Sealed, read_json
+from isac_cosim.isacsim.scene.scores import scene_line, scene_scores
 from isac_cosim.labeling.dataset.dataset import ROADS, RoadLane, read_roads
 from isac_cosim.labeling.dataset.meta import ScenarioMeta
 from isac_cosim.labeling.intentions import KNOWN
@@ -129,8 +130,6 @@ def summary(streams: Streams) -> dict[str, Any]:
     the rest. Events `counted` are those of watched vehicles with a UV. `scene`, only where the sites sense all vehicles
     at once: how well the network knew who was where, over all episodes.
     """
-    from isac_cosim.labeling.dataset.summary import scene_scores  # loaded only here, because it takes long
-
     facts = streams.facts()
     instants = sum(of.instants for of in facts)
     hours = sum(of.decisions * of.decision_s for of in facts) / 3600
@@ -164,7 +163,6 @@ def summary(streams: Streams) -> dict[str, Any]:
 
 def show(values: dict[str, Any], console: Console) -> None:
     """Print a summary on a console."""
-    from isac_cosim.labeling.dataset.summary import scene_line  # loaded only here, because it takes long
 
     def line(text: str) -> None:
         console.print(text, highlight=False, soft_wrap=True, markup=False)
