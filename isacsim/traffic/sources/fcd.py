@@ -32,6 +32,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
     scenario_name,
     sites_for,
 )
+from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, Vehicle, observed
@@ -279,7 +280,7 @@ def _check_order(rows: Rows, where: Path) -> None:
 def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
     """Return the number of each state's lane, -1 where it is on none.
 
-    Raises InputError for a lane of another network.
+    Raises InputError for a lane of another network, and where too many states are on none.
     """
     known = {lane.id: k for k, lane in enumerate(road.lanes)}
     names = read.lanes.names
@@ -290,6 +291,11 @@ def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
         raise InputError(
             f"{where}: row {read.number[lost[0]]}: lane {name} is not in {road.network}; name the network that was "
             "driven on"
+        )
+    if (share := float((lane < 0).mean())) > MOST_OFF_ROAD:
+        raise InputError(
+            f"{where}: {share:.0%} of its states name no lane, such as row {read.number[int(np.argmax(lane < 0))]}; "
+            "write FCD with x, y and lane"
         )
     return lane
 

@@ -211,6 +211,10 @@ BAD = {
     "twice": (lambda text: text + text.splitlines()[-1] + "\n", r"vehicle \S+ has two states at \S+ s \(rows \d+"),
     "time runs backwards": (back_in_time, r"row 5: time runs backwards"),
     "cut off": (lambda text: text[:-40], r"cannot be read as a table .*it may be cut off"),
+    "no lanes": (
+        lambda text: table([[*row[:8], row[8] if k < 9 else "", *row[9:]] for k, row in enumerate(rows_of(text))]),
+        r"\d+% of its states name no lane, such as row 10; write FCD with x, y and lane",
+    ),
     "quotation marks": (
         lambda text: table([[*row[:9], '"' if k else row[9], *row[10:]] for k, row in enumerate(rows_of(text))]),
         r"\d+ lines are \d+ rows, because a quotation mark is not closed on its line; leave it out",
