@@ -101,7 +101,7 @@ def differing(before: Mapping[str, Settings], now: Mapping[str, Settings]) -> di
         part: sorted(
             name
             for name in before.get(part, {}).keys() | now.get(part, {}).keys()
-            if before.get(part, {}).get(name, ABSENT) != now.get(part, {}).get(name, ABSENT)
+            if _plain(before.get(part, {}).get(name, ABSENT)) != _plain(now.get(part, {}).get(name, ABSENT))
         )
         for part in [*now, *(before.keys() - now.keys())]
     }
@@ -153,9 +153,10 @@ def _plain(value: Any) -> JsonValue:
         value = value.tolist()
     if isinstance(value, Enum):
         return value.name
-    if isinstance(value, float) and not isfinite(value):
-        return str(value)
-    if isinstance(value, bool | int | float | str):
+    if isinstance(value, float):
+        # What numpy computes differs in its last digits between processors; no setting has as many.
+        return float(f"{value:.12g}") if isfinite(value) else str(value)
+    if isinstance(value, bool | int | str):
         return value
     if isinstance(value, Mapping):
         return {str(_plain(key)): _plain(one) for key, one in value.items()}

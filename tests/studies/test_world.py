@@ -1,0 +1,26 @@
+"""The world of a figure is the same on every processor."""
+
+from __future__ import annotations
+
+import pytest
+
+from isac_cosim.isacsim.scenarios import reference_line
+from isac_cosim.studies.world import constants, differing, digests
+
+ROOM = ["isacsim.scenarios.reference_line"]
+WIDTHS = "isacsim.scenarios.reference_line.WIDTHS_M"
+
+
+def test_the_last_digits_of_what_a_processor_computes_are_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = {"traffic": constants(ROOM)}
+    widths = reference_line.WIDTHS_M
+    elsewhere = widths * (1 + 2**-52)
+    assert (elsewhere != widths).any()
+    monkeypatch.setattr(reference_line, "WIDTHS_M", elsewhere)
+    now = {"traffic": constants(ROOM)}
+    assert digests(now) == digests(before)
+    assert not differing(before, now)
+    recorded = {"traffic": {**before["traffic"], WIDTHS: elsewhere.tolist()}}
+    assert not differing(recorded, now)
+    monkeypatch.setattr(reference_line, "WIDTHS_M", widths * (1 + 1e-9))
+    assert differing(before, {"traffic": constants(ROOM)}) == {"traffic": [WIDTHS]}
