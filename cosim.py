@@ -135,7 +135,8 @@ def generate(
 
     Repeat the command to continue an interrupted dataset.
     """
-    from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of, recognised
+    from isac_cosim.command_line.arguments import STREAM_SEEDS, dataset_study, one_of
+    from isac_cosim.isacsim.traffic.sources.registry import recognised
 
     console = output.console_of(quiet)
     wanted = one_of(samples, windows)

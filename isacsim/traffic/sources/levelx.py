@@ -199,7 +199,7 @@ def _matched(read: LevelxRows, places: LanePlaces) -> Int32Array:
     ends = np.append(np.flatnonzero(np.diff(read.vehicle[order])) + 1, len(order))
     first = 0
     while first < len(order):
-        after = int(ends[min(np.searchsorted(ends, first + AT_ONCE), len(ends) - 1)])
+        after = int(ends[min(int(np.searchsorted(ends, first + AT_ONCE)), len(ends) - 1)])
         part = order[first:after]
         position = read.x[part] + 1j * read.y[part]
         lane[part] = match_lanes(places, position, _heading(read, part), read.vehicle[part])

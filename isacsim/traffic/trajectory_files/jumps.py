@@ -34,8 +34,10 @@ def jumps(observed: Observed, noise_m: float) -> IntArray:
     found = [np.empty(0, np.int64)]
     for first in range(0, rows, AT_ONCE):
         low, high = max(first - 1, 0), min(first + AT_ONCE + 2, rows)
-        here = _jumps(*(column[low:high] for column in (observed.step, observed.x, observed.y, same)),
-                      observed.period_s, noise_m)  # fmt: skip
+        part = slice(low, high)
+        here = _jumps(
+            observed.step[part], observed.x[part], observed.y[part], same[part], observed.period_s, noise_m
+        )  # fmt: skip
         inside = np.flatnonzero(here) + low
         found.append(inside[(inside >= first) & (inside < first + AT_ONCE)])
     return np.concatenate(found)
@@ -59,9 +61,9 @@ def _jumps(step: IntArray, x: Array, y: Array, same: BoolArray, period_s: float,
         return there, there & off
 
     if not len(near):
-        return near
+        return np.zeros(0, bool)
     (before, unlike_before), (after, unlike_after) = unlike(1), unlike(-1)
-    return near & (before | after) & (unlike_before | ~before) & (unlike_after | ~after)
+    return np.asarray(near & (before | after) & (unlike_before | ~before) & (unlike_after | ~after))
 
 
 def check_jumps(observed: Observed, rows: IntArray, where: object) -> list[str]:
