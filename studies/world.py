@@ -96,14 +96,17 @@ def digests(world: Mapping[str, Settings]) -> dict[str, str]:
 
 
 def differing(before: Mapping[str, Settings], now: Mapping[str, Settings]) -> dict[str, list[str]]:
-    """Return the names of the settings that differ between two worlds, by part; parts that agree are left out."""
+    """Return the names of the settings that differ between two worlds, by part; parts that agree are left out.
+
+    Parts that `now` does not rest on do not count.
+    """
     names = {
         part: sorted(
             name
-            for name in before.get(part, {}).keys() | now.get(part, {}).keys()
-            if _plain(before.get(part, {}).get(name, ABSENT)) != _plain(now.get(part, {}).get(name, ABSENT))
+            for name in before.get(part, {}).keys() | settings.keys()
+            if _plain(before.get(part, {}).get(name, ABSENT)) != _plain(settings.get(name, ABSENT))
         )
-        for part in [*now, *(before.keys() - now.keys())]
+        for part, settings in now.items()
     }
     return {part: changed for part, changed in names.items() if changed}
 
