@@ -49,6 +49,20 @@ SHOWN = {RULE: "rule of the road", "situation": "trees on the situation"}
 """How people call baselines."""
 
 
+class LiveFirst:
+    """What was measured, in a sentence, and the numbers that sum it up."""
+
+    result_class = TrafficResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: TrafficResult = shown.result
+        text = (
+            f"How well a network that senses the vehicles of {result.scenario} knows what their drivers are about to "
+            f"do: {result.name}, {result.vehicle_hours:.1f} vehicle-hours with predictions."
+        )
+        return [Part("live-first", text=text, numbers=_first_numbers(result), on_terminal=False)]
+
+
 class LiveHeadline:
     """What an operator asks: what is predicted and what is recognised, in natural traffic and under stress."""
 
@@ -64,12 +78,7 @@ class LiveHeadline:
             ]
         answered = [(title, headline) for title, headline in asked if headline is not None]
         lines = [line for title, headline in answered for line in _rate_sentence(title, headline)]
-        text = (
-            f"What {result.name} says of drivers in {result.scenario} while they drive, in {result.vehicle_hours:.2f} "
-            "vehicle-hours with predictions."
-        )
         return [
-            Part("live-first", text=text, numbers=_first_numbers(result), on_terminal=False),
             *(Part(f"live-headline-{k}", title, rows=_headline(of)) for k, (title, of) in enumerate(answered)),
             Part("live-headline-in-words", lines=lines),
         ]

@@ -16,6 +16,7 @@ from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatr
 from isac_cosim.evaluation.report.page import write_page
 from isac_cosim.evaluation.report.parts import Matrix, Part, Shown, counted, csv_text
 from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.report.score_table import with_interval
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.models.data.windows import Records
@@ -129,12 +130,14 @@ def test_the_page_of_a_result_without_scores_before_the_commit_is_made(evaluatio
 
 def test_a_live_evaluation_begins_with_its_three_figures(tmp_path: Path) -> None:
     stored = Path(cosim.__file__).parent / "docs" / "live" / "motorway_stimulated.json"
-    scores = {"lead_s": None, "by_intention": {}, "false_alarms_per_vehicle_hour": 0.7, "recall": 0.5}
+    scores = {"lead_s": None, "by_intention": {}, "false_alarms_per_vehicle_hour": 0.7, "recall": 0.5, "at": []}
     sure = HeadlineResult.model_construct(**scores, events=1, recall_interval=Interval(low=0.2, high=0.8))
     unsure = sure.model_copy(update={"events": 9, "recall_interval": Interval(low=0.0, high=1.0)})
     update = {"prediction": sure, "recognition": unsure}
     result = TrafficResult.model_validate_json(stored.read_text()).model_copy(update=update)
-    first = parts_of(Shown(result, tmp_path))[0]
+    moving = Replay("its worst moments", (), (), ())
+    first, second, third = parts_of(Shown(result, tmp_path, replay=moving))[:3]
+    assert (second.replay, third.replay) == (moving, None)
     assert first.numbers == [
         ("0.50 (0.20 to 0.80)", "of 1 event predicted by their commit"),
         ("0.50", "of 9 events recognised by 0.5 s after it"),
