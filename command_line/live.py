@@ -18,7 +18,7 @@ from isac_cosim.isacsim.scenarios.scenario import resolved
 from isac_cosim.isacsim.traffic.sources.registry import natural_world, recognised, source_class
 
 if TYPE_CHECKING:
-    from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
+    from isac_cosim.evaluation.closed_loop.evaluation import ClosedLoopEvaluation
     from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
     from isac_cosim.evaluation.in_traffic.settings import LiveSettings
 
@@ -69,6 +69,7 @@ def evaluate_and_show(
     from isac_cosim.evaluation.in_traffic.measurement.evaluation import evaluate_traffic, study_of
     from isac_cosim.evaluation.in_traffic.measurement.stress import STRESS, with_stress
     from isac_cosim.evaluation.report.live.live_figures import draw_live_figures
+    from isac_cosim.evaluation.report.replay.advised import with_instructions
     from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
     from isac_cosim.evaluation.report.report import show_live
     from isac_cosim.labeling.streams.cost_estimate import estimate
@@ -96,7 +97,7 @@ def evaluate_and_show(
     engine, feedback = options.engine_of(arguments.jobs, arguments.cluster, folder), output.feedback_of(console)
     others = [load_run(path) for path in against]
     alone = None if arguments.alone is None else load_run(arguments.alone)
-    closed: ClosedLoopResult | None = None
+    closed_loop: ClosedLoopEvaluation | None = None
     cost = None if study.dataset.sensing.scene is None else estimate(study.dataset)
     if cost is not None:
         minutes = cost.cpu_s / cost.episodes / 60
@@ -109,8 +110,8 @@ def evaluate_and_show(
 
         loop_settings = closed_loop_settings(arguments)
         closed_loop = evaluate_advisories(loaded, study, loop_settings, folder, engine, feedback, others, alone=alone)
-        evaluation, closed = closed_loop.open_loop, closed_loop.result
-        arms(closed, folder / "arms.png")
+        evaluation = closed_loop.open_loop
+        arms(closed_loop.result, folder / "arms.png")
     else:
         if stressed is not None:
             print_line(console, f"the stimulated world is run on the same seeds, in {folder / STRESS}: twice the cost")
@@ -119,8 +120,11 @@ def evaluate_and_show(
             evaluation = with_stress(evaluation, loaded, stressed, folder, engine, feedback, others)
     draw_live_figures(evaluation, folder)
     output.note_former([loaded, *others, *([] if alone is None else [alone])], console)
-    result = closed or evaluation.result
-    show_live(result, folder, console, replay_in_traffic(evaluation, engine, feedback, folder=folder))
+    result = evaluation.result if closed_loop is None else closed_loop.result
+    replay = replay_in_traffic(evaluation, engine, feedback, folder=folder)
+    if closed_loop is not None:
+        replay = with_instructions(replay, closed_loop, engine, feedback, folder)
+    show_live(result, folder, console, replay)
     print_line(console, f"page, figures and metrics.json: {folder}")
     return {"report": str(folder), **result.model_dump(mode="json"), "real_time_factor": evaluation.real_time_factor}
 

@@ -33,10 +33,12 @@ under command; begun, and dropped for a reaction of the driver's own; its vehicl
 
 @dataclass
 class Sent:
-    """An advisory and what became of it."""
+    """An advisory and what became of it. begun_s, ended_s: when the vehicle began and ceased to follow, s."""
 
     advisory: Advisory
     fate: Fate = "pending"
+    begun_s: float | None = None
+    ended_s: float | None = None
 
 
 @dataclass
@@ -105,10 +107,12 @@ class Advisor:
             sent.fate = "busy"
         else:
             self._active[vehicle] = sent, self._steps(moment.sumo, sent.advisory)
+            sent.begun_s = moment.time_s
 
     def _end(self, vehicle: str, time_s: float) -> None:
-        _, steps = self._active.pop(vehicle)
+        sent, steps = self._active.pop(vehicle)
         steps.close()
+        sent.ended_s = time_s
         self._rested[vehicle] = time_s + self.settings.rest_s
 
     def _steps(self, sumo: Any, advisory: Advisory) -> Steps:

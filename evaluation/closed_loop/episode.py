@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from isac_cosim.base import landlock
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.workers.threads import limited
+from isac_cosim.evaluation.closed_loop.advising import Sent
 from isac_cosim.evaluation.closed_loop.crossings import crossings, joined
 from isac_cosim.evaluation.closed_loop.loop import ClosedLoop, Decision
 from isac_cosim.evaluation.closed_loop.policy import advisories
@@ -89,6 +90,17 @@ def _load(path: Path) -> Infer:
     return Infer.load(path)
 
 
+@dataclass(frozen=True)
+class DrivenArm:
+    """One arm of one seed as it was driven. predicted_hours: as in `ArmFacts`."""
+
+    recording: Recording
+    arm: Arm
+    alarms: list[AlarmFacts] = field(default_factory=list)
+    sent: list[Sent] = field(default_factory=list)
+    predicted_hours: float = 0.0
+
+
 def run_arm(
     study: LiveStudy,
     settings: ClosedLoopSettings,
@@ -98,9 +110,23 @@ def run_arm(
     infer: Infer,
     alarming: Alarming,
 ) -> ArmEpisode:
-    """Simulate one arm of one seed."""
+    """Simulate one arm of one seed, and measure it."""
+    return measured(drive_arm(study, settings, scenario, seed, arm, infer, alarming))
+
+
+def drive_arm(
+    study: LiveStudy,
+    settings: ClosedLoopSettings,
+    scenario: Scenario,
+    seed: int,
+    arm: Arm,
+    infer: Infer,
+    alarming: Alarming,
+    watch: Callable[[Decision], None] | None = None,
+) -> DrivenArm:
+    """Simulate one arm of one seed. watch: sees every decision, and changes none."""
     if arm == "none":
-        return measured(recorded(running_source(study.dataset), scenario, seed), arm)
+        return DrivenArm(recorded(running_source(study.dataset), scenario, seed), arm)
     silent = arm == "random" or alarming.settings is None
     answering = None if silent else run_answering(infer, study.live.background.lanes and not infer.run.is_of_streams)
     sensor = study.live.streams.sensor if arm in NOT_OF_A_SENSOR else arm
@@ -114,7 +140,9 @@ def run_arm(
             decision = next(decisions)
         except StopIteration as stop:
             hours = predicted * study.live.streams.decision_s / 3600
-            return measured(stop.value, arm, alarms, loop, hours)
+            return DrivenArm(stop.value, arm, alarms, loop.advisor.sent, hours)
+        if watch is not None:
+            watch(decision)
         predicted += len(decision.knowledge.tv)
         for alarm in source.raised(decision):
             alarms.append(_facts(alarm, decision))
@@ -172,28 +200,22 @@ class _RandomAlarms:
         return [Alarm(knowledge.tv[row], KNOWN[k].text, knowledge.time_s) for row, k in np.argwhere(drawn).tolist()]
 
 
-def measured(
-    recording: Recording,
-    arm: Arm,
-    alarms: list[AlarmFacts] | None = None,
-    loop: ClosedLoop | None = None,
-    predicted_hours: float = 0.0,
-) -> ArmEpisode:
-    """Measure the recording of an arm."""
+def measured(driven: DrivenArm) -> ArmEpisode:
+    """Measure an arm."""
+    recording = driven.recording
     driving = driving_of(recording)
-    sent = loop.advisor.sent if loop else []
     facts = ArmFacts(
         fingerprint="",
         scenario=recording.scenario,
         seed=recording.seed,
-        arm=arm,
+        arm=driven.arm,
         traffic=digest_of(recording),
         vehicles=len(recording.tracks),
         collided=recording.incidents.collided,
         teleported=recording.incidents.teleported,
-        predicted_hours=predicted_hours,
+        predicted_hours=driven.predicted_hours,
         every_s=driving.every_s,
-        alarms=tuple(alarms or ()),
+        alarms=tuple(driven.alarms),
         advisories=tuple(
             AdvisoryFacts(
                 vehicle=item.advisory.vehicle,
@@ -201,7 +223,7 @@ def measured(
                 time_s=round(item.advisory.time_s, 6),
                 fate=item.fate,
             )
-            for item in sent
+            for item in driven.sent
         ),
         encroachments=encroachment_facts(joined(encroachments(recording), crossings(recording))),
     )

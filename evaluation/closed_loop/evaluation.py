@@ -56,10 +56,11 @@ class BegunArms(Settings):
 
 @dataclass(frozen=True)
 class ClosedLoopEvaluation:
-    """A closed loop: its result, and the open loop behind it."""
+    """A closed loop: its result, the open loop behind it, and what drives its arms."""
 
     result: ClosedLoopResult
     open_loop: TrafficEvaluation
+    task: ArmTask
 
 
 def evaluate_advisories(
@@ -105,7 +106,7 @@ def evaluate_advisories(
         write_json(out / METRICS_FILE, result.model_dump(mode="json"))
     for line in warnings(result):
         feedback.message(line)
-    return ClosedLoopEvaluation(result, opened)
+    return ClosedLoopEvaluation(result, opened, task)
 
 
 @limited()

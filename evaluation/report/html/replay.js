@@ -163,6 +163,7 @@
     if (uv) vehicle(pen, put, scale, uv, facing(record.uv, uvRow, 5), record.sizes[1], colours.uv, "UV");
     vehicle(pen, put, scale, tv, facing(record.truth, row, 5), record.sizes[0], colours.tv, "TV");
     if (record.scene) drawScene(pen, put, scale);
+    for (const one of record.told ?? []) drawTold(pen, put, scale, one);
     for (const [, x, y, azimuth] of data.sites) panel(pen, put(x, y), ((90 - azimuth) * Math.PI) / 180);
     for (const [names, x, y] of masts) {
       const [left, top] = put(x, y);
@@ -177,7 +178,11 @@
     pen.fillRect(12, height - 14, bar, 3);
     label(pen, "20 m", 12, height - 20, "left");
     const said = [doing()], alarm = record.alarms.findLast(([, t]) => t <= time && time < t + ALARM_STAYS);
-    if (alarm) said.push(`${alarm[2] ? "✗ false alarm" : "✓ alarm"}: ${words(alarm[0])}`);
+    if (alarm) said.push(`${alarm[2] === null ? "alarm" : alarm[2] ? "✗ false alarm" : "✓ alarm"}: ${words(alarm[0])}`);
+    for (const one of record.told ?? []) {
+      const stage = stageOf(one);
+      if (stage) said.push(`${one.vehicle}: ${one.says} (${stage}), on the alarm for ${one.alarm}`);
+    }
     said.forEach((text, k) => {
       const top = (20 + 20 * k) * letters;
       pen.font = `600 ${14 * letters}px system-ui, sans-serif`;
@@ -215,6 +220,35 @@
       pen.stroke();
       label(pen, track.number, x + 6, y - 6, "left");
     }
+  }
+
+  // How far an instruction is at this instant; null before it is sent and some time after it has ended.
+  function stageOf({ sent_s: sent, begun_s: begun, ended_s: ended, fate }) {
+    if (time < sent) return null;
+    if (begun === null) return time < sent + ALARM_STAYS ? fate : null;
+    if (time < begun) return "told";
+    if (ended === null || time < ended) return "does so";
+    return time < ended + ALARM_STAYS ? fate : null;
+  }
+
+  // Who is told what: a ring around the vehicle, solid while it follows the instruction, dashed before and after.
+  function drawTold(pen, put, scale, one) {
+    const stage = stageOf(one);
+    if (!stage || one.shown === null) return;
+    const { truth, uv, others, rate, sizes } = record, own = one.shown === "tv" ? [truth, 0, sizes[0]] : [uv, record.from.uv, sizes[1]];
+    const { places, from, step, size } = others[one.shown] ?? { places: own[0], from: own[1], step: 1 / rate, size: own[2] };
+    const where = (time - from) / step, place = at(places, where);
+    if (!place) return;
+    const angle = facing(places, where, 1), radius = Math.max(size[0] * scale * 0.7, 9);
+    const [x, y] = put(place[0] - (Math.cos(angle) * size[0]) / 2, place[1] - (Math.sin(angle) * size[0]) / 2);
+    pen.beginPath();
+    pen.arc(x, y, radius, 0, 2 * Math.PI);
+    pen.strokeStyle = colours.ink;
+    pen.lineWidth = 2.5;
+    pen.setLineDash(stage === "does so" ? [] : [4, 4]);
+    pen.stroke();
+    pen.setLineDash([]);
+    label(pen, `${one.says} (${stage})`, x, y + radius + 14 * letters, "center", true);
   }
 
   // What the TV does at this instant: the maneuver that is nearest in time.
@@ -433,7 +467,7 @@
       line(x(t), top, x(t), bottom, colours.classes[which]);
       mark(pen, which, x(t), top + 6, 7);
       const late = t > record.duration / 2;
-      label(pen, wrong ? "✗ alarm" : "✓ alarm", x(t) + (late ? -9 : 9), top + 11, late ? "right" : "left", true);
+      label(pen, wrong === null ? "alarm" : wrong ? "✗ alarm" : "✓ alarm", x(t) + (late ? -9 : 9), top + 11, late ? "right" : "left", true);
     }
     line(x(time), top, x(time), bottom, colours.ink);
   }

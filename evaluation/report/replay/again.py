@@ -85,7 +85,7 @@ class Again:
         if not np.isin(wanted.decided_s, decided).all():
             return None
         recording, motion = sensing.recording, self.study.dataset.motion
-        times, truth = _driven(recording, wanted.tv, wanted.from_s, wanted.to_s, motion)
+        times, truth = driven(recording, wanted.tv, wanted.from_s, wanted.to_s, motion)
         stretch = next(one for one in stretches if wanted.at_s in one.decision_s)
         track = next((one for one in sensing.tracks([stretch]) if wanted.at_s in one.stretch.decision_s), None)
         if track is None:
@@ -93,7 +93,7 @@ class Again:
         known_s = track.stretch.start_s + np.arange(track.state.shape[1]) / self.study.dataset.record.tv_rate_hz
         inside = times[(times >= known_s[0]) & (times <= known_s[-1])]
         uv = stretch.uv[stretch.decision_s.tolist().index(wanted.at_s)]
-        uv_times, uv_path = _driven(recording, uv, float(times[0]), float(times[-1]), motion)
+        uv_times, uv_path = driven(recording, uv, float(times[0]), float(times[-1]), motion)
         return Seen(
             uv=uv,
             start_s=float(times[0]),
@@ -106,7 +106,7 @@ class Again:
         )
 
 
-def _driven(
+def driven(
     recording: Recording, vehicle: str, from_s: float, to_s: float, motion: MotionSettings
 ) -> tuple[Array, Array]:
     """Return at which of RATE_HZ instants a second a vehicle is on the road, s, (n,), and where, m, (2, n).

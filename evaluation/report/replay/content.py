@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -38,8 +38,18 @@ def _places(value: Any) -> Array:
     return places
 
 
+def _table(value: Any) -> Array:
+    """Return a table of numbers from plain values. Raises ValueError where it is none."""
+    table = np.array(value, np.float64)
+    if table.ndim != 2 or not np.isfinite(table).all():
+        raise ValueError("is no table of finite numbers")
+    return table
+
+
 Places = Annotated[Array, PlainValidator(_places), PlainSerializer(lambda places: places.tolist())]
 """Places in m, (2, n), that can be stored."""
+Table = Annotated[Array, PlainValidator(_table), PlainSerializer(lambda table: table.tolist())]
+"""Other numbers, in rows, that can be stored."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +80,8 @@ class TrackPath:
     number: str
     from_s: float
     step_s: float
-    places: Array
-    spread: Array
+    places: Places
+    spread: Table
 
     def packed(self, middle: Array, step: float) -> dict[str, Any]:
         """Return the track as plain values. middle, step: of packed places."""
@@ -92,7 +102,7 @@ class Detected:
 
     from_s: float
     step_s: float
-    places: Sequence[Array]
+    places: Sequence[Table]
 
     def packed(self, middle: Array, step: float) -> dict[str, Any]:
         """Return the detections as plain values; those that lie nowhere on the plane are left out."""
@@ -111,7 +121,7 @@ class Inside:
 
     title: str
     names: Sequence[str]
-    values: Array
+    values: Table
 
     def packed(self) -> dict[str, Any]:
         """Return the lines as plain values: bytes, of which 255 is the top of the axis."""
@@ -133,7 +143,7 @@ class Answers:
 
     from_s: float
     step_s: float
-    probabilities: Array
+    probabilities: Table
     predicted: str | None
     wrong: bool | None
     inside: Sequence[Inside] = ()
@@ -151,11 +161,29 @@ class Maneuver:
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm for the TV. time_s: s after the record's start. false: whether it belongs to no maneuver."""
+    """An alarm for the TV. time_s: s after the record's start. false: whether it belongs to no maneuver; None where
+    that is not judged."""
 
     intention: str
     time_s: float
-    false: bool
+    false: bool | None
+
+
+@dataclass(frozen=True)
+class Told:
+    """An instruction to a vehicle.
+
+    says: what it asks for. alarm: on which it was sent. sent_s: s after the record's start. begun_s, ended_s: when the
+    vehicle began and ceased to follow it; None where it did not while it was simulated. fate: what became of it.
+    """
+
+    vehicle: str
+    says: str
+    alarm: str
+    sent_s: float
+    begun_s: float | None
+    ended_s: float | None
+    fate: str
 
 
 @dataclass(frozen=True)
@@ -167,6 +195,7 @@ class Moving:
     traffic: as it drove), at RATE_HZ. sensed_from_s, uv_from_s: when the latter two begin. sizes: length and width of
     the TV and of the UV, m. others: vehicles near them; empty where they are not known. name: in the list; by default,
     the id and the answer. about: a sentence on what is shown; by default, ids and times. tracks, detected: of a scene.
+    told: instructions to vehicles, in the order in which they were sent.
     """
 
     id: str
@@ -176,9 +205,9 @@ class Moving:
     uv_id: str
     start_s: float
     maneuvers: Sequence[Maneuver]
-    truth: Array
-    sensed: Array
-    uv: Array
+    truth: Places
+    sensed: Places
+    uv: Places
     sizes: tuple[tuple[float, float], tuple[float, float]] = ((LENGTH_M, WIDTH_M), (LENGTH_M, WIDTH_M))
     others: Sequence[Vehicle] = ()
     answers: Answers | None = None
@@ -189,6 +218,7 @@ class Moving:
     about: str = ""
     tracks: Sequence[TrackPath] = ()
     detected: Detected | None = None
+    told: Sequence[Told] = ()
 
     @property
     def shown_name(self) -> str:
@@ -247,6 +277,10 @@ class Moving:
                 for vehicle in self.others
             ],
         }
+        if self.told:
+            shown: dict[str, str | int] = {one.id: k for k, one in enumerate(self.others)}
+            shown |= {self.tv_id: "tv", self.uv_id: "uv"}
+            content["told"] = [{**asdict(one), "shown": shown.get(one.vehicle)} for one in self.told]
         if self.detected is not None:
             content["scene"] = {
                 "tracks": [track.packed(middle, step) for track in self.tracks],

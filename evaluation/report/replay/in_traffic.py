@@ -166,7 +166,7 @@ def _moving(moment: Moment, seen: Seen, truth: Truth, alarms: Alarms) -> Moving:
         tv_id=tv,
         uv_id=seen.uv,
         start_s=start_s,
-        maneuvers=maneuvers_within(episode, moment.tv, start_s, end_s),
+        maneuvers=maneuvers_within(episode.facts.events, tv, start_s, end_s),
         truth=seen.truth,
         sensed=seen.sensed,
         uv=seen.uv_path,

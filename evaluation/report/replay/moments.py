@@ -15,6 +15,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.evaluation.report.replay.content import Alarm, Maneuver
 from isac_cosim.labeling.intentions import KNOWN, spoken
+from isac_cosim.labeling.streams.events import LiveEvent
 
 MOST_MOMENTS = 20
 """On one page."""
@@ -113,12 +114,12 @@ def rows_of(episode: LiveEpisode, vehicle: int, from_s: float, to_s: float) -> B
     return np.asarray((episode.vehicle == vehicle) & (times >= from_s - 1e-9) & (times <= to_s + 1e-9))
 
 
-def maneuvers_within(episode: LiveEpisode, tv: int, from_s: float, to_s: float) -> list[Maneuver]:
+def maneuvers_within(events: Iterable[LiveEvent], tv: str, from_s: float, to_s: float) -> list[Maneuver]:
     """Return what a vehicle really does within a span of time, s, by onset; neutral events say why they are."""
     return [
         Maneuver(event.intention, event.onset - from_s, event.commit - from_s, spoken(event.left_out or ""))
-        for event in episode.facts.events
-        if event.vehicle == episode.names[tv] and event.onset <= to_s and event.commit >= from_s
+        for event in events
+        if event.vehicle == tv and event.onset <= to_s and event.commit >= from_s
     ]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from isac_cosim.evaluation.closed_loop.episode import measured
+from isac_cosim.evaluation.closed_loop.episode import DrivenArm, measured
 from isac_cosim.evaluation.closed_loop.safety import Totals
 from isac_cosim.evaluation.closed_loop.scoring import arm_results, collisions, differences, rows_within, spans_of
 from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
@@ -26,7 +26,7 @@ def episode(gap_m: float, *alarms: AlarmFacts) -> ArmEpisode:
         ScriptedVehicle("ahead", 20.0, start_m=gap_m + 5.0, duration_s=8.0),
         ScriptedVehicle("far", 25.0, start_m=900.0, duration_s=8.0),
     )
-    return measured(recording, "placebo", list(alarms))
+    return measured(DrivenArm(recording, "placebo", list(alarms)))
 
 
 ALARM = AlarmFacts(tv="ahead", intention="hard_brake", time_s=1.0, raised_s=1.6, x=115.0, y=0.0)

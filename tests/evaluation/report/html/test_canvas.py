@@ -9,7 +9,17 @@ import numpy as np
 
 from isac_cosim.evaluation.report.page import write_page
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.evaluation.report.replay.content import Answers, Detected, Inside, Moving, Replay, TrackPath
+from isac_cosim.evaluation.report.replay.content import (
+    Alarm,
+    Answers,
+    Detected,
+    Inside,
+    Moving,
+    Replay,
+    Told,
+    TrackPath,
+    Vehicle,
+)
 from tests.support.browser import opened, serious_faults, texts_drawn
 
 
@@ -81,6 +91,41 @@ def test_a_chart_for_each_module_follows_the_time(browser: Any, tmp_path: Path) 
     drawn()
     shown.fill("#replay-time", "600")
     assert "CPE: gate" not in drawn()
+    assert serious_faults(shown) == []
+    assert shown.errors == []
+    shown.context.close()
+
+
+def test_instructions_are_drawn_while_they_last(browser: Any, tmp_path: Path) -> None:
+    path = np.stack([np.linspace(0.0, 100.0, 251), np.zeros(251)])
+    hostile = "</script><b>v</b>"
+    told = [
+        Told("uv", "slow down", "hard brake of tv", 1.0, 2.0, 5.0, "followed to its end"),
+        Told(hostile, "open the gap", "hard brake of tv", 1.0, None, None, "ignored by the driver"),
+        Told("elsewhere", "hold the lane", "hard brake of tv", 7.0, 7.5, None, "under way"),
+    ]
+    other = Vehicle(hostile, "car", 4.5, 1.8, 0.0, 0.2, path[:, ::5] + 5.0)
+    record = Moving(
+        "a", "hard_brake", "natural", "tv", "uv", 0.0, [], path, path, path - 30.0,
+        others=[other], alarms=[Alarm("hard_brake", 0.5, None)], about=f"On the alarm, vehicle {hostile} is told.",
+        told=told,
+    )  # fmt: skip
+    replay = Replay("Told", [record], [], [], noun="moment")
+    shown = opened(browser, write_page("Told", [Part("replay", replay=replay)], "made up", tmp_path))
+    drawn = texts_drawn(shown)
+    about = ", on the alarm for hard brake of tv"
+    for time_ms, expected in (
+        (70, {"alarm: hard brake"}),
+        (150, {"slow down (told)", "open the gap (ignored by the driver)", f"uv: slow down (told){about}"}),
+        (400, {"slow down (does so)", f"uv: slow down (does so){about}"}),
+        (600, {"slow down (followed to its end)", f"uv: slow down (followed to its end){about}"}),
+        (800, {f"elsewhere: hold the lane (does so){about}"}),
+    ):
+        shown.fill("#replay-time", str(time_ms))
+        said = {text for text in drawn() if "(" in text or "alarm" in text}
+        assert expected <= said
+        assert len([text for text in said if "slow down" in text]) == (2 if 150 <= time_ms <= 600 else 0)
+    assert f"vehicle {hostile} is told" in shown.text_content("#replay-status")
     assert serious_faults(shown) == []
     assert shown.errors == []
     shown.context.close()
