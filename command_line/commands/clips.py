@@ -24,7 +24,6 @@ def add_clips(app: typer.Typer) -> None:
     lines = (
         "clips brain4cars_data -o clips --complete-only",
         "clips brain4cars_data -o clips --road-weights resnet18.pth --driver-weights mobilefacenet.pth",
-        "reproduce castformer --clips clips",
     )
     app.command(cls=HelpfulCommand, epilog=examples(*lines))(clips)
 

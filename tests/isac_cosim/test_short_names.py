@@ -41,7 +41,7 @@ def imported_by(line: str) -> set[str]:
     [
         ("import isac_cosim", set()),
         ("import isac_cosim.models.inference", {"torch"}),
-        ("import isac_cosim.labeling.dataset.dataset", {"pandas", "pyarrow"}),
+        ("import isac_cosim.labeling.dataset.dataset", {"pyarrow"}),
     ],
 )
 def test_an_import_costs_what_it_uses(line: str, libraries: set[str]) -> None:
