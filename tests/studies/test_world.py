@@ -24,3 +24,10 @@ def test_the_last_digits_of_what_a_processor_computes_are_no_setting(monkeypatch
     assert not differing(recorded, now)
     monkeypatch.setattr(reference_line, "WIDTHS_M", widths * (1 + 1e-9))
     assert differing(before, {"traffic": constants(ROOM)}) == {"traffic": [WIDTHS]}
+
+
+def test_only_the_parts_that_the_present_rests_on_count() -> None:
+    before = {"traffic": {"a.A_M": 1.0}, "recordings": {"b.B_M": 2.0}}
+    assert not differing(before, {"traffic": {"a.A_M": 1.0}})
+    assert differing({"traffic": {"a.A_M": 1.0}}, before) == {"recordings": ["b.B_M"]}
+    assert differing(before, {"traffic": {}}) == {"traffic": ["a.A_M"]}

@@ -85,7 +85,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class Rises:
-    """Where the levels of an intention rise, in n predictions, the highest first: what an alarm may begin with.
+    """Where the levels of an intention rise, in n predictions, the lowest first: what an alarm may begin with.
 
     rows: numbers of the predictions, (n,). level, before: the level there and at the prediction before, NEVER before
     the first one after a pause, (n,). rose_from: as `Levels.rose_from`, (n,).
@@ -103,14 +103,14 @@ class Rises:
         before[1:] = np.where(begins[1:], np.float32(NEVER), level[:-1])
         rose_from = np.full(len(level), NEVER, np.float32) if rose_from is None else rose_from
         rows = np.flatnonzero((level > before) | (rose_from > NEVER))
-        rows = rows[np.argsort(-level[rows], kind="stable")]
+        rows = rows[np.argsort(level[rows], kind="stable")]
         return cls(rows, *(column[rows].astype(np.float64) for column in (level, before, rose_from)))
 
     def at(self, threshold: float) -> IntArray:
         """Return the predictions at which the level rises to a threshold, or anew above it, in order, (m,)."""
-        reached = int(np.searchsorted(-self.level, -threshold, side="right"))
-        rises = (self.before[:reached] < threshold) | (self.rose_from[:reached] >= threshold)
-        return np.sort(self.rows[:reached][rises])
+        first = int(np.searchsorted(self.level, threshold))
+        rises = (self.before[first:] < threshold) | (self.rose_from[first:] >= threshold)
+        return np.sort(self.rows[first:][rises])
 
 
 @dataclass(frozen=True)

@@ -284,9 +284,9 @@ def _snr(out: Path, by_snr: dict[float, Trainings]) -> Part | None:
         for name, values in curves.items()
         for level, value in zip(levels, values, strict=True)
     ]
-    figures = [("fig5.png", "F1 of each intention.")]
+    pictures = [("fig5.png", "F1 of each intention.")]
     return Part(
-        "fig5", "Fig. 5: F1 by SNR", text, rows, figures, figure_rows={"fig5.png": drawn}, charts={"fig5.png": chart}
+        "fig5", "Fig. 5: F1 by SNR", text, rows, pictures, figure_rows={"fig5.png": drawn}, charts={"fig5.png": chart}
     )
 
 
