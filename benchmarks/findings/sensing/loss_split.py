@@ -61,6 +61,7 @@ SCENES: Mapping[str, Mapping[str, str]] = {
 TRUTH, SINGLE = "truth", "single"
 TRAINING: Mapping[str, Mapping[str, Any]] = {"trees": {}, "rule": {"rule": {"fit": True}}}
 """The predictors, and their own settings. The rule of the road learns no more than the scale of its thresholds."""
+TITLES = {"trees": "Boosted trees", "rule": "Rule of the road"}
 END_AFTER_S = (-1.0, 2.2)
 """Window ends that are trained on, s after onset."""
 ENDS: Mapping[str, Sequence[float]] = {
@@ -190,26 +191,32 @@ def accuracy(counts: Counts, chosen: BoolArray, less: Counts | None = None) -> t
 
 
 def table(answers: Mapping[str, Mapping[str, Counts]]) -> Iterable[str]:
-    """Yield the lines of the result: for each predictor and way, accuracy and what is lost to the truth, in points."""
+    """Yield the lines of the result, in Markdown: for each predictor and way, accuracy and its difference to the truth.
+
+    Both are in points, with half the interval of the difference.
+    """
     for model, of_ways in answers.items():
         of_truth = of_ways[TRUTH]
         end, origin = (np.array([row[k] for row in of_truth], dtype=object) for k in (1, 2))
         parts: dict[str, BoolArray] = {name: np.isin(end.astype(float), ends) for name, ends in ENDS.items()}
         parts |= {str(name): np.asarray(origin == name) for name in sorted(set(origin))}
-        yield f"{model} | " + " | ".join(
-            f"{name} ({sum(row[3] for row, used in zip(of_truth, of, strict=True) if used)} windows)"
-            for name, of in parts.items()
-        )
+        windows = {
+            name: sum(row[3] for row, used in zip(of_truth, of, strict=True) if used) for name, of in parts.items()
+        }
+        yield f"### {TITLES[model]}: right answers, % of windows, and points less than from the truth\n"
+        yield "| known by | " + " | ".join(f"{name} ({windows[name]})" for name in parts) + " |"
+        yield "| --- |" + " --- |" * len(parts)
         for way, counts in of_ways.items():
             cells = []
             for of in parts.values():
                 value, half = accuracy(counts, of)
-                text = f"{100 * value:.1f} ± {100 * half:.1f}"
-                if way != TRUTH:
+                if way == TRUTH:
+                    cells.append(f"{100 * value:.1f} ± {100 * half:.1f}")
+                else:
                     lost, wide = accuracy(counts, of, of_truth)
-                    text += f" ({100 * lost:+.1f} ± {100 * wide:.1f})"
-                cells.append(text)
-            yield f"{way} | " + " | ".join(cells)
+                    cells.append(f"{100 * value:.1f} ({100 * lost:+.1f} ± {100 * wide:.1f})")
+            yield f"| {way} | " + " | ".join(cells) + " |"
+        yield ""
 
 
 def _slug(way: str) -> str:
@@ -241,9 +248,14 @@ def main() -> None:
     datasets = split.sense()
     records = split.records(datasets)
     kept, whole = len(records[TRUTH]), sum(map(len, datasets[SINGLE]))
-    print(f"seeds {first}:{last}, {seconds:g} s each; {kept} of {whole} records are known in every way")
-    for way in ways:
-        print(f"{way}: {whole - sum(map(len, datasets[way]))} records without a track")
+    print(
+        "### Records\n\n| seeds | length of each, s | records | known in every way | "
+        + " | ".join(f"{way}: without a track" for way in ways)
+        + " |"
+    )
+    print("| --- |" + " --- |" * (3 + len(ways)))
+    lost = " | ".join(str(whole - sum(map(len, datasets[way]))) for way in ways)
+    print(f"| {first} to {last} | {seconds:g} | {whole} | {kept} | {lost} |\n")
     for line in table(split.answers(records)):
         print(line)
 

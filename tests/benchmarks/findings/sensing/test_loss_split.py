@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from isac_cosim.benchmarks.findings.figures.pages import printed_tables
 from isac_cosim.benchmarks.findings.sensing import loss_split
 from isac_cosim.benchmarks.findings.sensing.loss_split import ENDS, SINGLE, TRUTH, Counts, Split, accuracy, table
 from tests.support.scripted import InlineEngine
@@ -42,7 +43,8 @@ def test_every_way_answers_the_same_windows(tmp_path: Path, monkeypatch: pytest.
     assert {row[1] for row in of_truth} == {end for ends in ENDS.values() for end in ends if end > -0.75}
     assert {row[0] for row in of_truth} == set(first.groups)
     assert sum(row[3] for row in of_truth if row[1] == 0.0) == len(first)
-    assert len(list(table(answers))) == 4
+    printed = printed_tables("\n".join(table(answers)))["Rule of the road"].splitlines()
+    assert [line.split(" | ")[0] for line in printed[4:]] == [f"| {way}" for way in records]
 
     def never(*_: Any) -> Counts:
         raise AssertionError("trained again")
