@@ -92,11 +92,12 @@ def _first_numbers(result: TrafficResult) -> list[tuple[str, str]]:
         if headline is not None and headline.recall is not None:
             interval = headline.recall_interval
             whole = interval is None or (interval.low <= 0 and interval.high >= 1)
-            between = "" if interval is None or whole else f" ({interval.low:.2f} to {interval.high:.2f})"
+            between = "" if whole else _between(interval, 2, "")
             numbers.append((f"{headline.recall:.2f}{between}", f"of {counted(headline.events, 'event')} {title}"))
     if result.prediction is not None and result.prediction.false_alarms_per_vehicle_hour is not None:
         rate = result.prediction.false_alarms_per_vehicle_hour
-        numbers.append((f"{rate:.2f}", "false alarms per vehicle-hour, of those that predict"))
+        between = _between(result.prediction.false_alarms_interval, 2, "")
+        numbers.append((f"{rate:.2f}{between}", "false alarms per vehicle-hour, of those that predict"))
     return numbers
 
 
@@ -350,8 +351,8 @@ def _arm_sentences(result: ClosedLoopResult) -> list[str]:
     return lines
 
 
-def _between(interval: Interval | None, digits: int) -> str:
-    return f" ({interval.low:+.{digits}f} to {interval.high:+.{digits}f})" if interval else ""
+def _between(interval: Interval | None, digits: int, sign: str = "+") -> str:
+    return f" ({interval.low:{sign}.{digits}f} to {interval.high:{sign}.{digits}f})" if interval else ""
 
 
 def _number(value: float | None) -> str:
@@ -364,14 +365,13 @@ def _sentences(result: TrafficResult) -> list[str]:
     enough = result.over_all.events >= LEAST_FOR_SENTENCE
     for point in result.recall_at if enough else ():
         if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
-            interval = point.recall_interval
-            between = f" ({interval.low:.2f} to {interval.high:.2f})" if interval else ""
+            between = _between(point.recall_interval, 2, "")
             lines.append(
                 f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
             )
     for cost in result.truth.lost if result.truth and enough else ():
         if cost.false_alarms_per_vehicle_hour == 1.0:
-            between = f" ({cost.interval.low:+.3f} to {cost.interval.high:+.3f})" if cost.interval else ""
+            between = _between(cost.interval, 3)
             lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
     if result.near_miss_alarms:
         lines.append(f"neutral: {result.near_miss_alarms} alarms for motion just under a threshold")

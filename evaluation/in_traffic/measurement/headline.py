@@ -23,7 +23,13 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     NearMisses,
     RateScores,
 )
-from isac_cosim.evaluation.in_traffic.scores.scoring import AlarmOutcome, Truth, event_scores, median_lead
+from isac_cosim.evaluation.in_traffic.scores.scoring import (
+    AlarmOutcome,
+    Truth,
+    event_scores,
+    median_lead,
+    rate_interval,
+)
 from isac_cosim.evaluation.in_traffic.settings import LiveSettings, Method
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.labeling.streams.events import NEAR_MISS
@@ -85,6 +91,7 @@ def _headline(
         recall=result.over_all.recall,
         recall_interval=result.over_all.recall_interval,
         false_alarms_per_vehicle_hour=rate,
+        false_alarms_interval=rate_interval(of_run.outcomes, live.scoring),
         keeps_to_rate=keeps_to_rate(rate, asked),
         lead_s=_median_lead(of_run, after_commit_s),
         by_intention={

@@ -291,9 +291,10 @@ class HeadlineResult(Settings):
     intentions alone, chosen on the development seeds, and frozen.
     by_commit_plus_s: how long after its commit an event is still named in time, s. chosen_for: false alarms per
     vehicle-hour that the alarms were chosen for. false_alarms_per_vehicle_hour: what they raise on the measured seeds.
-    keeps_to_rate: whether that is within a factor of 1.5 of the former; None without any hour. lead_s, by_intention: as
-    in `HeadlineScores`. recall_at_lead: share of events whose alarm came at least so many seconds before the commit.
-    near_misses: of these intentions. at: alarms chosen for each rate.
+    false_alarms_interval: of that, None with a single seed and in results of earlier versions. keeps_to_rate: whether
+    that is within a factor of 1.5 of the former; None without any hour. lead_s, by_intention: as in `HeadlineScores`.
+    recall_at_lead: share of events whose alarm came at least so many seconds before the commit. near_misses: of these
+    intentions. at: alarms chosen for each rate.
     """
 
     by_commit_plus_s: float
@@ -303,6 +304,7 @@ class HeadlineResult(Settings):
     recall: float | None
     recall_interval: Interval | None
     false_alarms_per_vehicle_hour: float | None
+    false_alarms_interval: Interval | None = None
     keeps_to_rate: bool | None
     lead_s: float | None
     by_intention: dict[str, HeadlineScores]

@@ -284,6 +284,25 @@ def _recall_interval(outcomes: Sequence[AlarmOutcome], settings: ScoringSettings
     return recall_interval(predicted.sum(), events.sum(), left_out, settings)
 
 
+def rate_interval(outcomes: Sequence[AlarmOutcome], settings: ScoringSettings) -> Interval | None:
+    """Return the interval of the false alarms per vehicle-hour over the outcomes of several seeds, no less than 0.
+
+    None with a single seed, or where the rate is undefined without one of them. Where no seed has a false alarm, seeds
+    do not differ: the interval is then the exact one of a Poisson process (Garwood 1936).
+    """
+    false = np.array([len(outcome.false_intention) for outcome in outcomes], dtype=np.float64)
+    hours = np.array([outcome.hours.sum() for outcome in outcomes], dtype=np.float64)
+    others = hours.sum() - hours
+    left_out = np.divide(false.sum() - false, others, out=np.full(len(hours), np.nan), where=others > 0)
+    interval = interval_over_seeds(false.sum() / hours.sum() if hours.sum() else np.nan, left_out, settings)
+    if interval is None:
+        return None
+    if not false.any():
+        most = float(chi2.ppf((1 + settings.confidence) / 2, 2)) / 2
+        return interval.model_copy(update={"high": most / float(hours.sum())})
+    return interval.model_copy(update={"low": max(interval.low, 0.0)})
+
+
 def _ratio(part: float, whole: float) -> float | None:
     return float(part / whole) if whole > 0 else None
 

@@ -131,7 +131,12 @@ def test_the_page_of_a_result_without_scores_before_the_commit_is_made(evaluatio
 def test_a_live_evaluation_begins_with_its_three_figures(tmp_path: Path) -> None:
     stored = Path(cosim.__file__).parent / "docs" / "live" / "motorway_stimulated.json"
     scores = {"lead_s": None, "by_intention": {}, "false_alarms_per_vehicle_hour": 0.7, "recall": 0.5, "at": []}
-    sure = HeadlineResult.model_construct(**scores, events=1, recall_interval=Interval(low=0.2, high=0.8))
+    sure = HeadlineResult.model_construct(
+        **scores,
+        events=1,
+        recall_interval=Interval(low=0.2, high=0.8),
+        false_alarms_interval=Interval(low=0.25, high=1.15),
+    )
     unsure = sure.model_copy(update={"events": 9, "recall_interval": Interval(low=0.0, high=1.0)})
     update = {"prediction": sure, "recognition": unsure}
     result = TrafficResult.model_validate_json(stored.read_text()).model_copy(update=update)
@@ -141,6 +146,6 @@ def test_a_live_evaluation_begins_with_its_three_figures(tmp_path: Path) -> None
     assert first.numbers == [
         ("0.50 (0.20 to 0.80)", "of 1 event predicted by their commit"),
         ("0.50", "of 9 events recognised by 0.5 s after it"),
-        ("0.70", "false alarms per vehicle-hour, of those that predict"),
+        ("0.70 (0.25 to 1.15)", "false alarms per vehicle-hour, of those that predict"),
     ]
     assert result.scenario in first.text

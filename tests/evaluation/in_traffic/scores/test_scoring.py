@@ -16,6 +16,7 @@ from isac_cosim.evaluation.in_traffic.scores.scoring import (
     event_scores,
     false_alarms_near,
     lead_times,
+    rate_interval,
     recall_interval,
 )
 from isac_cosim.evaluation.in_traffic.settings import BackgroundSettings, LiveSettings
@@ -100,6 +101,29 @@ def test_an_interval_stays_within_0_and_1_and_needs_two_seeds_with_events() -> N
     nothing = Truth.of(episode(3), 2.0).outcome(alarms())
     for outcomes in ([one], [one, nothing]):
         assert event_scores(outcomes, SETTINGS).recall_interval is None
+
+
+def test_the_interval_of_a_rate_is_that_of_the_jackknife_over_seeds() -> None:
+    """Three seeds with 0, 1 and 3 false alarms in a minute of two vehicles each; by hand."""
+    false = [alarms(), alarms((0, 5, 50)), alarms((0, 5, 50), (1, 5, 20), (0, 3, 30))]
+    outcomes = [Truth.of(episode(seed), 2.0).outcome(raised) for seed, raised in enumerate(false)]
+    hours = 2 / 60
+    left_out = np.array([4, 3, 1]) / (2 * hours)
+    half_width = student_t.ppf(0.975, 2) * np.sqrt(2 / 3 * ((left_out - left_out.mean()) ** 2).sum())
+    interval = rate_interval(outcomes, SETTINGS)
+    assert interval is not None
+    assert half_width > 4 / (3 * hours)  # No rate is below 0.
+    assert (interval.low, interval.high) == pytest.approx((0.0, 4 / (3 * hours) + half_width))
+    assert interval.seeds == 3
+    assert rate_interval(outcomes[:1], SETTINGS) is None
+
+
+def test_without_any_false_alarm_the_interval_is_that_of_a_poisson_process() -> None:
+    outcomes = [Truth.of(episode(seed), 2.0).outcome(alarms()) for seed in (1, 2)]
+    interval = rate_interval(outcomes, SETTINGS)
+    assert interval is not None
+    assert interval.low == 0.0
+    assert np.exp(-interval.high * 4 / 60) == pytest.approx(0.025)  # No alarm in so many hours at this rate.
 
 
 def test_intentions_and_origins_are_counted_apart(outcomes: list[scoring.AlarmOutcome]) -> None:
