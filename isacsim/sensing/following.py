@@ -18,9 +18,11 @@ from isac_cosim.isacsim.tracking.fusion import Fixes
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings, Tracks
 
 TOGETHER = 96
-"""Passages filtered at once: enough to make the filter cheap, few enough to keep their covariances small in memory."""
+"""Passages filtered at once: enough to make the filter cheap."""
 MOST_SNAPSHOTS = 800_000
-"""Most snapshots that are filtered at once: their covariances take 100 MB."""
+"""Most snapshots whose fixes wait until their passages are filtered: their covariances take 100 MB."""
+MOST_INSTANTS = 256
+"""Most instants that are filtered at once: the fixes of TOGETHER passages at them fit into a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -103,28 +105,33 @@ def filtered(
     before: what came of the fixes before these, of the same vehicles.
     """
     longest = max(len(part.valid) for part in fixes)
-    state = np.zeros((len(fixes), longest, 4))
-    covariance = np.tile(np.eye(4), (len(fixes), longest, 1, 1))
-    valid = np.zeros((len(fixes), longest), dtype=bool)
+    # By instant, as the filter goes through them.
+    state = np.zeros((longest, len(fixes), 4))
+    covariance = np.empty((longest, len(fixes), 4, 4))
+    covariance[:] = np.eye(4)
+    valid = np.zeros((longest, len(fixes)), dtype=bool)
     for row, part in enumerate(fixes):
         length = len(part.valid)
-        state[row, :length], covariance[row, :length], valid[row, :length] = part.state, part.covariance, part.valid
-    return kalman.track(state, covariance, valid, 1 / rate_hz, settings, before)
+        state[:length, row], covariance[:length, row], valid[:length, row] = part.state, part.covariance, part.valid
+    return kalman.track(state.swapaxes(0, 1), covariance.swapaxes(0, 1), valid.T, 1 / rate_hz, settings, before)
 
 
 def states_of(fixes: Sequence[Fixes], rate_hz: float, settings: TrackingSettings) -> list[Array]:
     """Return the filtered states of several vehicles, x, y, vx, vy, ax, ay, (6, S) of each."""
-    states: dict[int, Array] = {}
-    # Vehicles of about the same length are filtered together: a step costs much the same, however many there are.
-    remaining = sorted(range(len(fixes)), key=lambda number: -len(fixes[number].valid))
-    while remaining:
-        longest = len(fixes[remaining[0]].valid)
-        together = max(1, min(TOGETHER, MOST_SNAPSHOTS // longest))
-        part, remaining = remaining[:together], remaining[together:]
-        tracks = filtered([fixes[number] for number in part], rate_hz, settings).state
-        for row, number in enumerate(part):
-            states[number] = np.ascontiguousarray(tracks[row, : len(fixes[number].valid)].T)
-    return [states[number] for number in range(len(fixes))]
+    states = [np.empty((6, len(of.valid))) for of in fixes]
+    # A step costs much the same, however many vehicles there are: those of about the same length go together.
+    longest_first = sorted(range(len(fixes)), key=lambda number: -len(fixes[number].valid))
+    for first in range(0, len(fixes), TOGETHER):
+        going, tracks = longest_first[first : first + TOGETHER], None
+        for begin in range(0, len(fixes[going[0]].valid), MOST_INSTANTS):
+            piece = slice(begin, begin + MOST_INSTANTS)
+            going = [number for number in going if len(fixes[number].valid) > begin]
+            before = None if tracks is None else tracks.first(len(going))
+            tracks = filtered([fixes[number].part(piece) for number in going], rate_hz, settings, before)
+            for row, number in enumerate(going):
+                part = states[number][:, piece]
+                part[:] = tracks.state[row, : part.shape[1]].T
+    return states
 
 
 @dataclass(frozen=True)

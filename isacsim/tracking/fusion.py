@@ -46,6 +46,10 @@ class Fixes:
     covariance: Array
     valid: BoolArray
 
+    def part(self, instants: slice) -> Fixes:
+        """Return the fixes of some of the instants."""
+        return Fixes(self.state[instants], self.covariance[instants], self.valid[instants])
+
 
 class FusionMethod(Protocol):
     """A way of fusing several sites' measurements into one fix; a function, or any other callable."""

@@ -71,6 +71,10 @@ class Tracks:
     innovation: Array
     refused: IntArray
 
+    def first(self, count: int) -> Tracks:
+        """Return the tracks of the first records."""
+        return Tracks(self.state[:count], self.covariance[:count], self.innovation[:count], self.refused[:count])
+
 
 def transition(step_s: float) -> Array:
     """Transition matrix of constant acceleration over one step, (6, 6)."""
@@ -114,35 +118,85 @@ def track(
     before: what came of the fixes before these, of the same records; the filter goes on from there. A record that is
     filtered piece by piece gives what it gives as a whole.
     """
-    move, noise = transition(step_s), process_noise(step_s, settings.jerk_density)
-    states = np.empty((*fixes.shape[:2], 6))
-    innovations = np.zeros(fixes.shape[:2])
-    missing = ~valid
+    records, instants = valid.shape
+    # One instant after the other in memory: a step reads and writes whole pieces of it.
+    measured, uncertain, missing = (
+        np.ascontiguousarray(of.swapaxes(0, 1)) for of in (fixes[..., None], covariances, ~valid)
+    )
+    states, innovations = np.empty((instants, records, 6, 1)), np.zeros((instants, records, 1, 1))
     if before is None:
         state, spread = start(fixes[:, 0], covariances[:, 0], settings)
-        states[:, 0] = state
-        refused = np.zeros(len(fixes), dtype=np.int64)
+        states[0, ..., 0] = state
+        steps = _Steps(states[0], spread, np.zeros(records, dtype=np.int64), step_s, settings)
     else:
-        state, spread, refused = before.state[:, -1], before.covariance, before.refused.copy()
-    for k in range(1 if before is None else 0, fixes.shape[1]):
-        state = (move @ state[..., None])[..., 0]
-        spread = move @ spread @ move.T + noise
-        # A fix that is not valid has no weight: its gain is set to zero.
-        weight = np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
-        weight[missing[:, k]] = 0.0
-        surprise = (fixes[:, k] - state[:, :4])[..., None]
-        innovations[:, k] = (surprise.transpose(0, 2, 1) @ (weight @ surprise))[:, 0, 0]
-        outlier = innovations[:, k] > settings.gate
-        refused = np.where(outlier, refused + 1, np.where(missing[:, k], refused, 0))
-        weight[outlier] = 0.0
-        gain = spread[:, :, :4] @ weight
-        state = state + (gain @ surprise)[..., 0]
-        spread = spread - gain @ spread[:, :4]
+        steps = _Steps(before.state[:, -1, :, None], before.covariance, before.refused, step_s, settings)
+    gaps = missing.any(axis=1).tolist()
+    for k in range(1 if before is None else 0, instants):
+        steps.go(measured[k], uncertain[k], missing[k] if gaps[k] else None, states[k], innovations[k])
+    by_record = states[..., 0].swapaxes(0, 1), innovations[..., 0, 0].swapaxes(0, 1)
+    return Tracks(by_record[0], steps.spread, by_record[1], steps.refused)
+
+
+class _Steps:
+    """The filters of B records at one instant, which go on step by step.
+
+    Every product has a buffer of its own that each step overwrites: with few records, making arrays would take as long
+    as the arithmetic. Vectors are columns, (B, n, 1).
+    """
+
+    def __init__(
+        self, state: Array, spread: Array, refused: IntArray, step_s: float, settings: TrackingSettings
+    ) -> None:
+        self._settings, self._most_refused = settings, settings.reacquire_s / step_s
+        self._move, self._noise = transition(step_s), process_noise(step_s, settings.jerk_density)
+        self._state, self.spread, self.refused = np.ascontiguousarray(state), np.array(spread), refused.copy()
+        self._refusing = bool(refused.any())
+        records = len(state)
+        self._moved, self._correction = np.empty((records, 6, 1)), np.empty((records, 6, 1))
+        self._surprise, self._weighted = np.empty((records, 4, 1)), np.empty((records, 4, 1))
+        self._product, self._gain, self._total = (np.empty((records, *of)) for of in ((6, 6), (6, 4), (4, 4)))
+
+    def go(self, fix: Array, covariance: Array, missing: BoolArray | None, state: Array, innovation: Array) -> None:
+        """Go to the next instant. Writes state, (B, 6, 1), and innovation, the normalised one squared, (B, 1, 1).
+
+        fix: (B, 4, 1). covariance: (B, 4, 4). missing: where there is no fix, (B,); None if there are all.
+        """
+        moved, surprise, gain, product, spread = self._moved, self._surprise, self._gain, self._product, self.spread
+        np.matmul(self._move, self._state, out=moved)
+        np.matmul(self._move, spread, out=product)
+        np.matmul(product, self._move.T, out=spread)
+        np.add(spread, self._noise, out=spread)
+        weight = np.linalg.inv(np.add(spread[:, :4, :4], covariance, out=self._total))
+        # A fix that is missing has no weight: its gain is set to zero.
+        if missing is not None:
+            weight[missing] = 0.0
+        np.subtract(fix, moved[:, :4], out=surprise)
+        np.matmul(weight, surprise, out=self._weighted)
+        np.matmul(surprise.transpose(0, 2, 1), self._weighted, out=innovation)
+        outlier = innovation > self._settings.gate
+        if self._refusing or outlier.any():
+            self._refuse(outlier[:, 0, 0], missing, weight)
+        np.matmul(spread[:, :, :4], weight, out=gain)
+        np.add(moved, np.matmul(gain, surprise, out=self._correction), out=state)
+        np.matmul(gain, spread[:, :4], out=product)
+        np.subtract(spread, product, out=product)
         # Without this, rounding makes the covariance drift from symmetry, and the filter from its reference.
-        spread = (spread + spread.transpose(0, 2, 1)) / 2
-        lost = refused > settings.reacquire_s / step_s
+        np.add(product, product.transpose(0, 2, 1), out=spread)
+        np.divide(spread, 2, out=spread)
+        if self._refusing:
+            self._find_again(fix, covariance, state)
+        self._state = state
+
+    def _refuse(self, outlier: BoolArray, missing: BoolArray | None, weight: Array) -> None:
+        """Take the weight from outliers, and count those in a row."""
+        kept = 0 if missing is None else np.where(missing, self.refused, 0)
+        self.refused = np.where(outlier, self.refused + 1, kept)
+        self._refusing = bool(self.refused.any())
+        weight[outlier] = 0.0
+
+    def _find_again(self, fix: Array, covariance: Array, state: Array) -> None:
+        """Start the filters anew that have had nothing but outliers for too long."""
+        lost = self.refused > self._most_refused
         if lost.any():
-            state[lost], spread[lost] = start(fixes[lost, k], covariances[lost, k], settings)
-            refused[lost] = 0
-        states[:, k] = state
-    return Tracks(states, spread, innovations, refused)
+            state[lost, :, 0], self.spread[lost] = start(fix[lost, :, 0], covariance[lost], self._settings)
+            self.refused[lost] = 0

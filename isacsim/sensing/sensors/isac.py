@@ -79,10 +79,7 @@ class SitePicture(FixPicture):
         level = np.concatenate([self._level_db(piece, name, motions[name], of) for name, of in slots.items()])
         together, key = np.concatenate(list(slots.values())), ("live", self.traffic.scenario, self.traffic.seed, now)
         fixes, _ = fused(states, together, self._panels, level, self._settings, key)
-        parts = {name: slice(k * length, (k + 1) * length) for k, name in enumerate(slots)}
-        return {
-            name: Fixes(fixes.state[part], fixes.covariance[part], fixes.valid[part]) for name, part in parts.items()
-        }
+        return {name: fixes.part(slice(k * length, (k + 1) * length)) for k, name in enumerate(slots)}
 
     def _slots(self, motion: Array) -> IntArray:
         return assign(motion[:2].T, self.traffic.rate_hz, self._panels, self._settings.view)

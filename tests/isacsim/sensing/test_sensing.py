@@ -74,9 +74,10 @@ def test_a_record_does_not_depend_on_how_many_are_filtered_at_once(monkeypatch: 
     truth = [drive(40 + 10 * (k % 3), 150.0 * k, 1.0, 20.0) for k in range(5)]
     keys = [("together", k) for k in range(5)]
     reference = sense(truth, SITES, DEFAULT, keys)
-    monkeypatch.setattr("isac_cosim.isacsim.sensing.following.TOGETHER", 2)
-    again = sense(truth, SITES, DEFAULT, keys)
-    assert all(np.array_equal(a.state, b.state) for a, b in zip(reference, again, strict=True))
+    for most in ("TOGETHER", "MOST_INSTANTS"):
+        monkeypatch.setattr(f"isac_cosim.isacsim.sensing.following.{most}", 2)
+        again = sense(truth, SITES, DEFAULT, keys)
+        assert all(np.array_equal(a.state, b.state) for a, b in zip(reference, again, strict=True))
 
 
 @pytest.mark.parametrize("snr_db", [-20, 0, 10])

@@ -42,6 +42,52 @@ def test_equals_filterpy_over_a_record() -> None:
         assert np.abs(reference.P - tracks.covariance[record]).max() < 1e-6
 
 
+def plain_track(
+    fixes: np.ndarray, covariances: np.ndarray, valid: np.ndarray, settings: TrackingSettings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The filter as its equations are written: states, covariances after the last step, innovations, outliers."""
+    move, noise = transition(STEP_S), process_noise(STEP_S, settings.jerk_density)
+    states, innovations = np.empty((*valid.shape, 6)), np.zeros(valid.shape)
+    state, spread = start(fixes[:, 0], covariances[:, 0], settings)
+    states[:, 0], refused = state, np.zeros(len(fixes), dtype=np.int64)
+    for k in range(1, valid.shape[1]):
+        state = (move @ state[..., None])[..., 0]
+        spread = move @ spread @ move.T + noise
+        weight = np.linalg.inv(spread[:, :4, :4] + covariances[:, k])
+        weight[~valid[:, k]] = 0.0
+        surprise = (fixes[:, k] - state[:, :4])[..., None]
+        innovations[:, k] = (surprise.transpose(0, 2, 1) @ (weight @ surprise))[:, 0, 0]
+        outlier = innovations[:, k] > settings.gate
+        refused = np.where(outlier, refused + 1, np.where(valid[:, k], 0, refused))
+        weight[outlier] = 0.0
+        gain = spread[:, :, :4] @ weight
+        state = state + (gain @ surprise)[..., 0]
+        spread = spread - gain @ spread[:, :4]
+        spread = (spread + spread.transpose(0, 2, 1)) / 2
+        lost = refused > settings.reacquire_s / STEP_S
+        state[lost], spread[lost] = start(fixes[lost, k], covariances[lost, k], settings)
+        refused[lost] = 0
+        states[:, k] = state
+    return states, spread, innovations, refused
+
+
+@pytest.mark.parametrize("records", [1, 5, 40])
+def test_steps_in_buffers_are_the_plain_steps_to_the_last_bit(records: int) -> None:
+    """With fixes missing, with outliers now and then, and with vehicles that are lost and found again."""
+    fixes, covariance, valid = random_fixes(records, 300, 10)
+    fixes[:, 50:250:29, 1] += 200.0
+    fixes[::2, 120:, 0] += 300.0
+    fixes[::3, -20:, 0] -= 300.0
+    tracks = track(fixes, covariance, valid, STEP_S, TrackingSettings())
+    state, spread, innovation, refused = plain_track(fixes, covariance, valid, TrackingSettings())
+    assert refused.max() > 10
+    assert (innovation[:, 200] < 1000).all()
+    assert (tracks.state == state).all()
+    assert (tracks.covariance == spread).all()
+    assert (tracks.innovation == innovation).all()
+    assert (tracks.refused == refused).all()
+
+
 def test_process_noise_is_filterpys() -> None:
     noise = process_noise(0.01, 7.0)
     one_axis = Q_continuous_white_noise(3, 0.01, 7.0)
