@@ -10,7 +10,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import DIGEST, content_digest, write_json
@@ -34,6 +41,20 @@ class Settings(BaseModel):
     def known_sections(cls) -> Mapping[str, type[Settings]]:
         """Return the sections that this one may have besides its fields, for messages about wrong keys."""
         return {}
+
+
+class WithOptionalParts(Settings):
+    """Settings some parts of which are absent from what is stored, rather than null, where they do not apply.
+
+    What was stored before there was such a part thus stays as it was, to its digest.
+    """
+
+    optional_parts: ClassVar[frozenset[str]] = frozenset()
+
+    @model_serializer(mode="wrap")
+    def _leave_out_absent_parts(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = serialize(self)
+        return {key: value for key, value in content.items() if value is not None or key not in self.optional_parts}
 
 
 class Sealed(Settings):

@@ -15,12 +15,12 @@ from rich.table import Table
 
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, write_json
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, WithOptionalParts
 from isac_cosim.base.versions import OF_RUNS, versions
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.results import DatasetOrigin, EvaluationResult, MeasuredWindows
-from isac_cosim.evaluation.on_windows.score_results import ResultWithOptionalParts, Separation
+from isac_cosim.evaluation.on_windows.score_results import Separation
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.labeling.intentions import KNOWN, spoken
@@ -68,7 +68,7 @@ class HeldOutMadeBy(Settings):
     versions: dict[str, str]
 
 
-class HeldOutResult(ResultWithOptionalParts):
+class HeldOutResult(WithOptionalParts):
     """The content of `held_out.json`.
 
     model: the predictor.

@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, JsonValue, model_validator
 
-from isac_cosim.base.settings import Settings, read_json
+from isac_cosim.base.settings import Settings, WithOptionalParts, read_json
 from isac_cosim.evaluation.on_windows.explained import ExplainedIntention
 from isac_cosim.evaluation.on_windows.score_results import (
     AfterCommit,
@@ -27,7 +27,6 @@ from isac_cosim.evaluation.on_windows.score_results import (
     PairedDifference,
     PairScores,
     PairSpreads,
-    ResultWithOptionalParts,
     Separation,
     SnrBin,
     Spread,
@@ -44,7 +43,7 @@ ScoreName = Literal["before_commit_macro_f1", "macro_f1", "accuracy", "auroc_unk
 """The scores that sum up a run in one number."""
 
 
-class PredictorResult(ResultWithOptionalParts):
+class PredictorResult(WithOptionalParts):
     """The runs of one predictor, which differ in the training seed alone, summed up.
 
     name: of the predictor.
@@ -73,7 +72,7 @@ class PredictorResult(ResultWithOptionalParts):
     paired_difference_by_lead: list[LeadDifference] | None = None
 
 
-class RunResult(ResultWithOptionalParts):
+class RunResult(WithOptionalParts):
     """All metrics of one run.
 
     The first block of scores is on all windows of known intentions, wherever they end: the windows of the papers. Those

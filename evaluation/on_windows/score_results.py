@@ -6,26 +6,11 @@ Scores lie between 0 and 1.
 
 from __future__ import annotations
 
-from typing import ClassVar
-
-from pydantic import SerializerFunctionWrapHandler, model_serializer
-
 from isac_cosim.base.settings import Settings
 from isac_cosim.models.runs.former_names import OpenSetScore
 
 LEAST_FOR_VERDICT = 3
 """With fewer scenario seeds than this, no predictor is called better than another."""
-
-
-class ResultWithOptionalParts(Settings):
-    """A result of which some parts are absent from the file, rather than null, where they do not apply."""
-
-    optional_parts: ClassVar[frozenset[str]] = frozenset()
-
-    @model_serializer(mode="wrap")
-    def _leave_out_absent_parts(self, serialise: SerializerFunctionWrapHandler) -> dict[str, object]:
-        content: dict[str, object] = serialise(self)
-        return {key: value for key, value in content.items() if value is not None or key not in self.optional_parts}
 
 
 class Summary(Settings):

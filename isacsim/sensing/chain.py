@@ -7,21 +7,14 @@ every draw, so a vehicle's fixes come out the same alone, with others, and in an
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, WithOptionalParts
 from isac_cosim.isacsim.heading import heading_rad
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.radio.blockage import Blockers
@@ -57,8 +50,10 @@ def _current_name(value: Any) -> Any:
     return "block" if value == "window" else value
 
 
-class SensingSettings(Settings):
+class SensingSettings(WithOptionalParts):
     """The sensing chain of a study. The defaults are the paper's where it gives any."""
+
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"scene"})
 
     waveform: Waveform = Field(default_factory=Waveform)
     view: ViewSettings = Field(default_factory=ViewSettings)
@@ -96,14 +91,6 @@ class SensingSettings(Settings):
         """A scene has the link budget, where no channel is given."""
         if isinstance(content, dict) and content.get("scene") is not None and "channel" not in content:
             return {**content, "channel": {"kind": "link"}}
-        return content
-
-    @model_serializer(mode="wrap")
-    def _without_no_scene(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A scene is stored where there is one: what was stored before there were scenes is the same as ever."""
-        content: dict[str, Any] = serialize(self)
-        if content.get("scene", ...) is None:
-            del content["scene"]
         return content
 
     @model_validator(mode="after")

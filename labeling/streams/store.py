@@ -14,16 +14,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
 from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.files import replace_file
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import WithOptionalParts
 from isac_cosim.base.stored.episode_files import EpisodeFiles
 from isac_cosim.base.stored.tables import check_types
 from isac_cosim.isacsim.scene.scores import SceneScores
@@ -64,13 +64,15 @@ EVENT_COLUMNS = pa.schema(
 """The columns of a file of events, as in `LiveEvent`; `left_out` is empty for an event that counts."""
 
 
-class StreamFacts(Settings):
+class StreamFacts(WithOptionalParts):
     """The facts of an episode.
 
     fingerprint: of the dataset. simulated_s: recorded time, s. instants: number of due decisions of all vehicles.
     decisions: number of those that windows can be cut for. uncovered: number of the others, by reason. scene: how well
-    the network knew who was where; None, and then not stored, of sensors that know whom they watch.
+    the network knew who was where; absent of sensors that know whom they watch.
     """
+
+    optional_parts: ClassVar[frozenset[str]] = frozenset({"scene"})
 
     schema_version: Literal[1] = 1
     fingerprint: str
@@ -83,13 +85,6 @@ class StreamFacts(Settings):
     uncovered: dict[str, Annotated[int, Field(ge=0)]]
     scene: SceneScores | None = None
     events: tuple[LiveEvent, ...]
-
-    @model_serializer(mode="wrap")
-    def _without_no_scene(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        content: dict[str, Any] = serialize(self)
-        if content.get("scene", ...) is None:
-            del content["scene"]
-        return content
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from typing import ClassVar
 
 from pydantic import Field, JsonValue
 
-from isac_cosim.base.settings import Settings
+from isac_cosim.base.settings import Settings, WithOptionalParts
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveStudy, Sharing
-from isac_cosim.evaluation.on_windows.score_results import ResultWithOptionalParts
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.models.runs.run import RunCard
 
@@ -328,7 +327,7 @@ class StressResult(Headlines):
     compared: dict[str, Headlines] = Field(default_factory=dict)
 
 
-class TrafficResult(AlarmResult, ResultWithOptionalParts):
+class TrafficResult(AlarmResult, WithOptionalParts):
     """The content of `metrics.json`, with the scores of the kind of alarm that did better on the development seeds.
 
     model: of the run. scenario: its name. vehicle_hours: with predictions. development_hours: of the seeds on which
