@@ -21,6 +21,7 @@ import torch
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.isacsim.radio.bounds import cell_bound
 from isac_cosim.isacsim.radio.echo_tensor import observe_tensor
@@ -43,12 +44,8 @@ RATIOS = (
 
 def run() -> dict[str, Any]:
     """Measure everything; keys `snapshots_per_s`, `ratio_window`, `rmse_over_bound`, `record_s`, `reference`."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with torch_threads(1):
         return _measured()
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _measured() -> dict[str, Any]:

@@ -16,6 +16,7 @@ import numpy as np
 import torch
 
 from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.benchmarks.train import CLASSES, TV_RATE_HZ, UV_RATE_HZ
 from isac_cosim.models.data.windows import WindowSettings, in_frame
@@ -34,12 +35,8 @@ RATIOS = (
 
 def run() -> dict[str, Any]:
     """Return `ratio` (literal over pooled ASI-BIP), and by network `window_ms`, alone and within a batch."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
+    with torch_threads(1):
         return _measured()
-    finally:
-        torch.set_num_threads(threads)
 
 
 def predictors() -> dict[str, NetworkPredictor]:

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.evaluation.in_traffic.streams.predictions import (
     LiveWindows,
@@ -69,13 +69,8 @@ class LiveTime:
 
 def run() -> dict[str, Any]:
     """Return `real_time_factor`, and the processor time for one second of one vehicle by purpose."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            spent = [measured(Path(folder)) for _ in range(ROUNDS)]
-    finally:
-        torch.set_num_threads(threads)
+    with torch_threads(1), tempfile.TemporaryDirectory() as folder:
+        spent = [measured(Path(folder)) for _ in range(ROUNDS)]
     factors = [times.predicted_s / (times.sensing_s + times.cutting_s + times.trees_s) / VEHICLES for times in spent]
     per_second = {
         "sensing_and_tracking": [times.sensing_s / times.predicted_s for times in spent],

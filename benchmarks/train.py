@@ -28,6 +28,7 @@ import pandas as pd
 import torch
 
 from isac_cosim.base.files import json_text
+from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.benchmarks import environment
 from isac_cosim.benchmarks.ratios import Ratio
 from isac_cosim.models.data.fit_settings import OptimiserSettings
@@ -73,12 +74,8 @@ RATIOS = (
 
 def run() -> dict[str, Any]:
     """Return the ratios, `epoch_s` of each network, `environment`, and how they were measured."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(THREADS)
-    try:
+    with torch_threads(THREADS):
         return {**_measured(), "environment": environment.run()}
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _measured() -> dict[str, Any]:

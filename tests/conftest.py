@@ -7,6 +7,7 @@ import pytest
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.kept_workers import KeptWorkers
 from isac_cosim.base.workers.pool import WorkerPool
+from isac_cosim.base.workers.threads import torch_threads
 from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
@@ -35,12 +36,8 @@ def trees_run(records: Records, tmp_path_factory: pytest.TempPathFactory) -> Run
 @pytest.fixture
 def one_thread() -> Iterator[None]:
     """Small batches of torch lose more by sharing a thread pool than they gain."""
-    import torch
-
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+    with torch_threads(1):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -40,6 +40,19 @@ def limited(count: int = 1) -> Iterator[None]:
         _set_threads_of_torch(before)
 
 
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Let torch use so many threads inside the `with` block; what other libraries use stays as it is."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def _threads_of_torch() -> int:
     """Return how many threads torch uses, or about as many as it will use where it is not imported yet."""
     if "torch" in sys.modules:
