@@ -10,13 +10,13 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.command_line import options as opt
 from isac_cosim.command_line import output
+from isac_cosim.command_line import own_options as own
 from isac_cosim.command_line.commands.registration import add_commands
 from isac_cosim.command_line.exit_codes import exit_code
 from isac_cosim.command_line.help import NO_COMMAND, HelpfulCommand, examples
@@ -41,11 +41,9 @@ def common(context: typer.Context, version: opt.Version = False) -> None:
     cls=HelpfulCommand, epilog=examples("run", "run my_study.toml -o results/mine", "run my_study.toml --dry-run")
 )
 def run(
-    study: Annotated[Path | None, typer.Argument(help="Study file (.toml). Default: the bundled quick study.")] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to write. Default: the study's name, under results/.")
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only estimate the cost; write nothing.")] = False,
+    study: own.Study = None,
+    out: own.StudyFolder = None,
+    dry_run: opt.CostOnly = False,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -85,45 +83,17 @@ def run(
 )
 def generate(
     out: opt.Out,
-    scenarios: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="SCENARIO",
-            help="Name of a bundled scenario, folder, .sumocfg or .net.xml, or what else the source reads; one or "
-            "more. Default: what the source has for itself.",
-        ),
-    ] = None,
+    scenarios: own.Scenarios = None,
     source: opt.Source = None,
-    samples: Annotated[
-        int | None, typer.Option(min=1, help="Stop when there are this many samples. Default: use every seed.")
-    ] = None,
-    windows: Annotated[int | None, typer.Option("--windows", min=1, hidden=True)] = None,
-    streams: Annotated[
-        bool,
-        typer.Option(
-            "--streams", help="Store every watched stretch of driving, to cut windows from, in place of samples."
-        ),
-    ] = False,
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A:B", help="Seeds of the traffic, from A to B inclusive. Default: 1:20; of streams, 1:14."
-        ),
-    ] = None,
+    samples: own.Samples = None,
+    windows: own.Windows = None,
+    streams: own.AsStreams = False,
+    seeds: own.GeneratedSeeds = None,
     snr: opt.Snr = None,
     scene: opt.Scene = False,
-    natural: Annotated[
-        bool, typer.Option("--natural", help="Leave the drivers alone: no causes, commands or disturbances.")
-    ] = False,
-    drivers: Annotated[
-        str, typer.Option(metavar="theirs|ours", help="Who drives: the demand's own vehicle types, or our drivers.")
-    ] = "theirs",
-    demand: Annotated[
-        str,
-        typer.Option(
-            metavar="as-given|drawn", help="Departures: as the demand says, or up to 60 s later, drawn for each seed."
-        ),
-    ] = "as-given",
+    natural: own.Undisturbed = False,
+    drivers: own.Drivers = "theirs",
+    demand: own.Departures = "as-given",
     network: opt.Network = None,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
@@ -160,30 +130,18 @@ def generate(
 def sense(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    sensor: Annotated[
-        str | None, typer.Option(help="What senses the target vehicle: {sensors}. Default: isac.")
-    ] = None,
+    sensor: own.Sensor = None,
     snr: opt.Snr = None,
     scene: opt.Scene = False,
-    estimator: Annotated[
-        str | None, typer.Option(help="How angle, delay and Doppler are estimated: {estimators}.")
-    ] = None,
-    fusion: Annotated[
-        str | None, typer.Option(help="How the sites' measurements are fused: {fusion_methods}, eq5-covariance.")
-    ] = None,
-    sites: Annotated[int | None, typer.Option(help="Use at most this many sites at once.")] = None,
-    rain: Annotated[float | None, typer.Option(metavar="MM_PER_H", help="Rain rate, mm/h.")] = None,
-    no_blockage: Annotated[bool, typer.Option("--no-blockage", help="Ignore blockage by other vehicles.")] = False,
-    radar: Annotated[
-        str | None, typer.Option(help="Condition of the onboard radar (with --sensor radar): clear, nlos, weather.")
-    ] = None,
-    radar_preset: opt.RadarPreset = None,
-    pattern: Annotated[
-        str | None, typer.Option(help="Which cycles the radar loses (with --radar nlos): random, contiguous.")
-    ] = None,
-    records: Annotated[
-        int | None, typer.Option(help="Sense this many records, repeating the dataset's with new noise as needed.")
-    ] = None,
+    estimator: own.Estimator = None,
+    fusion: own.Fusion = None,
+    sites: own.MostSites = None,
+    rain: own.Rain = None,
+    no_blockage: own.NoBlockage = False,
+    radar: own.RadarCondition = None,
+    radar_preset: own.RadarPreset = None,
+    pattern: own.LostCycles = None,
+    records: own.SensedRecords = None,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -210,7 +168,7 @@ def sense(
 @app.command(cls=HelpfulCommand, epilog=examples("inspect data", "inspect data --verify --json"))
 def inspect(
     dataset: opt.DatasetFolder,
-    verify: Annotated[bool, typer.Option("--verify", help="Reread every shard and check its digest.")] = False,
+    verify: own.Verify = False,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -240,14 +198,14 @@ def inspect(
 def train(
     dataset: opt.DatasetFolder,
     out: opt.Out,
-    model: opt.Model = None,
-    epochs: opt.Epochs = None,
-    seed: opt.TrainingSeed = 0,
-    held_out: opt.HeldOut = None,
-    uv: opt.SeesUv = True,
-    lanes: opt.SeesLanes = True,
-    truth: opt.TrueTraining = False,
-    log: opt.Log = None,
+    model: own.Model = None,
+    epochs: own.Epochs = None,
+    seed: own.TrainingSeed = 0,
+    held_out: own.HeldOut = None,
+    uv: own.SeesUv = True,
+    lanes: own.SeesLanes = True,
+    truth: own.TrueTraining = False,
+    log: own.Log = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -272,26 +230,26 @@ def train(
     ),
 )
 def evaluate(
-    run: opt.RunFolder,
-    data: opt.EvaluatedDataset = None,
-    traffic: opt.TrafficScenario = None,
-    out: opt.EvaluationFolder = None,
-    against: opt.Against = None,
-    explain: opt.Explain = False,
-    seeds: opt.MeasuredSeeds = None,
-    development: opt.DevelopmentSeeds = None,
-    duration: opt.Duration = None,
-    false_alarms: opt.FalseAlarms = None,
-    truth: opt.TrueMotion = False,
-    lanes: opt.InLane = None,
-    alone: opt.AloneRun = None,
-    scene: opt.LiveScene = None,
-    source: opt.TrafficSource = None,
+    run: own.RunFolder,
+    data: own.EvaluatedDataset = None,
+    traffic: own.TrafficScenario = None,
+    out: own.EvaluationFolder = None,
+    against: own.Against = None,
+    explain: own.Explain = False,
+    seeds: own.MeasuredSeeds = None,
+    development: own.DevelopmentSeeds = None,
+    duration: own.Duration = None,
+    false_alarms: own.FalseAlarms = None,
+    truth: own.TrueMotion = False,
+    lanes: own.InLane = None,
+    alone: own.AloneRun = None,
+    scene: own.LiveScene = None,
+    source: own.TrafficSource = None,
     network: opt.Network = None,
-    natural: opt.NaturalTraffic = False,
-    stress: opt.Stress = False,
-    advisories: opt.Advisories = False,
-    conditioning: opt.ConditioningKind = None,
+    natural: own.NaturalTraffic = False,
+    stress: own.Stress = False,
+    advisories: own.Advisories = False,
+    conditioning: own.ConditioningKind = None,
     jobs: opt.Jobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
@@ -342,15 +300,15 @@ def evaluate(
     ),
 )
 def reproduce(
-    paper: opt.Paper,
-    out: opt.ReproductionFolder = None,
-    quick: opt.QuickSize = False,
-    stages: opt.Stages = None,
-    clips: opt.Clips = None,
-    background: opt.Background = None,
-    epochs: opt.PaperEpochs = None,
+    paper: own.Paper,
+    out: own.ReproductionFolder = None,
+    quick: own.QuickSize = False,
+    stages: own.Stages = None,
+    clips: own.Clips = None,
+    background: own.Background = None,
+    epochs: own.PaperEpochs = None,
     dry_run: opt.CostOnly = False,
-    jobs: opt.PaperJobs = None,
+    jobs: own.PaperJobs = None,
     cluster: opt.Cluster = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
@@ -370,10 +328,10 @@ def reproduce(
 
 @app.command(cls=HelpfulCommand, epilog=examples("replay results/quick/run --episode motorway-3 -o replay.html"))
 def replay(
-    source: opt.RunOrDataset,
-    episode: opt.Episode,
-    page: opt.Page,
-    data: opt.ReplayData = None,
+    source: own.RunOrDataset,
+    episode: own.Episode,
+    page: own.Page,
+    data: own.ReplayData = None,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
@@ -385,8 +343,8 @@ def replay(
 
 @app.command(cls=HelpfulCommand, epilog=examples("bench echo", "bench --all --json"))
 def bench(
-    what: Annotated[str | None, typer.Argument(metavar="NAME", help="What to measure: {benches}.")] = None,
-    every: Annotated[bool, typer.Option("--all", help="Run all of them and show one table of ratios.")] = False,
+    what: own.Bench = None,
+    every: own.EveryBench = False,
     as_json: opt.AsJson = False,
     quiet: opt.Quiet = False,
 ) -> None:
