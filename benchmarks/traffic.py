@@ -31,7 +31,6 @@ SCENARIO = "motorway"
 SEED = 1
 MEASURED_S = 60.0
 ROUNDS = 3
-KINDS = ("bare", "recording", "recording_sampled", "recording_and_maneuvers")
 RATIOS = (
     Ratio(("ratio",), "stepping with every state recorded over bare stepping", "SUMO writing 100 states a second"),
     Ratio(("ratio_sampled",), "the same from samples", "asking libsumo for 10 states a second"),

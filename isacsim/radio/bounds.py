@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.radio.waveform import LIGHT_SPEED_MPS, Waveform
+from isac_cosim.isacsim.radio.waveform import Waveform
 
 
 def cell_bound(snr: Array, waveform: Waveform) -> Array:
@@ -28,21 +28,3 @@ def measured_bound(snr: Array, waveform: Waveform) -> Array:
     snr: per-element, linear, shape (...). Returns standard deviations, shape (..., 3).
     """
     return np.asarray(cell_bound(snr, waveform) / np.abs(waveform.cells_per_unit))
-
-
-def angle_bound(snr: Array, sine: Array, waveform: Waveform) -> Array:
-    """Bound of the angle of arrival: standard deviation in radians, shape (...).
-
-    snr: per-element, linear. sine: of the true angle. Both of shape (...).
-    """
-    return np.asarray(measured_bound(snr, waveform)[..., 0] / np.sqrt(1 - np.asarray(sine) ** 2))
-
-
-def delay_bound(snr: Array, waveform: Waveform) -> Array:
-    """Bound of the delay: standard deviation in seconds, shape (...)."""
-    return np.asarray(measured_bound(snr, waveform)[..., 1] * 2 / LIGHT_SPEED_MPS)
-
-
-def doppler_bound(snr: Array, waveform: Waveform) -> Array:
-    """Bound of the Doppler shift: standard deviation in Hz, shape (...)."""
-    return np.asarray(measured_bound(snr, waveform)[..., 2] * 2 / waveform.wavelength_m)

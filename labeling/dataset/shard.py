@@ -311,14 +311,6 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     return table.select([name for name in wanted if name in table.column_names])
 
 
-def read_samples(path: Path) -> list[Sample]:
-    """Return the samples of a shard in its order. Raises InputError if the file is damaged or not a shard."""
-    try:
-        return samples_of(read_table(path))
-    except (KeyError, OSError, ValueError) as error:
-        raise InputError(f"{path}: not a whole shard of a dataset ({_reason(error)})") from None
-
-
 def samples_of(table: pa.Table) -> list[Sample]:
     """Return the samples in all columns of a shard. Raises KeyError if a column or an intention is unknown."""
     states = {name: states_of(table[name]) for name in ARRAYS if name != RUN_IN or name in table.column_names}

@@ -32,7 +32,7 @@ from isac_cosim.labeling.dataset.dataset import (
 )
 from isac_cosim.labeling.dataset.pull_outs import dropped_pull_outs
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_samples, read_shard, schema
+from isac_cosim.labeling.dataset.shard import ARRAYS, PASSING, SCALARS, read_shard, schema
 from isac_cosim.labeling.intentions import Intention
 from tests.support.former_dataset import as_schema, without_index
 
@@ -347,7 +347,7 @@ def test_datasets_of_former_schemas_open_with_the_present_columns(tmp_path: Path
     for name in ("tv", "uv"):
         stored_states = np.stack([in_plane(getattr(row, name), row.x0, row.y0) for row in rows])
         np.testing.assert_array_equal(former.arrays(name)[name], stored_states.astype(np.float32))
-    [first, *_] = samples = read_samples(former.shard_path(former.meta.shards[0]))
+    [first, *_] = samples = former.samples(former.meta.shards[0])
     assert (first.x0, first.y0) == (0.0, 0.0)
     if version == 3:
         assert set(frame["cause"]) == {"", "debris"}
@@ -376,7 +376,7 @@ def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Pat
     assert frame[["t_pass", "t_pair_end"]].isna().all(axis=None)
     assert frame.drop(columns=list(PASSING)).equals(written.drop(columns=list(PASSING)))
     assert len(former.frame(["t_pass"])) == len(former) == 9
-    [first, *_] = read_samples(former.shard_path(former.meta.shards[0]))
+    [first, *_] = former.samples(former.meta.shards[0])
     assert first.pull_out == ""
     assert len(dropped_pull_outs(former)) == 0
 
@@ -384,7 +384,7 @@ def test_the_first_datasets_of_schema_3_open_without_their_answers(tmp_path: Pat
 def test_a_reaction_without_a_cause_is_a_fault(tmp_path: Path) -> None:
     dataset = make(tmp_path / "data", (6,))
     [shard] = dataset.meta.shards
-    samples = [replace(row, cause="") for row in read_samples(dataset.shard_path(shard))]
+    samples = [replace(row, cause="") for row in dataset.samples(shard)]
     changed = write_shard(dataset.path / "shards", samples, shard.episode, *LENGTHS)
     write_meta(dataset.path, dataset.meta.model_copy(update={"shards": ShardIndex.of([changed])}))
     with pytest.raises(InputError, match="reactions are not the samples with a cause"):
@@ -404,4 +404,4 @@ def test_datasets_of_schema_4_open_and_have_no_tracks(tmp_path: Path) -> None:
     assert ((frame["track_id"] == "") & (frame["breaks"] == 0)).all()
     assert frame[["right_share", "position_sd_m"]].isna().all(axis=None)
     assert frame["x0"].tolist() == [100.0 * k for count in (6, 3) for k in range(count)]
-    assert len(read_samples(paths[0])) == 6
+    assert len(former.samples(former.meta.shards[0])) == 6

@@ -17,7 +17,7 @@ from isac_cosim.isacsim.sensing.chain import SensingSettings
 from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
 from isac_cosim.labeling.dataset.dataset import Dataset, Shard, ShardIndex
 from isac_cosim.labeling.dataset.record_point import in_plane
-from isac_cosim.labeling.dataset.shard import Episode, read_samples
+from isac_cosim.labeling.dataset.shard import Episode
 from isac_cosim.labeling.dataset.summary import summary
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.log import LOG_FILE
@@ -260,8 +260,8 @@ def test_the_radar_rides_on_the_true_uv(dataset: Dataset, tmp_path: Path) -> Non
         INLINE,
         source=ScriptedSource(tmp_path),
     )
-    noisy = read_samples(dataset.shard_path(dataset.meta.shards[0]))
-    silent = read_samples(quiet.shard_path(quiet.meta.shards[0]))
+    noisy = dataset.samples(dataset.meta.shards[0])
+    silent = quiet.samples(quiet.meta.shards[0])
     truth = np.stack([in_plane(sample.uv, sample.x0, sample.y0) for sample in silent])
     carriers = [_carrier(sample, dataset.meta, own_report(dataset)) for sample in noisy]
     error = np.stack([carrier.reported for carrier in carriers if carrier.reported is not None]) - truth
