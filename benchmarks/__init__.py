@@ -1,5 +1,7 @@
 """Benchmarks: the measurements behind the claims about speed and size.
 
+In comes the name of a benchmark; out come its ratios, and the table of all of them.
+
 A speed is a ratio, and both of its sides are measured in the same run. Nothing else imports this package, apart from
 `cosim bench`.
 """

@@ -1,1 +1,4 @@
-"""Pictures of roads, with the sites beside them and the vehicles on them."""
+"""Pictures of roads, with the sites beside them and the vehicles on them.
+
+In come lanes, sites and paths; out come pictures, one of which moves.
+"""

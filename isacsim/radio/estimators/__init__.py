@@ -1,5 +1,7 @@
 """Estimators of angle, delay and Doppler, by name. They know echoes and waveforms, but no sites and no vehicles.
 
+In come echoes, whole or as cells of their DFT; out come estimates in cells.
+
 To add an estimator, write a class that fulfils `isacsim.radio.estimation.Estimator`, and give it a line below or, in a
 package of its own, an entry point of GROUP.
 """

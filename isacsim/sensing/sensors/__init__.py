@@ -1,5 +1,7 @@
 """Sensors, by name: the one way to know a vehicle, in stored records, recordings and running traffic.
 
+In come the true motion of an episode and who is asked about; out come states as the sensor knows them.
+
 A sensor watches an episode, and is then asked about single vehicles, as whole records or piece by piece. It knows
 nothing of labels, datasets or predictors. To add one, write a class that fulfils `protocol.Sensor`, and give it a line
 below or, in a package of its own, an entry point of GROUP.
