@@ -108,7 +108,7 @@ class LiveScore(Settings):
     false_alarms_per_vehicle_hour: float | None
 
 
-class Row(Settings):
+class BenchmarkRow(Settings):
     """The score of a predictor. f1_by_lead: macro-F1 by lead time, s. live: by the rate that alarms were chosen for.
 
     as_frozen: whether the samples are those that were frozen to the last bit; None where that is not known.
@@ -166,7 +166,7 @@ def score(
     engine: Engine,
     live: bool = True,
     feedback: Feedback = SILENT,
-) -> Row:
+) -> BenchmarkRow:
     """Train a predictor on the test set's samples, score it, and write and return its row.
 
     live: whether it is measured in running traffic as well, which takes hours. Raises InputError where the settings are
@@ -180,7 +180,7 @@ def score(
         tested = generate(test_set.tested, out / "test", workers, feedback)
         run, hours = _trained(taught, training, folder, feedback)
         before_commit = evaluate(run, tested, folder / "test", test_set.evaluation).result.before_commit
-        row = Row(
+        row = BenchmarkRow(
             predictor=PREDICTORS[training.model].display_name,
             test_set=test_set.name,
             digests=frozen.digests,
@@ -225,7 +225,7 @@ def _live(run: Run, test_set: BenchmarkStudy, out: Path, engine: Engine, feedbac
     }
 
 
-def table(rows: Sequence[Row], frozen: Frozen) -> str:
+def table(rows: Sequence[BenchmarkRow], frozen: Frozen) -> str:
     """Return the table of rows in Markdown, the best at the first lead time on top.
 
     Raises InputError where a row is of another test set.
@@ -292,8 +292,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _rows(folder: Path) -> list[Row]:
-    rows = [row for file in sorted(folder.glob("*.json")) if (row := read_json(Row, file)) is not None]
+def _rows(folder: Path) -> list[BenchmarkRow]:
+    rows = [row for file in sorted(folder.glob("*.json")) if (row := read_json(BenchmarkRow, file)) is not None]
     if not rows:
         raise InputError(f"{folder}: holds no row; score a predictor, and put its row.json there")
     return rows

@@ -40,7 +40,7 @@ from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.metrics import spread
 from isac_cosim.evaluation.on_windows.passing import PullOuts
-from isac_cosim.evaluation.on_windows.repeats import summary
+from isac_cosim.evaluation.on_windows.repeats import spreads
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings, WindowEndCurveSettings
 from isac_cosim.evaluation.report.figures import draw_figures
@@ -191,7 +191,7 @@ class Bench:
     def scores(self, runs: Sequence[Run], ends: str) -> dict[str, Any]:
         """Return mean and spread over runs, each measured by itself, and how many windows they were measured on."""
         results = [self.evaluate([run], f"evaluated/{run.path.name}", ends) for run in runs]
-        return {"windows": results[0].n, **summary(results).model_dump(mode="json")}
+        return {"windows": results[0].n, **spreads(results).model_dump(mode="json")}
 
     def window_end_curves(self, runs: Sequence[Run], name: str) -> list[dict[str, Any]]:
         """`by_window_end` of each run, drawn in OUT/name/window_end.png."""

@@ -28,7 +28,7 @@ from isac_cosim.evaluation.closed_loop.store import (
     file_name,
     write_arm,
 )
-from isac_cosim.evaluation.in_traffic.alarms.background import Background
+from isac_cosim.evaluation.in_traffic.alarms.background import BackgroundTrees
 from isac_cosim.evaluation.in_traffic.alarms.stream import Alarm, AlarmStream, levelling
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings, LiveStudy
 from isac_cosim.evaluation.in_traffic.streams.predictions import run_answering
@@ -49,7 +49,7 @@ class Alarming:
     """
 
     settings: AlarmSettings | None
-    background: Background | None
+    background: BackgroundTrees | None
     random_per_hour: Mapping[str, float]
 
 

@@ -25,7 +25,7 @@ from isac_cosim.evaluation.closed_loop.results import ClosedLoopFacts, ClosedLoo
 from isac_cosim.evaluation.closed_loop.scoring import ALARMING, REFERENCE, arm_results
 from isac_cosim.evaluation.closed_loop.settings import ARMS, Arm, ClosedLoopSettings
 from isac_cosim.evaluation.closed_loop.store import FILES, ArmEpisode, file_name, read_arm
-from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, Background, KeptTrees
+from isac_cosim.evaluation.in_traffic.alarms.background import TREES_FOLDER, BackgroundTrees, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement.evaluation import STUDY_FILE, BegunEvaluation, evaluate_traffic
 from isac_cosim.evaluation.in_traffic.measurement.measuring import truths_of
 from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluation
@@ -122,7 +122,7 @@ def alarming_of(opened: TrafficEvaluation, study: LiveStudy, scenario: str, out:
         read = [open_loop.read_episode(path, features=True) for path in paths]
         episodes = [truth.episode for truth in truths_of(read, live.scoring)]
         kept = KeptTrees(out / TREES_FOLDER)
-        background = Background.fit(episodes, live.background, live.scoring.before_onset_s, kept=kept)
+        background = BackgroundTrees.fit(episodes, live.background, live.scoring.before_onset_s, kept=kept)
     rates = dict.fromkeys([known.text for known in KNOWN], 0.0)
     if settings is not None and opened.result.vehicle_hours:
         first = next(iter(opened.methods.values()))

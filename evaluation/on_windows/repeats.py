@@ -64,7 +64,7 @@ def over_training_seeds(measured: Sequence[MeasuredRun]) -> list[PredictorResult
         PredictorResult(
             name=group[0].run.name,
             training_seeds=[member.run.card.settings.seed for member in group],
-            **dict(summary([member.result for member in group])),
+            **dict(spreads([member.result for member in group])),
             paired_difference=None if group is first else difference(first, group),
             paired_difference_before_commit=None if group is first else difference_before_commit(first, group),
             paired_difference_by_lead=None if group is first else differences_by_lead(first, group),
@@ -73,7 +73,7 @@ def over_training_seeds(measured: Sequence[MeasuredRun]) -> list[PredictorResult
     ]
 
 
-def summary(results: Sequence[RunResult]) -> ScoreSpreads:
+def spreads(results: Sequence[RunResult]) -> ScoreSpreads:
     """Return mean and spread of the scores of several runs of one predictor."""
     pairs = [result.overtake_against_left for result in results]
     return ScoreSpreads(

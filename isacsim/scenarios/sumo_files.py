@@ -117,7 +117,7 @@ def _content(file: Path, *_: int) -> Content:
 def _harmless() -> Mapping[str, frozenset[str]]:
     """The elements that neither write nor read files nor set parameters, with their attributes."""
     special = {*ONLY_WRITE, *INPUT_ATTRIBUTES, *UNREAD, "param"}
-    known = sumo_schemas.elements().items()
+    known = sumo_schemas.known_elements().items()
     return {name: attributes - OUTPUT_ATTRIBUTES for name, attributes in known if name not in special}
 
 
@@ -135,7 +135,7 @@ def _filtered(begun: Iterable[Element], removed: Counter[str]) -> Iterator[tuple
         left_out = None
         if attributes.keys() <= harmless.get(name, none) and name in harmless:
             yield element, element
-        elif depth == 0 and (name in roots or name not in sumo_schemas.elements()):
+        elif depth == 0 and (name in roots or name not in sumo_schemas.known_elements()):
             yield element, _root(element)
         elif (passed := _passed(element, removed)) is not None:
             yield element, passed
@@ -145,7 +145,7 @@ def _filtered(begun: Iterable[Element], removed: Counter[str]) -> Iterator[tuple
 
 def _root(element: Element) -> Element:
     """A root that only holds the others, as SUMO gets it."""
-    allowed = sumo_schemas.elements().get(element.name)
+    allowed = sumo_schemas.known_elements().get(element.name)
     if allowed is None:
         return Element(0, "additional", {})
     if element.attributes.keys() <= allowed | SCHEMA_ATTRIBUTES:
@@ -156,7 +156,7 @@ def _root(element: Element) -> Element:
 def _passed(element: Element, removed: Counter[str]) -> Element | None:
     """Return an element as SUMO gets it, None where it gets nothing of it."""
     depth, name, attributes = element
-    known = sumo_schemas.elements().get(name)
+    known = sumo_schemas.known_elements().get(name)
     if known is None or name in ONLY_WRITE:
         _note(removed, name)
         return None

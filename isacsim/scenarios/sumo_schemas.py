@@ -30,7 +30,7 @@ NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 
 
 @cache
-def elements() -> Mapping[str, frozenset[str]]:
+def known_elements() -> Mapping[str, frozenset[str]]:
     """Return the names of the elements that SUMO reads, each with its attributes, wherever in a file it stands."""
     types: dict[str, ET.Element] = {}
     roots: list[ET.Element] = []

@@ -23,7 +23,7 @@ UP = np.array([0.5, 0.5, 0.5, 0.5, 1.0])
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenPoints:
     """N vehicles' J points as I panels see them.
 
     measured: sine, slant range (m), radial velocity (m/s), (N, I, J, 3). azimuth, zenith: of the direction from each
@@ -39,7 +39,7 @@ class Seen:
         return points_dbsm(self.azimuth, self.zenith)
 
 
-def look(state: Array, ahead: Array, size: Array | None, panels: Panels) -> Seen:
+def look(state: Array, ahead: Array, size: Array | None, panels: Panels) -> SeenPoints:
     """Return what panels see of vehicles' points.
 
     state: x, y (m), vx, vy (m/s) of the front bumper's centre, (N, 4). ahead: unit vector of the heading, (N, 2). size:
@@ -61,4 +61,6 @@ def look(state: Array, ahead: Array, size: Array | None, panels: Panels) -> Seen
     radial = (dx * state[:, 2, None, None] + dy * state[:, 3, None, None]) / distance
     along = ahead[:, 0, None, None] * dx + ahead[:, 1, None, None] * dy
     across = ahead[:, 0, None, None] * dy - ahead[:, 1, None, None] * dx
-    return Seen(np.stack([sine, distance, radial], axis=-1), np.arctan2(-across, -along), np.arccos(above / distance))
+    return SeenPoints(
+        np.stack([sine, distance, radial], axis=-1), np.arctan2(-across, -along), np.arccos(above / distance)
+    )

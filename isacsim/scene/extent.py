@@ -58,7 +58,7 @@ class Expected:
     ahead: Array
 
 
-def size_of(length: Array) -> Array:
+def size_of_length(length: Array) -> Array:
     """Return length, width and height that vehicles of a length are taken to have, m, (T,) -> (T, 3)."""
     long = length > LONG_M
     width, height = np.where(long, LONG_WIDTH_M, CAR_WIDTH_M), np.where(long, TRUCK_HEIGHT_M, CAR_HEIGHT_M)
@@ -71,7 +71,7 @@ def expected(state: Array, ahead: Array, panels: Panels, bodies: bool) -> Expect
         points = look(state[:, :4], ahead, None, panels)
         ones = np.ones(points.measured.shape[:3])
         return Expected(points.measured, ones, points.measured[:, :, 0], np.zeros(1), ahead)
-    points = look(state[:, :4], ahead, size_of(state[:, 6]), panels)
+    points = look(state[:, :4], ahead, size_of_length(state[:, 6]), panels)
     power = 10 ** (points.strength_dbsm() / 10) / points.measured[..., 1] ** 4
     share = power / power.sum(axis=-1, keepdims=True)
     middle = (share[..., None] * points.measured).sum(axis=2)

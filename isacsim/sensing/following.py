@@ -15,7 +15,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.sensing.passages import NOTHING, Passage, Piece, SensedPiece, SensedRecord, WatchedTraffic
 from isac_cosim.isacsim.tracking import kalman
 from isac_cosim.isacsim.tracking.fusion import Fixes
-from isac_cosim.isacsim.tracking.kalman import TrackingSettings, Tracks
+from isac_cosim.isacsim.tracking.kalman import FilteredStates, TrackingSettings
 
 TOGETHER = 96
 """Passages filtered at once: enough to make the filter cheap."""
@@ -98,8 +98,8 @@ def filled(fixes: Fixes) -> Fixes:
 
 
 def filtered(
-    fixes: Sequence[Fixes], rate_hz: float, settings: TrackingSettings, before: Tracks | None = None
-) -> Tracks:
+    fixes: Sequence[Fixes], rate_hz: float, settings: TrackingSettings, before: FilteredStates | None = None
+) -> FilteredStates:
     """Filter the fixes of several vehicles together; those with fewer than the others go on without fixes.
 
     before: what came of the fixes before these, of the same vehicles.
@@ -198,9 +198,9 @@ class FixPicture(ABC):
         followed = tuple(name for name in fixes if name in states)
         return SensedPiece(followed, np.stack([states[name] for name in followed])) if followed else NOTHING
 
-    def _latest(self, names: Sequence[str]) -> Tracks | None:
+    def _latest(self, names: Sequence[str]) -> FilteredStates | None:
         if not names:
             return None
         state, covariance, refused = zip(*(self._tracks[name] for name in names), strict=True)
         latest = np.stack(state)[:, None]
-        return Tracks(latest, np.stack(covariance), np.zeros(latest.shape[:2]), np.array(refused, np.int64))
+        return FilteredStates(latest, np.stack(covariance), np.zeros(latest.shape[:2]), np.array(refused, np.int64))

@@ -28,7 +28,7 @@ from isac_cosim.isacsim.radio.blockage import Blockers, hides
 from isac_cosim.isacsim.radio.channel import rain_db_per_km
 from isac_cosim.isacsim.sensing.following import before
 from isac_cosim.isacsim.sensing.passages import Carrier
-from isac_cosim.isacsim.tracking.fusion import Fixes, checked
+from isac_cosim.isacsim.tracking.fusion import Fixes, sound_fixes
 from isac_cosim.isacsim.tracking.kalman import TrackingSettings
 
 LONG_RANGE = "long_range"
@@ -215,7 +215,7 @@ def scan(
     fixes.covariance[at] = true.covariance(radar[2:], deviation, pose.position_sd_m, pose.speed_sd_mps)
     in_record = time_s[at] >= 0
     share = float(seen[in_record].mean()) if in_record.any() else 0.0
-    return Scan(checked(fixes.state, fixes.covariance, fixes.valid), float(10 * np.log10(snr).mean()), share)
+    return Scan(sound_fixes(fixes.state, fixes.covariance, fixes.valid), float(10 * np.log10(snr).mean()), share)
 
 
 def azimuth_deviation(off_heading: Array, settings: RadarSettings) -> Array:

@@ -79,10 +79,10 @@ def fuse(measured: Array, deviation: Array, used: BoolArray, panels: Panels, set
     for _ in range(settings.steps):
         state = state + np.linalg.solve(information, gradient[..., None])[..., 0]
         information, gradient = _normal_equations(state, measured, weight, panels, settings)
-    return checked(state, np.asarray(np.linalg.inv(information)), np.asarray(used.any(axis=1)))
+    return sound_fixes(state, np.asarray(np.linalg.inv(information)), np.asarray(used.any(axis=1)))
 
 
-def checked(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
+def sound_fixes(state: Array, covariance: Array, valid: BoolArray) -> Fixes:
     """Make fixes whose covariances are symmetric; one that is not valid is at the origin with (1e4 m)^2.
 
     Arguments as the fields of Fixes. A fix with a number that is not finite is not valid.

@@ -15,7 +15,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.isacsim.panels import Panels
-from isac_cosim.isacsim.tracking.fusion import Fixes, FusionOptions, checked, single_site
+from isac_cosim.isacsim.tracking.fusion import Fixes, FusionOptions, single_site, sound_fixes
 
 
 def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels, settings: FusionOptions) -> Fixes:
@@ -30,7 +30,7 @@ def fuse_eq5(measured: Array, deviation: Array, used: BoolArray, panels: Panels,
     panels = panels.reordered(order)
     position, spread = _position(measured, deviation, used, panels, settings)
     velocity, covariance = _velocity(position, spread, measured, deviation, used, panels, settings)
-    return checked(np.concatenate([position, velocity], axis=1), covariance, np.asarray(used.sum(axis=1) >= 2))
+    return sound_fixes(np.concatenate([position, velocity], axis=1), covariance, np.asarray(used.sum(axis=1) >= 2))
 
 
 def _position(

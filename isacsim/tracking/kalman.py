@@ -58,7 +58,7 @@ class TrackingSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Tracks:
+class FilteredStates:
     """Filtered states of B records.
 
     state: x, y, vx, vy, ax, ay, (B, S, 6). covariance: after the last step, (B, 6, 6). innovation: normalised
@@ -71,9 +71,11 @@ class Tracks:
     innovation: Array
     refused: IntArray
 
-    def first(self, count: int) -> Tracks:
-        """Return the tracks of the first records."""
-        return Tracks(self.state[:count], self.covariance[:count], self.innovation[:count], self.refused[:count])
+    def first(self, count: int) -> FilteredStates:
+        """Return the states of the first records."""
+        return FilteredStates(
+            self.state[:count], self.covariance[:count], self.innovation[:count], self.refused[:count]
+        )
 
 
 def transition(step_s: float) -> Array:
@@ -109,8 +111,8 @@ def track(
     valid: BoolArray,
     step_s: float,
     settings: TrackingSettings,
-    before: Tracks | None = None,
-) -> Tracks:
+    before: FilteredStates | None = None,
+) -> FilteredStates:
     """Filter the fixes of B records.
 
     fixes: x, y, vx, vy, (B, S, 4). covariances: (B, S, 4, 4). valid: (B, S); where false, the filter only predicts. The
@@ -134,7 +136,7 @@ def track(
     for k in range(1 if before is None else 0, instants):
         steps.go(measured[k], uncertain[k], missing[k] if gaps[k] else None, states[k], innovations[k])
     by_record = states[..., 0].swapaxes(0, 1), innovations[..., 0, 0].swapaxes(0, 1)
-    return Tracks(by_record[0], steps.spread, by_record[1], steps.refused)
+    return FilteredStates(by_record[0], steps.spread, by_record[1], steps.refused)
 
 
 class _Steps:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from isac_cosim.isacsim.radio.blockage import CAR_KINDS, HIGH_KINDS
-from isac_cosim.isacsim.traffic.recordings.sumo_messages import merged
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import added_up
 from isac_cosim.labeling.dataset.shard import Episode
 
 KINDS_SHOWN = 8
@@ -46,7 +46,7 @@ def traffic_summary(episodes: Iterable[Episode]) -> dict[str, Any] | None:
         "teleported": sum(episode.teleported for episode, _ in known),
         "warnings": [
             {**warning.model_dump(), "episodes": holding[warning.kind]}
-            for warning in merged(traffic.warnings for _, traffic in known)
+            for warning in added_up(traffic.warnings for _, traffic in known)
         ],
         "empty": empty,
     }

@@ -36,7 +36,7 @@ LEAST_TO_CALIBRATE = 50
 """Fewest positive validation decisions on which log-odds are calibrated."""
 
 
-class Calibration(Settings):
+class PlattScaling(Settings):
     """What makes calibrated log-odds of raw ones: `slope` times them, plus `offset` (Platt 1999)."""
 
     slope: float = Field(1.0, gt=0)
@@ -59,7 +59,7 @@ class HazardFacts(Settings):
     uv: bool
     lanes: bool
     windows: WindowSettings
-    calibration: dict[str, Calibration] = Field(default_factory=dict)
+    calibration: dict[str, PlattScaling] = Field(default_factory=dict)
     decision_s: Annotated[float, Field(gt=0)]
     hours: Annotated[float, Field(ge=0)]
     events: dict[str, Annotated[int, Field(ge=0)]]
@@ -175,7 +175,7 @@ class HazardPredictor(Predictor):
         """Return the calibrated answer that hazards make."""
         begins = within_horizons(hazards.intervals)[:, :, -1]
         for column, intention in enumerate(WITH_HAZARD):
-            scale = self.facts.calibration.get(intention.text, Calibration())
+            scale = self.facts.calibration.get(intention.text, PlattScaling())
             begins[:, column] = scale.slope * begins[:, column] + scale.offset
         begins[:, ~self.facts.is_learned] = NEVER
         features = np.concatenate([hazards.intervals.reshape(len(begins), -1), hazards.passing[:, None]], axis=1)
@@ -286,10 +286,10 @@ def _log_odds_of_not(log_probability: Array) -> Array:
     return np.clip(np.log(-np.expm1(log_probability)) - log_probability, NEVER, -NEVER)
 
 
-def _platt(log_odds: Array, true: BoolArray, weight: Array) -> Calibration:
+def _platt(log_odds: Array, true: BoolArray, weight: Array) -> PlattScaling:
     from sklearn.linear_model import LogisticRegression  # loaded only here, because it takes long
 
     line = LogisticRegression(C=1e6).fit(log_odds[:, None], true.astype(np.int64), sample_weight=weight)
     slope = float(line.coef_[0, 0])
     # A line that falls says that the predictor knows nothing of the validation seeds, which calibration cannot mend.
-    return Calibration(slope=slope, offset=float(line.intercept_[0])) if slope > 0 else Calibration()
+    return PlattScaling(slope=slope, offset=float(line.intercept_[0])) if slope > 0 else PlattScaling()

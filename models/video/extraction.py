@@ -26,7 +26,7 @@ from isac_cosim.base.workers.threads import limited
 from isac_cosim.models.data.clips import BACKGROUND, MANIFEST, Extraction, View, extraction_in
 from isac_cosim.models.video.encoders import VIEWS, Encoder, encoder
 from isac_cosim.models.video.files import Facts, facts_of, opencv
-from isac_cosim.models.video.pairs import ACTIONS, STRAIGHT, IncompleteError, Pair, pairs_in
+from isac_cosim.models.video.pairs import ACTIONS, STRAIGHT, IncompleteError, VideoPair, pairs_in
 from isac_cosim.models.video.pictures import check_span, driver_corner, driver_pictures, places_of, road_pictures
 from isac_cosim.models.video.settings import VideoSettings
 from isac_cosim.models.video.speeds import read_speeds, speeds_at
@@ -53,7 +53,7 @@ class Weights:
 class CheckedPair:
     """A pair that can become a clip, and what its videos say of themselves."""
 
-    pair: Pair
+    pair: VideoPair
     road: Facts
     driver: Facts
 
@@ -109,7 +109,7 @@ def extract_clips(
 
 
 def _checked(
-    pairs: list[Pair], settings: VideoSettings, feedback: Feedback, complete_only: bool
+    pairs: list[VideoPair], settings: VideoSettings, feedback: Feedback, complete_only: bool
 ) -> tuple[list[CheckedPair], dict[str, str]]:
     """Return the pairs that can become clips, and why the others cannot, by name. Raises InputError."""
     found: list[CheckedPair] = []
@@ -133,7 +133,7 @@ def _checked(
     return found, left_out
 
 
-def check(pair: Pair, settings: VideoSettings) -> CheckedPair:
+def check(pair: VideoPair, settings: VideoSettings) -> CheckedPair:
     """Return a pair with what its videos say of themselves. Raises IncompleteError or InputError if it is no clip."""
     checked = CheckedPair(pair, facts_of(pair.road), facts_of(pair.driver))
     for path, facts in ((pair.road, checked.road), (pair.driver, checked.driver)):

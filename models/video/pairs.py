@@ -46,7 +46,7 @@ class IncompleteError(InputError):
 
 
 @dataclass(frozen=True)
-class Pair:
+class VideoPair:
     """The two views of one event, and what is known of it.
 
     name: of the clip. label: number of its class. speed: file of the speeds. maneuver_s: begin of the maneuver, s of
@@ -61,7 +61,7 @@ class Pair:
     maneuver_s: float | None = None
 
 
-def pairs_in(videos: Path) -> list[Pair]:
+def pairs_in(videos: Path) -> list[VideoPair]:
     """Return all pairs in a folder, by name. Raises InputError where there are none, or a name or a row is wrong."""
     if not videos.is_dir():
         raise InputError(f"{videos}: no such folder; give the folder of the videos")
@@ -80,7 +80,7 @@ def pairs_in(videos: Path) -> list[Pair]:
     return pairs
 
 
-def _published(videos: Path) -> Iterator[Pair]:
+def _published(videos: Path) -> Iterator[VideoPair]:
     """Yield the events of Brain4Cars, also those that only one of the views has."""
     for view in (FACE, ROAD):
         for folder in sorted(videos.joinpath(view).iterdir()):
@@ -94,10 +94,10 @@ def _published(videos: Path) -> Iterator[Pair]:
             inside = drivers / event
             stated = inside / "car_state.txt"
             speed = stated if stated.is_file() else inside / f"params_{event}.mat"
-            yield Pair(f"{action}-{event}", label, roads / f"{event}.avi", inside / f"video_{event}.avi", speed)
+            yield VideoPair(f"{action}-{event}", label, roads / f"{event}.avi", inside / f"video_{event}.avi", speed)
 
 
-def _listed(table: Path) -> Iterator[Pair]:
+def _listed(table: Path) -> Iterator[VideoPair]:
     """Yield the rows of a table, by name."""
     try:
         with table.open("rb") as file:
@@ -120,7 +120,7 @@ def _listed(table: Path) -> Iterator[Pair]:
     yield from sorted(pairs, key=lambda pair: pair.name.lower())
 
 
-def _pair(videos: Path, cells: dict[str, str], where: str) -> Pair:
+def _pair(videos: Path, cells: dict[str, str], where: str) -> VideoPair:
     """Return the pair in a row; where: of the row."""
     _check_name(cells["name"], where)
     label = cells["label"]
@@ -131,7 +131,7 @@ def _pair(videos: Path, cells: dict[str, str], where: str) -> Pair:
     else:
         raise InputError(f"{where}: label {shortened(label)} is none of {', '.join(ACTIONS)}, nor 0 to 4; correct it")
     road, driver, speed = (_inside(videos, cells[view], where) for view in ("road", "driver", "speed"))
-    return Pair(cells["name"], number, road, driver, speed, _instant(cells.get("maneuver_s", ""), where))
+    return VideoPair(cells["name"], number, road, driver, speed, _instant(cells.get("maneuver_s", ""), where))
 
 
 def _instant(text: str, where: str) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 from isac_cosim.base.arrays import Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.models.video.files import Facts, Image, opencv, taken_of
-from isac_cosim.models.video.pairs import IncompleteError, Pair
+from isac_cosim.models.video.pairs import IncompleteError, VideoPair
 from isac_cosim.models.video.settings import VideoSettings
 
 
@@ -44,7 +44,7 @@ def check_span(path: Path, facts: Facts, end_s: float | None, settings: VideoSet
         raise IncompleteError(f"{path}: has one frame, and flow needs two; leave the pair out")
 
 
-def road_pictures(pair: Pair, facts: Facts, settings: VideoSettings) -> Float32Array:
+def road_pictures(pair: VideoPair, facts: Facts, settings: VideoSettings) -> Float32Array:
     """Return the flow into each frame of a clip, (T, 3, H, W): to the right, down, and its length.
 
     In pixels of the resulting picture, in one frame of a clip. The first frame of a video has the flow of the second.
@@ -69,7 +69,7 @@ def road_pictures(pair: Pair, facts: Facts, settings: VideoSettings) -> Float32A
     return _stacked(pair.road, taken_of(pair.road, facts, settings.tolerance_s, places, take)[0])
 
 
-def driver_pictures(pair: Pair, facts: Facts, settings: VideoSettings) -> tuple[Float32Array, IntArray, int]:
+def driver_pictures(pair: VideoPair, facts: Facts, settings: VideoSettings) -> tuple[Float32Array, IntArray, int]:
     """Return the driver in each frame of a clip, (T, 3, S, S) in red, green, blue from -1 to 1.
 
     Also returns which frames of the video these are, (T,), and how many it holds. A picture is cut out and resized;

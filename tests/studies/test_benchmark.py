@@ -15,7 +15,16 @@ from isac_cosim.labeling.streams import cost_estimate
 from isac_cosim.models.data import windows
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies import benchmark
-from isac_cosim.studies.benchmark import BenchmarkStudy, Frozen, Row, check, freeze, read_test_set, score, table
+from isac_cosim.studies.benchmark import (
+    BenchmarkRow,
+    BenchmarkStudy,
+    Frozen,
+    check,
+    freeze,
+    read_test_set,
+    score,
+    table,
+)
 
 TREES = TrainSettings.model_validate({"model": "trees", "trees": {"rounds": 10, "ends_per_record": 1}})
 TINY = BenchmarkStudy.model_validate(
@@ -51,8 +60,8 @@ def out(tmp_path_factory: pytest.TempPathFactory, frozen: Frozen) -> Path:
     return folder
 
 
-def row_of(out: Path) -> Row:
-    return Row.model_validate_json((out / "trees-0" / "row.json").read_text())
+def row_of(out: Path) -> BenchmarkRow:
+    return BenchmarkRow.model_validate_json((out / "trees-0" / "row.json").read_text())
 
 
 def test_a_predictor_is_scored_on_seeds_that_it_was_not_trained_on(out: Path, frozen: Frozen) -> None:
@@ -119,7 +128,7 @@ def test_a_module_that_a_checkout_gets_meanwhile_is_no_setting(
 def test_a_table_has_a_row_a_predictor_and_none_of_another_test_set(out: Path, frozen: Frozen) -> None:
     row = row_of(out)
     live = {rate: {"recall": 0.5, "false_alarms_per_vehicle_hour": 1.25} for rate in ("1", "3", "10")}
-    better = Row.model_validate(
+    better = BenchmarkRow.model_validate(
         row.model_dump() | {"predictor": "ours", "f1_by_lead": dict.fromkeys(row.f1_by_lead, 0.9876), "live": live}
     )
     lines = table([row, better], frozen).splitlines()

@@ -100,7 +100,7 @@ def _digest(trees: HistGradientBoostingClassifier, features: Float32Array, label
 
 
 @dataclass(frozen=True)
-class Background:
+class BackgroundTrees:
     """Trained trees. Their classes are the numbers of the known intentions, and NONE.
 
     predictor: name, in the episodes, of the predictor whose answers they take.
@@ -117,7 +117,7 @@ class Background:
         before_onset_s: float,
         predictor: str = RUN,
         kept: KeptTrees = NOT_KEPT,
-    ) -> Background | None:
+    ) -> BackgroundTrees | None:
         """Train trees on episodes with features; None if the episodes hold no event, or nothing but events.
 
         before_onset_s: how early before onset an alarm may come, s. Windows that end in this time are left out, except
@@ -211,7 +211,7 @@ def out_of_fold(
     levels: list[Float32Array] = [np.empty((0, 0), np.float32)] * len(episodes)
     for fold in range(folds):
         others = [episode for k, episode in enumerate(episodes) if k % folds != fold]
-        background = Background.fit(others, settings, before_onset_s, predictor, kept)
+        background = BackgroundTrees.fit(others, settings, before_onset_s, predictor, kept)
         if background is None:
             return None
         for k in range(fold, len(episodes), folds):

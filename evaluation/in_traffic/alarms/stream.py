@@ -17,7 +17,7 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import (
     is_too_soon,
     reject_levels,
 )
-from isac_cosim.evaluation.in_traffic.alarms.background import Background
+from isac_cosim.evaluation.in_traffic.alarms.background import BackgroundTrees
 from isac_cosim.evaluation.in_traffic.settings import AlarmSettings
 from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.labeling.intentions import KNOWN
@@ -35,7 +35,7 @@ class Alarm:
     time_s: float
 
 
-def levelling(settings: AlarmSettings, background: Background | None) -> Levelling:
+def levelling(settings: AlarmSettings, background: BackgroundTrees | None) -> Levelling:
     """Return how answers get their levels for alarms of some settings. background: for the method of that name."""
     if settings.method == "reject":
         return lambda answers: reject_levels(answers, settings.least_probability)

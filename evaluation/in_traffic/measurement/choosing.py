@@ -147,7 +147,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class AlarmCandidate:
     """Levels from which alarms of one kind are chosen.
 
     template: settings of these alarms, without thresholds. levels: not confirmed, of all intentions in each development
@@ -166,10 +166,10 @@ class Candidate:
         return self._confirmed[k, n]
 
 
-def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
+def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[AlarmCandidate]:
     """Return the levels of alarms by the unknown score."""
     return [
-        Candidate(
+        AlarmCandidate(
             AlarmSettings(method="reject", threshold=0.0, least_probability=least),
             [Levels.of(truth.episode, reject_levels(truth.episode.answers[predictor], least)) for truth in truths],
         )
@@ -177,25 +177,25 @@ def reject_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSet
     ]
 
 
-def hazard_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[Candidate]:
+def hazard_candidates(truths: Sequence[Truth], predictor: str, choice: ChoiceSettings) -> list[AlarmCandidate]:
     """Return the levels of alarms by the log-odds of a run that was trained on streams."""
     levels = [Levels.of(truth.episode, hazard_levels(truth.episode.answers[predictor])) for truth in truths]
-    return [Candidate(AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise), levels)]
+    return [AlarmCandidate(AlarmSettings(method="hazard", threshold=0.0, rise=choice.rise), levels)]
 
 
 def background_candidates(
     truths: Sequence[Truth], predictor: str, settings: LiveSettings, kept: KeptTrees = NOT_KEPT
-) -> list[Candidate]:
+) -> list[AlarmCandidate]:
     """Return the levels of alarms by the trees that know "none"; there are none if the seeds do not suffice."""
     episodes = [truth.episode for truth in truths]
     levels = out_of_fold(episodes, settings.background, settings.scoring.before_onset_s, predictor, kept)
     if levels is None:
         return []
     of_episodes = [Levels.of(episode, level) for episode, level in zip(episodes, levels, strict=True)]
-    return [Candidate(AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise), of_episodes)]
+    return [AlarmCandidate(AlarmSettings(method="background", threshold=0.0, rise=settings.choice.rise), of_episodes)]
 
 
-def options_of(truths: Sequence[Truth], candidates: Sequence[Candidate], choice: ChoiceSettings) -> Options:
+def options_of(truths: Sequence[Truth], candidates: Sequence[AlarmCandidate], choice: ChoiceSettings) -> Options:
     """Return the alarm settings that the development seeds choose among: each candidate with each confirmation."""
     combinations = []
     for candidate in candidates:

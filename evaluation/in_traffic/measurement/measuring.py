@@ -20,9 +20,9 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import (
     raised,
     reject_levels,
 )
-from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, Background, KeptTrees
+from isac_cosim.evaluation.in_traffic.alarms.background import NOT_KEPT, BackgroundTrees, KeptTrees
 from isac_cosim.evaluation.in_traffic.measurement.choosing import (
-    Candidate,
+    AlarmCandidate,
     Chosen,
     Options,
     background_candidates,
@@ -67,7 +67,7 @@ class AnswerLevels:
 
     truths: Sequence[Truth]
     predictor: str
-    background: Background | None = None
+    background: BackgroundTrees | None = None
     # Of all intentions, by the settings that they depend on: several questions are asked of the same levels.
     _answered: dict[tuple[str, float], list[Levels]] = field(
         default_factory=dict, init=False, repr=False, compare=False
@@ -148,7 +148,7 @@ class Prepared:
     """
 
     development: Sequence[Truth]
-    candidates: Sequence[Candidate]
+    candidates: Sequence[AlarmCandidate]
     streams: AnswerLevels
 
     @classmethod
@@ -168,7 +168,7 @@ class Prepared:
         background = None
         if method == "background":
             episodes = [truth.episode for truth in development]
-            background = Background.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
+            background = BackgroundTrees.fit(episodes, live.background, live.scoring.before_onset_s, predictor, kept)
             if background is None:
                 return None
             candidates = background_candidates(development, predictor, live, kept)

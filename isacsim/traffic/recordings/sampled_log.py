@@ -208,7 +208,7 @@ class SampledLog(StateLog):
             samples = rows.between(int(starts[group]), int(starts[after - 1] + counts[after - 1]))
             self._store(samples, numbers[group:after], counts[group:after])
 
-    def _store(self, rows: Rows, numbers: IntArray, counts: IntArray) -> None:
+    def _store(self, rows: SampledRows, numbers: IntArray, counts: IntArray) -> None:
         """Rebuild the states of some vehicles, given all their samples, and write them to a file."""
         acted, action_steps = np.array([self._actions[number] for number in numbers]).T
         names = [self._names[number] for number in numbers]
@@ -223,7 +223,7 @@ class SampledLog(StateLog):
             self._rebuilt.append((name, first_step, len(self._places), slice(start, stop)))
         self._places.append(self._file.write(block))
 
-    def _with_stays(self, rows: Rows, wanted: BoolArray) -> Rows:
+    def _with_stays(self, rows: SampledRows, wanted: BoolArray) -> SampledRows:
         """Return samples and, of wanted vehicles (v,), those of the first and the last step of stays beside the road.
 
         A vehicle that parks is beside the road at once, and stands.
@@ -251,7 +251,7 @@ NOBODY = -1
 
 
 @dataclass(frozen=True)
-class Rows:
+class SampledRows:
     """Samples: numbers of the vehicles, steps, whether the vehicle is commanded then, (n,) each, and states, (6, n).
 
     Of a vehicle and step that has several, the first is meant.
@@ -263,36 +263,36 @@ class Rows:
     states: Array
 
     @classmethod
-    def none(cls) -> Rows:
+    def none(cls) -> SampledRows:
         """Return no samples."""
         return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.bool_), np.empty((ROWS, 0)))
 
-    def of(self, which: IntArray) -> Rows:
+    def of(self, which: IntArray) -> SampledRows:
         """Return some of the samples, by their numbers (m,)."""
-        return Rows(self.whose[which], self.steps[which], self.commanded[which], self.states.take(which, axis=1))
+        return SampledRows(self.whose[which], self.steps[which], self.commanded[which], self.states.take(which, axis=1))
 
-    def between(self, start: int, stop: int) -> Rows:
+    def between(self, start: int, stop: int) -> SampledRows:
         """Return samples that follow one another."""
         part = slice(start, stop)
-        return Rows(self.whose[part], self.steps[part], self.commanded[part], self.states[:, part])
+        return SampledRows(self.whose[part], self.steps[part], self.commanded[part], self.states[:, part])
 
-    def and_then(self, others: Rows) -> Rows:
+    def and_then(self, others: SampledRows) -> SampledRows:
         """Return these samples and others."""
         if not len(self.whose):
             return others
-        return Rows(
+        return SampledRows(
             np.concatenate([self.whose, others.whose]),
             np.concatenate([self.steps, others.steps]),
             np.concatenate([self.commanded, others.commanded]),
             np.concatenate([self.states, others.states], axis=1),
         )
 
-    def with_copies(self, steps: IntArray, of: IntArray) -> Rows:
+    def with_copies(self, steps: IntArray, of: IntArray) -> SampledRows:
         """Return these samples and, of steps (m,), the states that some of the samples (m,) have, without commands."""
         copied = self.of(of)
-        return self.and_then(Rows(copied.whose, steps, np.zeros(len(of), np.bool_), copied.states))
+        return self.and_then(SampledRows(copied.whose, steps, np.zeros(len(of), np.bool_), copied.states))
 
-    def by_vehicle(self, wanted: BoolArray) -> Rows:
+    def by_vehicle(self, wanted: BoolArray) -> SampledRows:
         """Return the samples of wanted vehicles (v,), one vehicle after the other, of each in the order of steps."""
         which = np.flatnonzero(wanted[self.whose])
         order = which[np.lexsort((self.steps[which], self.whose[which]))]
@@ -310,7 +310,7 @@ class Taken:
     positive as SUMO has it. lane: numbers of lanes.
     """
 
-    kept: Rows = field(default_factory=Rows.none)
+    kept: SampledRows = field(default_factory=SampledRows.none)
     takings: list[tuple[int, int, bool]] = field(default_factory=list)
     whose: array[int] = field(default_factory=lambda: array("q"))
     points: array[float] = field(default_factory=lambda: array("d"))
@@ -324,7 +324,7 @@ class Taken:
         """Whether many samples wait."""
         return len(self.whose) >= max(MANY, len(self.kept.whose))
 
-    def rows(self, scenario: Scenario) -> Rows:
+    def rows(self, scenario: Scenario) -> SampledRows:
         """Return all samples, those taken first first, in the coordinates of the scenario."""
         steps, counts, commanded = np.array(self.takings, np.int64).reshape(-1, 3).T
         states = np.empty((ROWS, len(self.whose)))
@@ -336,5 +336,5 @@ class Taken:
         if scenario.lefthand:  # SUMO's lateral positions are positive towards the inner lanes
             states[LATERAL] *= -1.0
         whose = np.where(states[-1] == NOBODY, NOBODY, np.array(self.whose))
-        taken = Rows(whose, np.repeat(steps, counts), np.repeat(commanded.astype(np.bool_), counts), states)
+        taken = SampledRows(whose, np.repeat(steps, counts), np.repeat(commanded.astype(np.bool_), counts), states)
         return self.kept.and_then(taken)

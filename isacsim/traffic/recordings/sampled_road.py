@@ -21,7 +21,7 @@ PATH_LANES = 8
 
 
 @dataclass(frozen=True)
-class Places:
+class LaneSegments:
     """Straight segments of lanes, one for each of n places: where lane_pos and lane_lat lead in the plane.
 
     numbers: of the segments, (n,). corner: point of lane_pos 0, had the lane only this segment, (2, n), m.
@@ -33,9 +33,9 @@ class Places:
     along: Array
     across: Array
 
-    def of(self, k: IntArray) -> Places:
+    def of(self, k: IntArray) -> LaneSegments:
         """Return some of the segments, by their numbers (m,)."""
-        return Places(self.numbers[k], *(of.take(k, axis=1) for of in (self.corner, self.along, self.across)))
+        return LaneSegments(self.numbers[k], *(of.take(k, axis=1) for of in (self.corner, self.along, self.across)))
 
     def points(self, lane_pos: Array, lane_lat: Array) -> tuple[Array, Array]:
         """Return points of the plane, x and y, m. lane_pos, lane_lat: (..., n)."""
@@ -145,7 +145,7 @@ class Road:
             np.stack([values.real, values.imag]) for values in map(np.concatenate, (corners, along, across))
         )
 
-    def places(self, lane: IntArray, lane_pos: Array) -> Places:
+    def places(self, lane: IntArray, lane_pos: Array) -> LaneSegments:
         """Return the segments that places are in. lane: numbers of lanes, (n,). lane_pos: m, (n,)."""
         numbers = self._first[lane]
         bent = np.flatnonzero(self._segments[lane] > 1)
@@ -157,7 +157,7 @@ class Road:
             numbers[of_lane] += np.searchsorted(ends, lane_pos[of_lane], side="right")
         return self._segments_of(numbers)
 
-    def further(self, numbers: IntArray, lane_pos: Array) -> Places:
+    def further(self, numbers: IntArray, lane_pos: Array) -> LaneSegments:
         """Return the segments of places in the same lanes as some segments (n,), most of them not far behind.
 
         lane_pos: m, (..., n). The result has the same shape.
@@ -169,8 +169,8 @@ class Road:
             numbers = numbers - before
         return self._segments_of(numbers)
 
-    def _segments_of(self, numbers: IntArray) -> Places:
-        return Places(numbers, *(of.take(numbers, axis=1) for of in (self._corner, self._along, self._across)))
+    def _segments_of(self, numbers: IntArray) -> LaneSegments:
+        return LaneSegments(numbers, *(of.take(numbers, axis=1) for of in (self._corner, self._along, self._across)))
 
     def crossings(self, lane: IntArray, goal: IntArray, ends: Array, moved: Array, elapsed_s: Array) -> LaneTransitions:
         """Return how vehicles got from one lane to another, (n,) each.

@@ -66,7 +66,7 @@ def warnings_in(log: Iterable[str], folders: Iterable[Path] = ()) -> tuple[SumoW
     )
 
 
-def merged(episodes: Iterable[Iterable[SumoWarning]]) -> tuple[SumoWarning, ...]:
+def added_up(episodes: Iterable[Iterable[SumoWarning]]) -> tuple[SumoWarning, ...]:
     """Return the warnings of several simulations, added up by kind, the most frequent kind first."""
     counts: dict[str, int] = {}
     examples: dict[str, str] = {}

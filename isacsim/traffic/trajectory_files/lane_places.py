@@ -19,7 +19,7 @@ AT_ONCE_NEAR = 256
 
 
 @dataclass(frozen=True)
-class Places:
+class LanePositions:
     """Positions in one lane, shape (n,) each.
 
     along: m along the lane, from 0 to its length. left: offset from the centre line, m. heading: of the centre line,
@@ -80,7 +80,7 @@ class LanePlaces:
         stretch = self.lanes[lane].length_m / float(ends[-1])
         return _CentreLine(points[:-1][kept], heading, lengths[kept], ends - lengths[kept], stretch)
 
-    def places(self, lane: int, position: ComplexArray) -> Places:
+    def places(self, lane: int, position: ComplexArray) -> LanePositions:
         """Return where positions x + iy, m, shape (n,), are in a lane: nearest to its centre line."""
         line = self._line(lane)
         count = len(line.start)
@@ -100,7 +100,7 @@ class LanePlaces:
         inner = np.clip(raw, line.station[nearest], line.station[nearest] + line.length_m[nearest])
         beyond = np.where(nearest == count - 1, np.maximum(raw - length, 0.0), 0.0)
         beyond = np.where((nearest == 0) & (raw < 0.0), raw, beyond)
-        return Places(inner * line.stretch, np.asarray(offset.imag), heading, beyond)
+        return LanePositions(inner * line.stretch, np.asarray(offset.imag), heading, beyond)
 
     def beside(self, a: int, b: int) -> bool:
         """Return whether two lanes are on one edge."""

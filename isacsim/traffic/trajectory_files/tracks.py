@@ -26,7 +26,7 @@ LEAST_STATES = 3
 
 
 @dataclass(frozen=True)
-class Piece:
+class TrackPiece:
     """A vehicle as long as it is seen. name: its id, with `#2`, `#3`, ... from its second piece on. Arrays (n,)."""
 
     name: str
@@ -39,7 +39,7 @@ class Piece:
 
 def pieces(
     observed: Observed, number: int, places: LanePlaces, jumps: IntArray
-) -> tuple[list[Piece], int, int]:  # fmt: skip
+) -> tuple[list[TrackPiece], int, int]:  # fmt: skip
     """Return the pieces of a vehicle; how often it changes lanes on one edge, and how often of these in a jump.
 
     A piece ends where the vehicle is not seen for longer than `LONGEST_GAP_S`, where no lane is known, where it jumps
@@ -66,17 +66,17 @@ def pieces(
     cut |= np.diff(np.searchsorted(jumps, rows)) > 0
     vehicle = observed.vehicles[number]
     edges = [0, *(np.flatnonzero(cut) + 1).tolist(), len(step)]
-    found: list[Piece] = []
+    found: list[TrackPiece] = []
     for first, after in pairwise(edges):
         if after - first >= LEAST_STATES:
             name = vehicle.id if not found else f"{vehicle.id}#{len(found) + 1}"
             part = slice(first, after)
-            found.append(Piece(name, vehicle, step[part], x[part], y[part], lane[part]))
+            found.append(TrackPiece(name, vehicle, step[part], x[part], y[part], lane[part]))
     return found, changes, at_once
 
 
 def tracks(
-    pieces: list[Piece], block: Block, sampling: Sampling, places: LanePlaces, bystander: bool
+    pieces: list[TrackPiece], block: Block, sampling: Sampling, places: LanePlaces, bystander: bool
 ) -> Iterator[Track]:
     """Yield the tracks of a vehicle's pieces within a block. bystander: see `Track`."""
     for piece in pieces:
@@ -93,7 +93,7 @@ def tracks(
         yield track
 
 
-def _lanes(piece: Piece, kept: slice, per_step: int) -> tuple[IntArray, IntArray]:
+def _lanes(piece: TrackPiece, kept: slice, per_step: int) -> tuple[IntArray, IntArray]:
     """Return the lane of the states before and after each sample, (m,) each."""
     at = np.arange(kept.start, kept.stop) / per_step + piece.step[0]
     before = np.searchsorted(piece.step, at + 1e-9, side="right") - 1
@@ -102,7 +102,7 @@ def _lanes(piece: Piece, kept: slice, per_step: int) -> tuple[IntArray, IntArray
 
 
 def _track(
-    piece: Piece,
+    piece: TrackPiece,
     first_step: int,
     position: ComplexArray,
     velocity: ComplexArray,

@@ -77,7 +77,7 @@ def test_whatever_a_file_holds_nothing_of_it_writes(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     """Random trees of known and unknown elements, with known and unknown attributes."""
-    known = sumo_schemas.elements()
+    known = sumo_schemas.known_elements()
     text = st.text(st.characters(min_codepoint=32, exclude_categories=["Cs"]), max_size=8)
 
     def tree(depth: int) -> ET.Element:

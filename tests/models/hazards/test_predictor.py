@@ -15,10 +15,10 @@ from isac_cosim.models.data.windows import Windows, WindowSettings
 from isac_cosim.models.hazards.answers import WITH_HAZARD
 from isac_cosim.models.hazards.predictor import (
     NEVER,
-    Calibration,
     HazardFacts,
     HazardPredictor,
     Hazards,
+    PlattScaling,
     both,
     within_horizons,
 )
@@ -95,7 +95,8 @@ def test_what_was_not_learned_is_never_named() -> None:
 def test_calibration_scales_the_odds_of_its_intention_alone() -> None:
     intervals = np.full((1, 5, 2), -1.0)
     plain = Fixed(facts(), intervals, 0.0)(WINDOWS).logits[0]
-    scaled = Fixed(facts(calibration={"hard_brake": Calibration(slope=2, offset=1)}), intervals, 0.0)(WINDOWS).logits[0]
+    platt = {"hard_brake": PlattScaling(slope=2, offset=1)}
+    scaled = Fixed(facts(calibration=platt), intervals, 0.0)(WINDOWS).logits[0]
     brake = KNOWN.index(Intention.HARD_BRAKE)
     assert scaled[brake] == pytest.approx(2 * plain[brake] + 1)
     assert np.delete(scaled, brake) == pytest.approx(np.delete(plain, brake))

@@ -9,16 +9,16 @@ import pytest
 
 from isac_cosim.models.video.extraction import check, clip_of
 from isac_cosim.models.video.files import Facts, facts_of
-from isac_cosim.models.video.pairs import Pair, pairs_in
+from isac_cosim.models.video.pairs import VideoPair, pairs_in
 from isac_cosim.models.video.pictures import driver_pictures, places_of, road_pictures
 from isac_cosim.models.video.settings import VideoSettings
 from tests.support.made_up_videos import BRIGHTER, SMALL, driver_images, road_images, step_of, write_speeds, write_video
 
 
-def pair_of(folder: Path, count: int, rate_hz: float = 30, maneuver_s: float | None = None) -> Pair:
+def pair_of(folder: Path, count: int, rate_hz: float = 30, maneuver_s: float | None = None) -> VideoPair:
     road = write_video(folder / "road.avi", road_images(count), rate_hz)
     driver = write_video(folder / "driver.avi", driver_images(count), rate_hz)
-    return Pair("a", 1, road, driver, write_speeds(folder / "speed.txt", range(count)), maneuver_s)
+    return VideoPair("a", 1, road, driver, write_speeds(folder / "speed.txt", range(count)), maneuver_s)
 
 
 def frame_numbers(pictures: np.ndarray) -> list[int]:
@@ -77,7 +77,7 @@ def test_the_driver_is_cut_out_where_it_is_told(tmp_path: Path) -> None:
     image = np.zeros((64, 96, 3), dtype=np.uint8)
     image[10:26, 40:56] = (0, 0, 255)  # red
     video = write_video(tmp_path / "driver.avi", [image] * 30)
-    pair = Pair("a", 0, video, video, tmp_path / "speed")
+    pair = VideoPair("a", 0, video, video, tmp_path / "speed")
     cut = SMALL.model_copy(update={"driver_cut": (16, 16), "driver_corner": (40, 10)})
     inside = driver_pictures(pair, facts_of(video), cut)[0]
     assert inside.shape == (10, 3, 112, 112)

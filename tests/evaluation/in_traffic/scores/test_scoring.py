@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from isac_cosim.evaluation.in_traffic.alarms.background import IGNORED, NONE, Background, training_rows, window_labels
+from isac_cosim.evaluation.in_traffic.alarms.background import (
+    IGNORED,
+    NONE,
+    BackgroundTrees,
+    training_rows,
+    window_labels,
+)
 from isac_cosim.evaluation.in_traffic.measurement.measuring import measure_random, no_alarms, truths_of
 from isac_cosim.evaluation.in_traffic.scores import scoring
 from isac_cosim.evaluation.in_traffic.scores.scoring import (
@@ -194,13 +200,13 @@ def test_trees_that_know_none_are_silent_where_nothing_happens() -> None:
         label = window_labels(one, BackgroundSettings(), 2.0)
         one.answers[RUN].features[:, 0] = label == 0
     settings = BackgroundSettings(rounds=20)
-    background = Background.fit([SECOND], settings, 2.0)
+    background = BackgroundTrees.fit([SECOND], settings, 2.0)
     assert background is not None
     level = background.levels(FIRST)
     during = window_labels(FIRST, settings, 2.0) == 0
     assert level[during, 0].min() > 0 > level[~during, 0].max()
     assert np.isneginf(level[:, 1:]).all()
-    assert Background.fit([episode(5)], settings, 2.0) is None
+    assert BackgroundTrees.fit([episode(5)], settings, 2.0) is None
 
 
 def test_false_alarms_are_sorted_by_what_else_happens_to_the_vehicle() -> None:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from isac_cosim.isacsim.traffic.recordings.sumo_messages import MOST_KINDS, OTHER, heard, merged, reason_of, warnings_in
+from isac_cosim.isacsim.traffic.recordings.sumo_messages import (
+    MOST_KINDS,
+    OTHER,
+    added_up,
+    heard,
+    reason_of,
+    warnings_in,
+)
 
 LOG = """Warning: Route file should be sorted by departure time, ignoring 'v2'!
 Warning: Teleporting vehicle 'a'; waited too long (jam), lane='e_0', time=301.00.
@@ -36,7 +43,7 @@ def test_many_kinds_are_counted_together() -> None:
 
 def test_episodes_are_added_up() -> None:
     episodes = [warnings_in(LOG.splitlines()), warnings_in(LOG.splitlines()[2:3])]
-    assert [(warning.count, warning.example[:5]) for warning in merged(episodes)] == [
+    assert [(warning.count, warning.example[:5]) for warning in added_up(episodes)] == [
         (3, "Route"), (2, "Telep"), (1, "Canno"),
     ]  # fmt: skip
 
