@@ -1,4 +1,4 @@
-"""What the environment variables that isacsim sets are worth to a training step.
+"""What the environment variables that `isac_cosim` sets are worth to a training step.
 
     python -m isac_cosim.benchmarks.environment
 
