@@ -12,6 +12,7 @@ import sys
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pandas as pd
@@ -61,6 +62,13 @@ def test_files_that_are_named_exist(page: Path) -> None:
         page.read_text(),
     ):
         assert (ROOT / name).exists(), name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_names_that_are_imported_exist(page: Path) -> None:
+    """`isac_cosim.isacsim.tracking.fusion_tdoa_aoa` in a text, or a function in it; no group of entry points."""
+    for name in re.findall(r"`(isac_cosim\.\w+(?:\.\w+)+)`", page.read_text(encoding="utf-8")):
+        resolve_name(name)
 
 
 SCRIPTS = sorted(path for path in ROOT.glob("docs/*.py") if path.name != "conf.py")

@@ -25,7 +25,8 @@ def segments(track: Track) -> list[tuple[int, int, int]]:
 def after(driven: Sequence[str], onward: Sequence[str]) -> tuple[str, ...]:
     """Return the edges that a vehicle had still to drive, without those that it has driven.
 
-    onward: as in `isacsim.traffic.recording.Track`; the last edge that was driven, or earlier ones, may be among them.
+    onward: as in `isacsim.traffic.recordings.recording.Track`; the last edge that was driven, or earlier ones, may be
+    among them.
     """
     last = next((edge for edge in reversed(driven) if not edge.startswith(":")), None)
     return tuple(onward[onward.index(last) + 1 :]) if last in onward else tuple(onward)
