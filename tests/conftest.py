@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.kept_workers import KeptWorkers
@@ -12,6 +13,10 @@ from isac_cosim.models.data.windows import Records
 from isac_cosim.models.runs.run import Run
 from isac_cosim.models.training.training import train_records
 from tests.support.made_up import MADE_OF, SMALL_RUN, make_records
+
+# No test depends on how fast the machine is.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 
 @pytest.fixture(scope="session")
