@@ -4,8 +4,9 @@ Format: OSM XML as Lanelet2 1.2 describes it (Poggenhans et al., ITSC 2018). A n
 way a list of nodes, and a relation of type `lanelet` one way as its left border and one as its right; in the maps of
 inD and rounD, a border may be several ways, in any order. Borders may point either way: a lanelet is driven so that its
 left border lies on the left. Lanelets that share a whole border are lanes of one road; one that begins with the points
-at which another ends continues it. Traffic is taken to keep to the right, and each lanelet to be driven one way. What
-an editor has marked as deleted is not there, and tags `local_x` and `local_y` are not read.
+at which another ends continues it. Traffic is taken to keep to the right. A lanelet is driven one way, and one with
+`one_way=no` is a second lane, `-ID`, that is driven the other way. What an editor has marked as deleted is not there,
+and tags `local_x` and `local_y` are not read.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ DRIVEN = frozenset({"road", "highway", "play_street", "emergency_lane", "bus_lan
 """Subtypes of lanelets that vehicles drive in; one without a subtype is a road."""
 BORDERS = ("left", "right")
 """Roles of the ways that a lanelet lies between."""
+ONE_WAY = ("one_way:vehicle:car", "one_way:vehicle", "one_way")
+"""Tags that say whether vehicles drive along a lanelet one way, that which counts first."""
 PARTICIPANT = "participant:"
 """Where tags begin with it, they say who uses a lanelet, whatever its subtype."""
 MOST_ELEMENTS = 2_000_000
@@ -58,6 +61,11 @@ class _Lanelet:
     ends: tuple[str, str]
     left: ComplexArray
     right: ComplexArray
+
+    def turned(self) -> _Lanelet:
+        """Return the same lanelet, driven the other way."""
+        return _Lanelet(f"-{self.id}", self.ways[::-1], self.ends[::-1], self.starts[::-1], self.right[::-1],
+                        self.left[::-1])  # fmt: skip
 
 
 @dataclass
@@ -109,6 +117,10 @@ def lanelet_lanes(file: Path, origin: tuple[float, float]) -> tuple[tuple[Lane, 
     if borders and (most := Counter(borders).most_common(1)[0])[1] > MOST_LANES:
         raise InputError(f"{file}: way {most[0]:.60} is a border of more than {MOST_LANES} lanelets; fix the map")
     lanelets = [_lanelet(name, roles, held, points, f"{file}: lanelet {name}") for name, roles in driven.items()]
+    back = [lanelet.turned() for lanelet in lanelets if _is_two_way(held.tags[lanelet.id])]
+    if twice := [lanelet.id for lanelet in back if lanelet.id in driven]:
+        raise InputError(f"{file}: lanelet {twice[0]:.60}: another one has this name, driven backwards; rename it")
+    lanelets += back
     if not lanelets:
         raise InputError(f"{file}: has no lanelet for vehicles; give the Lanelet2 map of that place")
     following: dict[tuple[str, str], list[str]] = defaultdict(list)
@@ -129,6 +141,11 @@ def _is_driven(tags: Mapping[str, str]) -> bool:
     else:
         suited = tags.get("subtype", "road") in DRIVEN
     return tags.get("type") == "lanelet" and suited
+
+
+def _is_two_way(tags: Mapping[str, str]) -> bool:
+    """Return whether vehicles drive along a lanelet in both directions."""
+    return next((tags[name] for name in ONE_WAY if name in tags), "yes") in ("no", "false")
 
 
 def _remarks(lanelets: list[_Lanelet], file: Path) -> list[str]:

@@ -115,6 +115,26 @@ def test_lanelets_beside_each_other_over_a_part_are_told(tmp_path: Path) -> None
     assert remark.startswith(f"map.osm: 1 pair(s) of lanelets share a part of a border, such as {main} and {ramp}: ")
 
 
+def test_a_lanelet_may_be_driven_both_ways(tmp_path: Path) -> None:
+    """A narrow street of two lanelets, which goes on as a street with a lane in each direction."""
+    drawn = Drawing()
+    narrow = [
+        drawn.lanelet([drawn.way(*row(3.0, x, x + 50.0))], [drawn.way(*row(0.0, x, x + 50.0))], **tags)
+        for x, tags in ((0.0, {"one_way": "no"}), (50.0, {"one_way": "yes", "one_way:vehicle": "no"}))
+    ]
+    middle = [drawn.way((100.0, 3.0), (150.0, 3.0))]
+    east = drawn.lanelet(middle, [drawn.way((100.0, 0.0), (150.0, -1.0))], one_way="yes")
+    lanes = drawn.lanes(tmp_path)
+    assert set(lanes) == {*narrow, *(f"-{name}" for name in narrow), east}
+    first, second = narrow
+    assert (lanes[first].successors, lanes[second].successors) == ((second,), (east,))
+    assert (lanes[f"-{second}"].successors, lanes[f"-{first}"].successors) == ((f"-{first}",), ())
+    np.testing.assert_allclose(lanes[f"-{first}"].shape, lanes[first].shape[::-1], atol=1e-9)
+    assert len({lanes[name].edge for name in lanes}) == 5
+    assert {lane.index for lane in lanes.values()} == {0}
+    np.testing.assert_allclose(lanes[f"-{second}"].shape[0], [100.0, 1.5], atol=1e-3)
+
+
 def test_who_may_drive_where(tmp_path: Path) -> None:
     drawn = Drawing()
     ways = [drawn.way(*row(3.0 * k, 0.0, 50.0)) for k in range(9)]
