@@ -37,7 +37,8 @@ class ScenarioMeta(Settings):
     source: the scenario as the user named it. inputs: the digest of each file and of what else its recordings depend
     on, by name; empty in earlier datasets. sha256: digest of all of them. origin: the origin of its plane in SUMO's
     coordinates, m. drivers: what is to be said of the vehicle types of its demand, whose limits sit at thresholds of
-    the labels; nothing in datasets of earlier versions.
+    the labels. remarks: what else its source says of it, such as how far speeds are from those of the positions.
+    There are neither in datasets of earlier versions.
     """
 
     name: str = Field(pattern=NAME)
@@ -47,11 +48,12 @@ class ScenarioMeta(Settings):
     origin: tuple[float, float]
     sites: tuple[SiteMeta, ...]
     drivers: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def identity(self) -> dict[str, Any]:
         """What of it identifies a dataset: `sha256` stands for `inputs`, which earlier datasets lack."""
-        return self.model_dump(mode="json", exclude={"inputs"})
+        return self.model_dump(mode="json", exclude={"inputs", "remarks"})
 
 
 class Lost(Settings):

@@ -37,7 +37,8 @@ def summary(dataset: Dataset) -> dict[str, Any]:
     median distances to the true position, before and after the filter; `labels_and_truth`, how far the true motion
     does what the labels say (`labeling.dataset.label_truth`), None where the motion source gives the labels;
     `dependence`, how many samples have a twin in another seed (`labeling.dataset.dependence`);
-    `drivers`, what is to be said of the vehicle types of each scenario's demand;
+    `remarks`, what the motion source says of each scenario, such as how far the speeds of a file are from those of its
+    positions; `drivers`, what is to be said of the vehicle types of each scenario's demand;
     `left_out`, candidates that did not become samples, by reason; `dropped_pull_outs`, how many of these are kept
     beside the samples, by outcome; `traffic`, what became of the demand (`labeling.dataset.traffic_summary`), None
     where the motion is not SUMO's; `scene`, how well the network knew who was where, over all episodes, only where the
@@ -82,6 +83,7 @@ def summary(dataset: Dataset) -> dict[str, Any]:
         "counts": other_counts(counts),
         **({"label_agreement": agreed} if agreed else {}),
         **scene_scores([episode.scene for episode in episodes]),
+        "remarks": {scenario.name: list(scenario.remarks) for scenario in meta.scenarios if scenario.remarks},
         "drivers": {scenario.name: list(scenario.drivers) for scenario in meta.scenarios if scenario.drivers},
         "collided": int(shards.numbers("collided").sum()),
         "teleported": int(shards.numbers("teleported").sum()),
@@ -112,6 +114,9 @@ def show(values: dict[str, Any], console: Console) -> None:
         console.print(f"{key}: {_brief(values[key])}", highlight=False, soft_wrap=True)
     if "scene" in values:
         console.print(scene_line(values["scene"]), highlight=False, soft_wrap=True)
+    for name, remarks in values.get("remarks", {}).items():
+        for remark in remarks:
+            console.print(f"{name}: {remark}", highlight=False, soft_wrap=True, markup=False)
     for key in ("collided", "teleported"):
         console.print(f"{key}: {share_text(values['traffic'], key, values[key])}", highlight=False, soft_wrap=True)
 

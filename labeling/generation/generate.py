@@ -63,8 +63,8 @@ def generate(
     jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
     unused = study.known_sections().keys() - study.source_settings().keys()
     with claimed(out, started, unused) as started:
-        for name, scenario in scenarios.items():
-            for line in (*withheld(name, scenario), *source.remarks(scenario)):
+        for (name, scenario), told in zip(scenarios.items(), started.scenarios, strict=True):
+            for line in (*withheld(name, scenario), *told.remarks):
                 feedback.message(line)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():
@@ -200,4 +200,5 @@ def _describe_scenario(where: str, scenario: Scenario, source: MotionSource, dri
         origin=scenario.origin,
         sites=sites,
         drivers=tuple(drivers),
+        remarks=tuple(source.remarks(scenario)),
     )

@@ -38,6 +38,16 @@ def test_a_recording_becomes_a_dataset_with_a_picture_of_its_road(
     before = picture.stat().st_mtime_ns
     assert cosim.main(words) == 0
     assert picture.stat().st_mtime_ns == before
+    # What the file says of its speeds is in the dataset, for people and as JSON.
+    capfd.readouterr()
+    assert cosim.main(["inspect", str(tmp_path / "data"), "--json"]) == 0
+    captured = capfd.readouterr()
+    (told,) = (
+        line
+        for line in json.loads(captured.out.splitlines()[-1])["remarks"]["07"]
+        if "its speeds differ from those" in line
+    )
+    assert f"07: {told}" in captured.err.splitlines()
 
 
 def numbers_of(numbers: dict[str, int]) -> list[str]:
