@@ -40,6 +40,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, n
 from isac_cosim.isacsim.traffic.trajectory_files.tables import (
     PARQUET,
     Codes,
+    Columns,
     batches,
     content_head,
     header_of,
@@ -147,7 +148,7 @@ def _states(where: Path, road: Scenario, type_files: list[Path]) -> tuple[Observ
     """
     read = _xml(where) if _is_xml(where) else _table(where)
     rounded = rounding_of(read.x, read.y)
-    read.x, read.y, unit_m = _in_plane(read.x, read.y, road, where)
+    read.x, read.y, unit_m = _in_plane(read, road, where)
     vehicles, unknown = _vehicles(read, type_files)
     lane = _lane_numbers(read, road, where)
     speed = None if np.isnan(read.speed).any() else read.speed.astype(np.float32)
@@ -220,25 +221,23 @@ VALUES = {"time": "timestep_time", "x": "vehicle_x", "y": "vehicle_y", "speed": 
 def _table(where: Path) -> FcdColumns:
     """Read FCD as CSV or Parquet. Raises InputError where it cannot be read."""
     vehicles, lanes, types = Codes(), Codes(), Codes()
-    numbers: dict[str, list[Int32Array]] = {name: [] for name in ("vehicle", "lane", "kind", "number")}
-    values: dict[str, list[Array]] = {name: [] for name in VALUES}
+    read = Columns()
     # Lines of a CSV file are counted with its header, the rows of a Parquet file from 1.
     before = 1 if content_head(where, 4).startswith(PARQUET) else 2
     for batch in batches(where, COLUMNS, NEEDED, ";"):
         kept = _rows_with_vehicle(batch)
         rows = batch.filter(kept)
-        numbers["number"].append((np.flatnonzero(np.asarray(kept)) + before).astype(np.int32))
+        read.add("number", (np.flatnonzero(np.asarray(kept)) + before).astype(np.int32))
         before += len(batch)
-        numbers["vehicle"].append(vehicles.of(rows["vehicle_id"]))
-        numbers["lane"].append(lanes.of(rows["vehicle_lane"]))
+        read.add("vehicle", vehicles.of(rows["vehicle_id"]))
+        read.add("lane", lanes.of(rows["vehicle_lane"]))
         has_type = "vehicle_type" in rows.schema.names
-        numbers["kind"].append(types.of(rows["vehicle_type"]) if has_type else np.full(len(rows), -1, np.int32))
+        read.add("kind", types.of(rows["vehicle_type"]) if has_type else np.full(len(rows), -1, np.int32))
         for name, column in VALUES.items():
             has = column in rows.schema.names
-            values[name].append(np.array(rows[column], float) if has else np.full(len(rows), np.nan))
-    # Each column is put together as its parts are given up.
-    integers = {name: np.concatenate([np.empty(0, np.int32), *numbers.pop(name)]) for name in [*numbers]}
-    floats = {name: np.concatenate([np.empty(0), *values.pop(name)]) for name in [*values]}
+            read.add(name, np.asarray(rows[column], float) if has else np.full(len(rows), np.nan))
+    integers = {name: read.take(name, np.int32) for name in ("vehicle", "lane", "kind", "number")}
+    floats = {name: read.take(name) for name in VALUES}
     return _checked(_columns(vehicles, lanes, types, integers, floats), where)
 
 
@@ -318,15 +317,16 @@ def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[Vehicle], list[
 LONGEST_DEG, WIDEST_DEG = 180.0, 90.0
 
 
-def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, Array, float]:
+def _in_plane(read: FcdColumns, road: Scenario, where: Path) -> tuple[Array, Array, float]:
     """Return positions in the scenario's plane, m, and how long one of the file's units is at most, m.
 
     SUMO's own coordinates, unshifted ones (`--fcd-output.utm`), and longitudes and latitudes (`--fcd-output.geo`) are
     told apart by the bounds of the network: only XML names the option. Raises InputError for positions elsewhere, and
-    for longitudes and latitudes on a network without a projection.
+    for longitudes and latitudes on a network without a projection, or beyond their bounds.
     """
-    plane = partial(in_plane, road=road)
-    degrees = bool((np.abs(x) <= LONGEST_DEG).all() and (np.abs(y) <= WIDEST_DEG).all())
+    plane, x, y = partial(in_plane, road=road), read.x, read.y
+    beyond = (np.abs(x) > LONGEST_DEG) | (np.abs(y) > WIDEST_DEG)
+    degrees = bool(beyond.mean() < MOST_OFF_ROAD)
     # Degrees come first: as metres, they may lie on a network that has its corner at 0, 0.
     try:
         placed = plane(*projected(x, y, road.network), shifts=[(0.0, 0.0)]) if degrees else None
@@ -335,6 +335,12 @@ def _in_plane(x: Array, y: Array, road: Scenario, where: Path) -> tuple[Array, A
             raise
         placed = None
     if placed is not None:
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            raise InputError(
+                f"{where}: row {read.number[row]}: {x[row]:g}, {y[row]:g} is no longitude and latitude, and the other "
+                "positions are; fix it"
+            )
         return *placed, float(np.radians(1.0) * 6_371_000.0)  # of the Earth's radius
     placed = plane(x, y, shifts=[(0.0, 0.0), net_offset(road.network)])
     if placed is not None:

@@ -50,6 +50,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import (
 )
 from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway, lanes_and_numbers
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
+from isac_cosim.isacsim.traffic.trajectory_files.strays import check_strays, strays
 from isac_cosim.isacsim.traffic.trajectory_files.tables import header_of
 
 MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
@@ -127,11 +128,17 @@ def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     assert read.direction is not None  # the format has it
     assert read.width is not None
     rounded = rounding_of(read.x, read.y)
+    away = strays(read.vehicle, read.frame, rate_hz, read.x)
+    remarks += check_strays(away, read.vehicle, read.x, read.number, where)
+    if away.any():
+        read.leave_out(away)
     start, end = float(np.floor(read.x.min())), float(np.ceil((read.x + read.length).max()))
     forward = (read.direction == RIGHTWARD)[read.vehicle]
     # From corners to the centres of fronts, in place: the columns of a long recording fill most of the memory.
-    read.x += np.where(forward, read.length, 0.0)
-    np.negative(read.y + read.width / 2.0, out=read.y)
+    np.add(read.x, read.length, out=read.x, where=forward)
+    read.width /= 2.0
+    read.y += read.width
+    np.negative(read.y, out=read.y)
     read.length = read.width = NONE
     _check_directions(read, forward, where)
     halves = [

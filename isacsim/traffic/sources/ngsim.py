@@ -30,6 +30,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.ngsim_table import NgsimRows, i
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.fitted_lanes import FittedLanes, fitted_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.standing import steadied
+from isac_cosim.isacsim.traffic.trajectory_files.strays import check_strays, strays
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import LONGEST_M
 
 ENDINGS = (".csv.gz", ".csv", ".txt")
@@ -74,6 +75,11 @@ class NgsimSource(FileSource):
         remarks = _leave_out_repeats(read)
         read.take(np.lexsort((read.time_ms, read.vehicle)))
         number, vehicles = _vehicles(read, where)
+        away = strays(number, read.time_ms, 1e3, read.along)
+        remarks += check_strays(away, number, read.along, read.number, where)
+        if away.any():
+            read.take(np.flatnonzero(~away))
+            number = number[~away]
         np.negative(read.across, out=read.across)  # in place: the columns of a long file fill most of the memory
         along, left = read.along, steadied(read.along, read.across, read.time_ms / 1e3, number)
         fitted = fitted_lanes(along, left, np.where(np.isin(read.lane, LANES), read.lane, 0))

@@ -57,6 +57,5 @@ def seen_before(observed: Observed, cut: list[Block], number: int) -> BoolArray:
     seen = np.zeros(len(observed.vehicles), bool)
     for earlier in cut[:number]:
         inside = (observed.step >= earlier.first) & (observed.step <= earlier.last)
-        counts = np.concatenate([[0], np.cumsum(inside)])
-        seen |= counts[observed.starts[1:]] > counts[observed.starts[:-1]]
+        seen |= np.logical_or.reduceat(inside, observed.starts[:-1])  # each vehicle has states
     return seen

@@ -8,17 +8,17 @@ of inD, rounD, exiD and uniD (Bock et al., IV 2020; Moers et al., IV 2022), as l
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from isac_cosim.base.arrays import Array, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Vehicle
-from isac_cosim.isacsim.traffic.trajectory_files.tables import batches, header_of
+from isac_cosim.isacsim.traffic.trajectory_files.tables import Columns, batches, header_of
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import LONGEST_M, SIZES_M
 
 TRACKS, TRACKS_META, RECORDING_META = "_tracks.csv", "_tracksMeta.csv", "_recordingMeta.csv"
@@ -32,7 +32,7 @@ PERSONS = frozenset({"pedestrian", "animal"})
 UNSIZED = frozenset({"motorcycle", "bicycle"})
 """Kinds whose sizes the files may give as 0."""
 SPEEDS = ("xVelocity", "yVelocity")
-FRAMES = "numFrames"
+FRAMES, LAST_FRAME = "numFrames", "finalFrame"
 MOST = 1e7
 """Numbers beyond this are no coordinates in metres, and no frames."""
 MOST_OTHER_M = 0.5
@@ -61,6 +61,13 @@ class LevelxRows:
     speed: Float32Array | None
     number: Int32Array
     direction: IntArray | None
+
+    def leave_out(self, which: BoolArray) -> None:
+        """Leave out some states, column by column: a long recording fills the memory once, not twice."""
+        for column in fields(self):
+            values = getattr(self, column.name)
+            if isinstance(values, np.ndarray) and column.name != "direction":
+                setattr(self, column.name, values[~which])
 
 
 @dataclass(frozen=True)
@@ -122,7 +129,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
     Raises InputError where a file cannot be read, lacks a column, or holds a value that cannot be.
     """
     corners = files.has_corners
-    ids, vehicles, direction, frames, remarks = _read_vehicles(files.tracks_meta, corners)
+    ids, vehicles, direction, said, remarks = _read_vehicles(files.tracks_meta, corners)
     identity, x, y, length = ("id", "x", "y", "width") if corners else ("trackId", "xCenter", "yCenter", "length")
     across = "height" if corners else "width"
     whole, needed = ("frame", identity), [x, y, length, across, *([] if corners else ["heading"])]
@@ -130,7 +137,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
         **dict.fromkeys(whole, pa.int64()),
         **dict.fromkeys((*needed, *SPEEDS), pa.float64()),
     }
-    parts: dict[str, list[np.ndarray[Any, Any]]] = {}
+    read = Columns()
     line, latest, sizes = 2, np.full(len(vehicles), -np.inf), _Sizes(vehicles)
     for batch in batches(files.tracks, columns, (*whole, *needed)):
         values = {name: _numbers(batch, name, files.tracks, line) for name in (*whole, *needed)}
@@ -147,25 +154,27 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
             velocity = (_numbers(batch, name, files.tracks, line, or_none=True)[kept] for name in SPEEDS)
             held["speed"] = np.hypot(*velocity).astype(np.float32)
         for name, column in held.items():
-            parts.setdefault(name, []).append(column)
+            read.add(name, column)
         line += len(batch)
     if line == 2:
         raise InputError(f"{files.tracks}: holds no state of a vehicle; fetch it again")
-    remarks += sizes.check(files, frames)
-    # Each column is put together as its parts are given up: those of a long file fill most of the memory.
-    of = {name: np.concatenate(parts.pop(name)) for name in [*parts]}
-    if not len(of["vehicle"]):
+    sizes.check(files)
+    remarks += _check_whole(sizes.rows, latest, said, vehicles, files)
+    vehicle = read.take("vehicle")
+    if not len(vehicle):
         raise InputError(f"{files.tracks}: holds persons only, and no vehicle; name another recording")
-    rows = LevelxRows(vehicles, of["vehicle"], of["frame"], of[x], of[y], of[length], of.get("height"),
-                      of.get("heading"), of.get("speed"), of["number"], direction)  # fmt: skip
+    width, angle, speed = (read.take(name) if name in read else None for name in ("height", "heading", "speed"))
+    rows = LevelxRows(vehicle=vehicle, vehicles=vehicles, frame=read.take("frame"), x=read.take(x), y=read.take(y),
+                      length=read.take(length), width=width, angle=angle, speed=speed, number=read.take("number"),
+                      direction=direction)  # fmt: skip
     return rows, remarks
 
 
 def _read_vehicles(
     file: Path, corners: bool
-) -> tuple[IntArray, list[Vehicle], IntArray | None, Array, list[str]]:  # fmt: skip
-    """Return the ids of the road users of a file; the vehicles among them, their directions, and for how many frames
-    they are seen, 1 where it does not say; and remarks.
+) -> tuple[IntArray, list[Vehicle], IntArray | None, dict[str, Array], list[str]]:  # fmt: skip
+    """Return the ids of the road users of a file; the vehicles among them, their directions, and what it says of their
+    frames, by column, for those that it has; and remarks.
 
     The ids are those of the vehicles, in their order, and then those of persons.
     """
@@ -173,7 +182,7 @@ def _read_vehicles(
     whole = (identity, "drivingDirection") if corners else (identity,)
     needed = (*whole, length, width, "class")
     columns = {**dict.fromkeys(whole, pa.int64()), length: pa.float64(), width: pa.float64()}
-    counted = (FRAMES,) if FRAMES in header_of(file) else ()
+    counted = [name for name in (FRAMES, LAST_FRAME) if name in header_of(file)]
     columns |= dict.fromkeys(counted, pa.float64())
     values = _columns(file, columns, (*whole, length, width, *counted))
     classes = [named for batch in batches(file, {"class": pa.string()}, needed) for named in batch["class"].to_pylist()]
@@ -205,8 +214,8 @@ def _read_vehicles(
         remarks.append(f"the classes {', '.join(list(unknown)[:3])} are not known: their vehicles are taken for cars")
     if persons:
         remarks.append(f"{len(persons)} persons are left out")
-    frames = values[FRAMES][rows] if counted else np.ones(len(rows))
-    return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, frames, remarks
+    said = {name: values[name][rows] for name in counted}
+    return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, said, remarks
 
 
 def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str) -> Vehicle:
@@ -252,24 +261,37 @@ class _Sizes:
         self.others += np.bincount(vehicle[other], minlength=len(self.rows))
         self.other[vehicle[other]] = said[other]
 
-    def check(self, files: LevelxFiles, frames: Array) -> list[str]:
-        """Return what is to be said where rows are missing, a line if any; frames: how many rows vehicles should have.
-
-        Raises InputError where most rows of a vehicle have another size.
-        """
+    def check(self, files: LevelxFiles) -> None:
+        """Raise InputError where most rows of a vehicle have another size."""
         if (wrong := np.flatnonzero(2 * self.others > self.rows)).size:
             vehicle, said = self.vehicles[wrong[0]], self.other[wrong[0]]
             raise InputError(
                 f"{files.tracks_meta}: vehicle {vehicle.id} is {vehicle.length_m:g} m x {vehicle.width_m:g} m, and "
                 f"{said[0]:g} m x {said[1]:g} m in {files.tracks.name}; fetch both files again"
             )
-        if not (missing := self.rows < frames).any():
-            return []
-        one = self.vehicles[int(np.argmax(missing))].id
-        return [
-            f"{int(missing.sum())} of {len(frames)} vehicles, such as {one}, have fewer states than "
-            f"{files.tracks_meta.name} says: {files.tracks.name} may be cut off"
-        ]
+
+
+def _check_whole(
+    rows: IntArray, latest: Array, said: Mapping[str, Array], vehicles: Sequence[Vehicle], files: LevelxFiles
+) -> list[str]:
+    """Return what is to be said where states are missing in between, a line if any.
+
+    rows, latest: number of states and last frame of each vehicle, shape (v,). said: what the meta file says of these.
+    Raises InputError where the last states of a vehicle are missing, or all, as where a file ends early.
+    """
+    if (cut := (rows == 0) | (latest < said.get(LAST_FRAME, -np.inf))).any():
+        one = int(np.argmax(cut))
+        seen = f"ends at frame {latest[one]:.0f}" if rows[one] else "has no state"
+        raise InputError(
+            f"{files.tracks}: vehicle {vehicles[one].id} {seen}, and {int(cut.sum())} of {len(rows)} vehicles end "
+            f"earlier than {files.tracks_meta.name} says: it is cut off, or another recording; fetch both again"
+        )
+    if not (missing := rows < said.get(FRAMES, 1.0)).any():
+        return []
+    return [
+        f"{int(missing.sum())} of {len(rows)} vehicles, such as {vehicles[int(np.argmax(missing))].id}, have fewer "
+        f"states than {files.tracks_meta.name} says"
+    ]
 
 
 def _check_order(

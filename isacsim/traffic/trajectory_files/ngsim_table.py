@@ -21,6 +21,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array
 from isac_cosim.isacsim.traffic.trajectory_files.tables import (
     Codes,
+    Columns,
     batches,
     check_columns,
     content_head,
@@ -38,7 +39,7 @@ NEEDED = (
 )  # fmt: skip
 WHOLE = frozenset({"Vehicle_ID", "Frame_ID", "Global_Time", "v_Class", "Lane_ID"})
 """Columns of whole numbers; the others are in feet, or feet a second."""
-SPEED, PLACE = "v_Vel", "Location"
+SPEED, PLACE, FRAMES = "v_Vel", "Location", "Total_Frames"
 NUMBER = re.compile(rb"-?\d+(\.\d*)?")
 FOOT_M = 0.3048
 MOST = 1e14
@@ -126,15 +127,14 @@ def _has_header(file: Path) -> bool:
 
 def _values(file: Path, header: bool) -> tuple[dict[str, Any], _Places | None]:
     """Return the columns of numbers, and the places, if the file has any."""
-    parts: dict[str, list[Array]] = {name: [np.empty(0)] for name in NEEDED}
-    names, numbers_of = Codes(), list[Int32Array]()
+    read, names = Columns(), Codes()
     for numbers, named in _tables(file) if header else _blanks(file):
         for name, column in numbers.items():
-            parts.setdefault(name, []).append(column)
+            read.add(name, column)
         if named is not None:
-            numbers_of.append(names.of(named.fill_null("(none)")))
-    places = _Places(names.names, np.concatenate(numbers_of)) if numbers_of else None
-    return {name: np.concatenate(parts.pop(name)) for name in [*parts]}, places
+            read.add(PLACE, names.of(named.fill_null("(none)")))
+    places = _Places(names.names, read.take(PLACE)) if PLACE in read else None
+    return {name: read.take(name) for name in (*NEEDED, SPEED) if name in read or name != SPEED}, places
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _blanks(file: Path) -> Iterator[_Part]:
 
     separator = "," if b"," in content_head(file, 1 << 12).split(b"\n", 1)[0] else r"\s+"
     wanted, further = (*NEEDED, SPEED), "further"
-    line = 1
+    line, last = 1, _LastVehicle()
     with reading(file):
         # All columns are read, and one more: else rows with others than these would be shifted unnoticed.
         chunks = pd.read_csv(
@@ -182,7 +182,40 @@ def _blanks(file: Path) -> Iterator[_Part]:
                     f"{file}: row {line + int(np.argmax(odd))}: has not {len(COLUMNS)} columns; leave it out, or fix it"
                 )
             line += len(chunk)
+            last.add(chunk["Vehicle_ID"].to_numpy(), chunk[FRAMES].to_numpy())
             yield {name: chunk[name].to_numpy(np.float64) for name in wanted}, None
+    last.check(file)
+
+
+@dataclass
+class _LastVehicle:
+    """The vehicle of the last row of a file: number, rows at the end, and how many the file says it has.
+
+    ordered: whether vehicles follow each other, as in the files of one place; others may well end with any row.
+    """
+
+    number: float = -np.inf
+    rows: int = 0
+    said: float = 0.0
+    ordered: bool = True
+
+    def add(self, vehicle: Array, frames: Array) -> None:
+        """Go on with the next rows."""
+        if not len(vehicle):
+            return
+        self.ordered &= bool(vehicle[0] >= self.number and (np.diff(vehicle) >= 0).all())
+        others = np.flatnonzero(vehicle != vehicle[-1])
+        own = len(vehicle) - (int(others[-1]) + 1 if len(others) else 0)
+        self.rows = own + (self.rows if own == len(vehicle) and vehicle[-1] == self.number else 0)
+        self.number, self.said = float(vehicle[-1]), float(frames[-1])
+
+    def check(self, file: Path) -> None:
+        """Raise InputError where the last vehicle has fewer rows than it should have."""
+        if self.ordered and self.rows < self.said:
+            raise InputError(
+                f"{file}: vehicle {self.number:g}, its last one, has {self.rows} rows, and {FRAMES} says "
+                f"{self.said:g}: it is cut off; fetch it again, or leave that vehicle out"
+            )
 
 
 def _at_place(places: _Places | None, wanted: str | None, count: int, file: Path) -> IntArray:

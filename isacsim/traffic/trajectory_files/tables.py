@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -204,6 +204,36 @@ def check_columns(file: Path, present: Sequence[str], needed: Sequence[str]) -> 
         if present.count(name) != 1:
             fault = "has no column" if name not in present else "has more than one column"
             raise InputError(f"{file}: {fault} {name} (it has {', '.join(present)[:200]}); write it with that column")
+
+
+class Columns:
+    """Columns of numbers that are put together part by part, and take hardly more memory than they hold.
+
+    Parts that are kept until the end would be there twice when they are joined: the allocator keeps what lies between
+    others.
+    """
+
+    def __init__(self) -> None:
+        self._held: dict[str, np.ndarray[Any, Any]] = {}
+        self._rows: dict[str, int] = {}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._held
+
+    def add(self, name: str, part: np.ndarray[Any, Any]) -> None:
+        """Add the next part of a column. The first one tells its type."""
+        rows = self._rows.get(name, 0)
+        held = self._held.setdefault(name, np.empty(0, part.dtype))
+        if rows + len(part) > len(held):
+            held.resize(max(rows + len(part), len(held) + len(held) // 8), refcheck=False)
+        held[rows : rows + len(part)] = part
+        self._rows[name] = rows + len(part)
+
+    def take(self, name: str, kind: Any = np.float64) -> np.ndarray[Any, Any]:
+        """Return a column, which is given up here. kind: its type where it has no part."""
+        held = self._held.pop(name, np.empty(0, kind))
+        held.resize(self._rows.pop(name, 0), refcheck=False)
+        return held
 
 
 class Codes:

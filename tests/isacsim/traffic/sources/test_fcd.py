@@ -351,6 +351,16 @@ def test_other_coordinates_are_those_of_sumo(
         assert np.hypot(again.tracks[name].x - track.x, again.tracks[name].y - track.y).max() < within_m
 
 
+def test_a_position_that_is_none_among_longitudes_is_named(tmp_path: Path) -> None:
+    net, _, geo = made_in_hanover(tmp_path, "csv", "--fcd-output.geo")
+    header, *lines = geo.read_text().splitlines()
+    cells = lines[40].split(";")
+    cells[header.split(";").index("vehicle_x")] = "-1e6"
+    geo.write_text("\n".join([header, *lines[:40], ";".join(cells), *lines[41:]]) + "\n")
+    with pytest.raises(InputError, match=r"row 42: -1e\+06, 52\.\d+ is no longitude and latitude, and the other"):
+        read(study_of(geo, str(net)))
+
+
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [

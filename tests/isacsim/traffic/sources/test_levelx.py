@@ -221,18 +221,52 @@ def test_speeds_of_another_rate_are_told(highd: tuple[Path, dict[str, int]], tmp
     )
 
 
-def test_tracks_that_end_early_are_told(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
+def test_missing_states_are_told(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
     folder = tmp_path / "recording"
     shutil.copytree(highd[0], folder)
     source = motion_source(study_of(folder))
-    assert not any("cut off" in remark for remark in source.remarks(source.load(str(folder))))
+    assert not any("fewer states" in remark for remark in source.remarks(source.load(str(folder))))
     lines = (folder / "07_tracks.csv").read_text().splitlines(keepends=True)
-    (folder / "07_tracks.csv").write_text("".join(lines[:-200]))
+    (folder / "07_tracks.csv").write_text("".join(lines[:100] + lines[110:]))
     remarks = [*source.remarks(source.load(str(folder)))]
-    told = (
-        r"\d+ of \d+ vehicles, such as \d+, have fewer states than 07_tracksMeta\.csv says: 07_tracks\.csv may be cut"
+    assert re.match(r"1 of \d+ vehicles, such as \d+, have fewer states than 07_tracksMeta\.csv says", remarks[-1])
+
+
+@pytest.mark.parametrize("left", [-1, -200, 900])
+@pytest.mark.parametrize("columns", ["all", "no finalFrame"])
+def test_tracks_that_end_early_with_a_whole_row_are_refused(
+    left: int, columns: str, highd: tuple[Path, dict[str, int]], tmp_path: Path
+) -> None:
+    """Without the last frames in the meta file, where a vehicle is missing altogether."""
+    folder = tmp_path / "recording"
+    shutil.copytree(highd[0], folder)
+    tracks, meta = folder / "07_tracks.csv", folder / "07_tracksMeta.csv"
+    if columns != "all":
+        meta.write_text(without("finalFrame")(meta.read_text()))
+    tracks.write_text("".join(tracks.read_text().splitlines(keepends=True)[:left]))
+    if columns != "all" and left == -1:
+        assert read(study_of(folder)).tracks
+        return
+    with pytest.raises(
+        InputError, match=r"07_tracks\.csv: vehicle \d+ .*, and \d+ of \d+ vehicles end .*it is cut off"
+    ):
+        read(study_of(folder))
+
+
+@pytest.mark.parametrize("value", ["-1e6", "1e6", "-300.0", "4000"])
+def test_a_wrong_position_makes_no_road(value: str, highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:
+    """The sound recording shows 1,600 m of road."""
+    folder = tmp_path / "recording"
+    shutil.copytree(highd[0], folder)
+    (folder / "07_tracks.csv").write_text(cell(400, "x", value)((folder / "07_tracks.csv").read_text()))
+    source = motion_source(study_of(folder))
+    place, sound = source.load(str(folder)), motion_source(study_of(highd[0])).load(str(highd[0]))
+    assert [lane.shape.tolist() for lane in place.lanes] == [lane.shape.tolist() for lane in sound.lanes]
+    assert place.sites == sound.sites
+    assert any(
+        re.match(r"07_tracks\.csv: row 401 lies \S+ m from where its vehicle is", line)
+        for line in source.remarks(place)
     )
-    assert re.match(told, remarks[-1])
 
 
 def test_lengths_in_feet_are_refused(highd: tuple[Path, dict[str, int]], tmp_path: Path) -> None:

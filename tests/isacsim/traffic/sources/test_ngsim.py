@@ -146,7 +146,7 @@ def test_a_standing_vehicle_that_jitters_changes_no_lane(tmp_path: Path) -> None
             stands = 100 < frame < 300
             across = 5.4 + (rng.normal(0.0, 1.0) if stands else 0.0)
             rows.append(
-                sample | {"Vehicle_ID": 900 + k, "Frame_ID": 450 + frame, "Lane_ID": 2,
+                sample | {"Vehicle_ID": 900 + k, "Frame_ID": 450 + frame, "Total_Frames": 400, "Lane_ID": 2,
                           "Global_Time": int(sample["Global_Time"]) + (450 + frame - int(sample["Frame_ID"])) * 100,
                           "Local_X": round(across / 0.3048, 3), "Local_Y": round(along / 0.3048, 3),
                           "v_Vel": 0.0 if stands else 32.808}
@@ -184,7 +184,8 @@ def test_ids_are_used_again_after_a_pause_and_not_after_a_gap(
         frame += pause
         for _ in range(30):
             rows.append(
-                sample | {"Vehicle_ID": 7777, "Frame_ID": frame, "Lane_ID": 2, "v_Length": 15.0 + 2.0 * (another and k),
+                sample | {"Vehicle_ID": 7777, "Frame_ID": frame, "Total_Frames": 30, "Lane_ID": 2,
+                          "v_Length": 15.0 + 2.0 * (another and k),
                           "Global_Time": int(sample["Global_Time"]) + (frame - int(sample["Frame_ID"])) * 100,
                           "Local_X": round(5.4 / 0.3048, 3), "Local_Y": round((frame - 440) * 1.0 / 0.3048, 3),
                           "v_Vel": 32.808}
@@ -270,3 +271,40 @@ def test_more_bad_input(tmp_path: Path) -> None:
         read(study_of(tmp_path))
     with pytest.raises(InputError, match=r"no vehicle is seen for 120 s; \d+ is seen longest"):
         read(study_of(write_txt(tmp_path / "whole.txt", rows), least_s=120.0))
+
+
+@pytest.mark.parametrize("feet", [-1e6, 1e6])
+def test_a_wrong_position_makes_no_road(feet: float, tmp_path: Path) -> None:
+    def wrong(rows: list[Row]) -> list[Row]:
+        rows[300]["Local_Y"] = feet
+        return rows
+
+    file = changed(tmp_path / "trajectories.txt", wrong)
+    source = motion_source(study_of(file))
+    place = source.load(str(file))
+    sound_file = write_txt(tmp_path / "sound.txt", plain()[0])
+    sound = motion_source(study_of(sound_file)).load(str(sound_file))
+    ends = [[lane.shape[[0, -1], 0].tolist() for lane in road.lanes] for road in (place, sound)]
+    assert ends[0] == ends[1]
+    assert any(
+        re.match(r"trajectories\.txt: row 301 lies \S+ m from where its vehicle is", line)
+        for line in source.remarks(place)
+    )
+
+
+def test_a_file_that_ends_early_with_a_whole_row_is_refused(tmp_path: Path) -> None:
+    """The vehicles of a file of one place follow each other; the file with all places is in any order."""
+    cut = changed(tmp_path / "trajectories.txt", lambda rows: rows[:-3])
+    last = plain()[0][-1]
+    count = int(last["Total_Frames"])
+    said = f"vehicle {last['Vehicle_ID']}, its last one, has {count - 3} rows, and Total_Frames says {count}: it is cut"
+    with pytest.raises(InputError, match=said):
+        read(study_of(cut))
+    assert read(study_of(write_csv(tmp_path / "all.csv", plain()[0][:-3]))).tracks
+
+
+def test_the_last_vehicle_is_told_over_several_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("isac_cosim.isacsim.traffic.trajectory_files.ngsim_table.CHUNK", 7)
+    assert read(study_of(write_txt(tmp_path / "trajectories.txt", plain()[0]))).tracks
+    with pytest.raises(InputError, match="its last one, has"):
+        read(study_of(changed(tmp_path / "trajectories.txt", lambda rows: rows[:-1])))
