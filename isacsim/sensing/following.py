@@ -122,7 +122,8 @@ def states_of(fixes: Sequence[Fixes], rate_hz: float, settings: TrackingSettings
     # A step costs much the same, however many vehicles there are: those of about the same length go together.
     longest_first = sorted(range(len(fixes)), key=lambda number: -len(fixes[number].valid))
     for first in range(0, len(fixes), TOGETHER):
-        going, tracks = longest_first[first : first + TOGETHER], None
+        going = longest_first[first : first + TOGETHER]
+        tracks: FilteredStates | None = None
         for begin in range(0, len(fixes[going[0]].valid), MOST_INSTANTS):
             piece = slice(begin, begin + MOST_INSTANTS)
             going = [number for number in going if len(fixes[number].valid) > begin]

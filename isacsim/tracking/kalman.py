@@ -125,14 +125,15 @@ def track(
     measured, uncertain, missing = (
         np.ascontiguousarray(of.swapaxes(0, 1)) for of in (fixes[..., None], covariances, ~valid)
     )
-    states, innovations = np.empty((instants, records, 6, 1)), np.zeros((instants, records, 1, 1))
+    states: Array = np.empty((instants, records, 6, 1))
+    innovations: Array = np.zeros((instants, records, 1, 1))
     if before is None:
         state, spread = start(fixes[:, 0], covariances[:, 0], settings)
         states[0, ..., 0] = state
         steps = _Steps(states[0], spread, np.zeros(records, dtype=np.int64), step_s, settings)
     else:
         steps = _Steps(before.state[:, -1, :, None], before.covariance, before.refused, step_s, settings)
-    gaps = missing.any(axis=1).tolist()
+    gaps: BoolArray = np.asarray(missing.any(axis=1))
     for k in range(1 if before is None else 0, instants):
         steps.go(measured[k], uncertain[k], missing[k] if gaps[k] else None, states[k], innovations[k])
     by_record = states[..., 0].swapaxes(0, 1), innovations[..., 0, 0].swapaxes(0, 1)
