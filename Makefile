@@ -19,7 +19,7 @@ test-slow: $(VENV)/installed-dev
 fuzz: $(VENV)/installed-dev
 	$(VENV)/bin/python -m pytest -m slow tests/test_damaged.py tests/isacsim/traffic/sources/test_damaged_recordings.py $(ARGS)
 
-# STAGE: names of stages, or `list`. JOBS: stages side by side. CLUSTER: address of a scheduler.
+# STAGE: names of stages, or `list`, `keep`, `withdraw`. JOBS: stages side by side. CLUSTER: address of a scheduler.
 FIGURES := $(VENV)/bin/python -m isac_cosim.benchmarks.findings.figures
 figures: $(VENV)/installed-dev
 	$(FIGURES) $(STAGE) --jobs $(or $(JOBS),1) $(if $(CLUSTER),--cluster $(CLUSTER))

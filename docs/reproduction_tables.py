@@ -1,9 +1,10 @@
 """The tables of docs/reproduction.md, from the files that the stages of `cosim reproduce` left.
 
-    python docs/reproduction_tables.py docs/reproduction/asi-bip
+    python docs/reproduction_tables.py docs/reproduction/asi-bip [docs/unfinished/asi-bip/out]
 
 Prints them in Markdown, those of stages that were run. ± is the standard deviation over the trainings; brackets hold
-95 % intervals.
+95 % intervals. The second folder, where there is one, holds what is finished of a run with the present settings: its
+tables follow, without rows of what was not run.
 """
 
 from __future__ import annotations
@@ -11,20 +12,43 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from isac_cosim.base.settings import read_json
-from isac_cosim.evaluation.report.parts import markdown, text_of
+from isac_cosim.evaluation.report.parts import Part, Row, markdown, text_of
+from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
 from isac_cosim.studies.reproduction.castformer.report import castformer_parts
+from isac_cosim.studies.reproduction.experiments.pages import CLAIMS
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize
 from isac_cosim.studies.reproduction.experiments.stages import MARK, STAGES, Identity
 
 
 def tables(folder: Path) -> Iterator[str]:
     """Yield each table of a reproduction with its heading. folder: holds `reproduction.json` and `stages`."""
+    for part in _parts(folder):
+        yield _table(part.title, part, part.rows)
+
+
+def tables_in_part(folder: Path) -> Iterator[str]:
+    """Yield the tables of an unfinished reproduction in which something is measured, without claims on what is not."""
+    for part in _parts(folder):
+        measured = [row for row in part.rows if any(isinstance(value, Estimate) for value in row.values())]
+        if measured:
+            name, colon, subject = part.title.partition(":")
+            yield _table(
+                f"{name} in the present preset{colon}{subject}", part, measured if part.name == CLAIMS else part.rows
+            )
+
+
+def _table(title: str, part: Part, rows: Sequence[Row]) -> str:
+    cells = [[text_of(row.get(name)) for name in part.headings] for row in rows]
+    return f"### {title}\n\n{markdown(part.headings, cells)}\n"
+
+
+def _parts(folder: Path) -> list[Part]:
     identity = read_json(Identity, folder / MARK)
     if identity is None:
         raise SystemExit(f"{folder}: holds no reproduction")
@@ -32,19 +56,18 @@ def tables(folder: Path) -> Iterator[str]:
         # The parts of the page come with figures, which are drawn beside the stages.
         out = Path(scratch) / "out"
         shutil.copytree(folder / STAGES, out / STAGES)
+        shutil.copyfile(folder / MARK, out / MARK)
         if identity.paper == asi_bip.PAPER:
             parts, _ = asi_bip_parts(out, AsiBipSize.model_validate(identity.settings))
         else:
             parts, _ = castformer_parts(out)
-    for part in parts:
-        if part.rows:
-            rows = [[text_of(row.get(name)) for name in part.headings] for row in part.rows]
-            yield f"### {part.title}\n\n{markdown(part.headings, rows)}\n"
+    return [part for part in parts if part.rows]
 
 
 def main() -> None:
-    """Print the tables of the folder that the command line names."""
-    for table in tables(Path(sys.argv[1])):
+    """Print the tables of the folders that the command line names."""
+    whole, *part = map(Path, sys.argv[1:])
+    for table in (*tables(whole), *(table for folder in part if folder.exists() for table in tables_in_part(folder))):
         print(table)
 
 

@@ -4,6 +4,7 @@
     python -m isac_cosim.benchmarks.findings.figures list      the stages, what they cost, and whether they are present
     python -m isac_cosim.benchmarks.findings.figures status    the stored results, each "present" or what differs
     python -m isac_cosim.benchmarks.findings.figures withdraw  pages no longer claim as present what is not
+    python -m isac_cosim.benchmarks.findings.figures keep      what is finished of unfinished stages is kept
 
 `make figures STAGE=...` and `make figures-status` call it. A stage whose results are present is skipped; an interrupted
 one goes on where its commands can.
@@ -17,8 +18,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from isac_cosim.base.errors import InputError
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.progress import ConsoleFeedback
+from isac_cosim.benchmarks.findings.figures import unfinished
 from isac_cosim.benchmarks.findings.figures.making import Maker
 from isac_cosim.benchmarks.findings.figures.pages import claims, withdrawn, write_page
 from isac_cosim.benchmarks.findings.figures.plan import ROOT, Plan, read_plan
@@ -63,7 +65,17 @@ def withdraw(plan: Plan, root: Path) -> str:
     return "\n".join(lines) or "every claim holds"
 
 
-SHOWN = {"list": listed, "status": statuses, "withdraw": withdraw}
+def keep(plan: Plan, root: Path) -> str:
+    """Keep what is finished of unfinished stages, and show it on their pages; return a line for each."""
+    lines = []
+    for name, stage in plan.stage.items():
+        if became := unfinished.keep(name, stage, root):
+            lines.append(f"{name}: {became}")
+            Maker(root).rewrite_pages(name, stage)
+    return "\n".join(lines) or "nothing is finished of an unfinished stage"
+
+
+SHOWN = {"list": listed, "status": statuses, "withdraw": withdraw, "keep": keep}
 """What is said instead of making anything, by the word that takes the place of stages."""
 
 
@@ -82,9 +94,9 @@ def main(arguments: list[str], plan_file: Path | None = None, root: Path = ROOT)
             print(SHOWN[given.stages[0]](plan, root))
             return 0
         became = Maker(root, given.jobs, given.cluster, ConsoleFeedback(Console(stderr=True))).make(plan, given.stages)
-    except InputError as error:
+    except (InputError, RunError) as error:
         print(error, file=sys.stderr)
-        return 2
+        return 2 if isinstance(error, InputError) else 1
     except KeyboardInterrupt:
         print("interrupted; the same command goes on", file=sys.stderr)
         return 130

@@ -17,6 +17,7 @@ from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import digests_of
 from isac_cosim.base.settings import read_json
+from isac_cosim.benchmarks.findings.figures import unfinished
 from isac_cosim.benchmarks.findings.figures.pages import claims, printed_tables, rewrite
 from isac_cosim.benchmarks.findings.figures.plan import Plan, Stage
 from isac_cosim.benchmarks.findings.figures.record import (
@@ -114,6 +115,8 @@ class Maker:
         """
         folder, begun = self.root / WORK / name, begun_file(name, self.root)
         self._check_sources()
+        if became := unfinished.go_on(name, stage, self.root):
+            self.feedback.message(f"{name}: {became}")
         record = record_now(name, stage, self.root)
         before = read_json(Record, begun)
         if before is None and folder.exists():
@@ -135,6 +138,7 @@ class Maker:
                     raise RunError(f"{command}: exit code {code}; see {folder / LOG}")
         self._check_sources()
         write(record_file(name, stage, self.root), with_results(record, stage, self.root))
+        unfinished.discard(name, self.root)
 
     @cached_property
     def _sources(self) -> dict[str, str]:

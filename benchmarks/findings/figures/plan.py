@@ -44,6 +44,9 @@ class Stage(Settings):
     results: tuple[Inside, ...] = Field(min_length=1, description="files that the commands leave, or patterns of them")
     tables: tuple[str, ...] = ()
     pages: tuple[Inside, ...] = Field((), description="pages that show the figures")
+    kept: tuple[Inside, ...] = Field(
+        (), description="files, or patterns of them, that finished parts leave in the folder of the stage's work"
+    )
     cost_min: float = Field(gt=0.0, description="duration on two cores, minutes")
     cost_is: str = Field(min_length=1, description="where the cost comes from")
     needs: tuple[str, ...] = Field((), description="stages whose results the commands read")

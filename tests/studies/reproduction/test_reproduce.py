@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import json
+import runpy
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import cosim
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.engine import LocalEngine
+from isac_cosim.benchmarks.findings.figures.pages import printed_tables
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
 from isac_cosim.studies.reproduction.castformer.results import VariantsResult
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize, CastformerSize
 from isac_cosim.studies.reproduction.experiments.stages import (
+    MARK,
+    STAGES,
     Capacity,
     cost_in_words,
     cost_of,
@@ -34,6 +40,7 @@ from tests.studies.reproduction import tiny
 from tests.support.recorded_feedback import RecordedFeedback
 from tests.support.scripted import InlineEngine
 
+DOCS = Path(cosim.__file__).parent / "docs"
 ASI_BIP_STAGES = ("data", "isac", "isac-weather", "fig3", "fig4", "fig5", "fast")
 CASTFORMER_STAGES = ("data", "horizon", "alpha", "compared")
 
@@ -122,6 +129,49 @@ def test_a_finished_reproduction_is_not_run_again(castformer: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in (castformer / "stages").iterdir()} == before
     assert feedback.messages == ["every stage is finished; only the page is written"]
     assert result.not_run == ["ablation", "attention", "orders", "counterfactual", "repeat-1", "background"]
+
+
+def finished_part(of: Path, stages: Sequence[str], out: Path) -> dict[Path, bytes]:
+    """Copy what some stages of a reproduction left to a new folder, without datasets and runs; return its content."""
+    (out / STAGES).mkdir(parents=True)
+    for file in (Path(MARK), *(Path(STAGES) / f"{stage}.json" for stage in stages)):
+        shutil.copyfile(of / file, out / file)
+    return {path: path.read_bytes() for path in (out / STAGES).iterdir()}
+
+
+def test_finished_stages_are_all_that_asi_bip_needs_to_go_on(asi_bip: Path, tmp_path: Path) -> None:
+    before = finished_part(asi_bip, ("data", "isac", "fast"), tmp_path / "out")
+    reproduce(wanted("asi-bip", tiny.asi_bip(), tmp_path / "out", ("isac", "fig3", "fast")), InlineEngine())
+    assert {path: path.read_bytes() for path in before} == before
+    there, here = (result_of(out, "fig3", TrainingsResult) for out in (asi_bip, tmp_path / "out"))
+    assert there is not None
+    assert here is not None
+    assert [training.counts for training in here.trainings] == [training.counts for training in there.trainings]
+    assert not (tmp_path / "out" / "work" / "runs" / "isac-patches").exists()
+
+
+def test_finished_stages_are_all_that_castformer_needs_to_go_on(castformer: Path, tmp_path: Path) -> None:
+    before = finished_part(castformer, ("data", "horizon"), tmp_path / "out")
+    reproduce(wanted("castformer", tiny.castformer(), tmp_path / "out", ("horizon", "alpha")), InlineEngine())
+    assert {path: path.read_bytes() for path in before} == before
+    there, here = (result_of(out, "alpha", VariantsResult) for out in (castformer, tmp_path / "out"))
+    assert there is not None
+    assert here is not None
+    assert [fold.counts for fold in here.variants[0].folds] == [fold.counts for fold in there.variants[0].folds]
+
+
+def test_tables_of_a_part_say_only_what_is_measured(
+    asi_bip: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside those of an earlier run that was finished."""
+    script, whole = DOCS / "reproduction_tables.py", DOCS / "reproduction" / "asi-bip"
+    monkeypatch.setattr("sys.argv", [str(script), str(whole), str(asi_bip)])
+    runpy.run_path(str(script), run_name="__main__")
+    printed = printed_tables(capsys.readouterr().out)
+    assert {"Table I", "Table I in the present preset", "Fig. 5 in the present preset"} <= printed.keys()
+    assert "Where each figure and table is in the present preset" not in printed
+    assert "| undecided | - |" in printed["What the paper claims"]
+    assert "| undecided | - |" not in printed["What the paper claims in the present preset"]
 
 
 def test_clips_take_the_place_of_windows(tmp_path: Path) -> None:
