@@ -37,6 +37,7 @@ from isac_cosim.studies.reproduction.experiments.stages import (
     cost_of,
     fastest,
     identity_of,
+    in_full,
     run_stages,
 )
 from isac_cosim.studies.reproduction.experiments.verdicts import Claim
@@ -128,7 +129,7 @@ def best_workers(wanted: Request, cores: int) -> int:
     Three trainings on two cores take one and a half rounds side by side, and two rounds on two workers.
     """
     stages = wanted.reproduction(LocalEngine(cores), SILENT).stages()
-    return fastest(chosen_stages(stages, wanted.stages), cores).workers
+    return fastest(in_full(chosen_stages(stages, wanted.stages), wanted.out), cores).workers
 
 
 def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> ReproductionResult:

@@ -103,9 +103,10 @@ class AsiBipReproduction:
                 name=case.name,
                 group=TABLE_1,
                 question=f"Table I, {case.title}",
-                cost_s=self._sensing_s(case) + seeds * training_s,
+                cost_s=0.0,
                 parallel=seeds,
                 run=partial(self._case, case),
+                makes=self._made(case),
             )
             for case in TRAINED
         ]
@@ -122,18 +123,21 @@ class AsiBipReproduction:
                 cost_s=measured_s + test_share * sum(self._sensing_s(case) for case in weather_cases(chain)),
                 parallel=seeds,
                 run=partial(self._weather, chain),
+                makes=self._made(next(case for case in TRAINED if case.name == chain)),
             )
             for chain in self.size.weather_chains
         ]
+        data = {self._dataset_folder(GENERATED): self._generating_s()}
+        isac = partial(training_stage, parallel=seeds, makes=self._made(self._isac()))
+        training_stage = partial(training_stage, makes=data)
+        question = "how many samples of each intention"
         return [
-            Stage(
-                "data", "data", "how many samples of each intention", self._generating_s(), 8, self._data, DataResult
-            ),
+            Stage("data", "data", question, 0.0, 8, self._data, DataResult, makes=data),
             *table,
             *weather,
-            training_stage("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, seeds, self._fig3),
-            training_stage("fig4", "fig4", "Fig. 4: the unknown class", measured_s, seeds, self._fig4),
-            training_stage("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, seeds, self._fig5),
+            isac("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, run=self._fig3),
+            isac("fig4", "fig4", "Fig. 4: the unknown class", measured_s, run=self._fig4),
+            isac("fig5", "fig5", "Fig. 5: F1 by SNR, without training anew", snr_s, run=self._fig5),
             training_stage("aligned", "aligned", "asynchronous or aligned fusion", pooled_s, seeds, self._aligned),
             *(
                 training_stage(
@@ -312,6 +316,15 @@ class AsiBipReproduction:
 
     def _run_folder(self, name: str, seed: int) -> Path:
         return self.out / "work" / "runs" / name / f"seed-{seed}"
+
+    def _made(self, case: SensingCase) -> dict[Path, float]:
+        """Return what the trainings of a case make in `work`, with the processor time of each, s."""
+        datasets = {
+            self._dataset_folder(case.name): self._sensing_s(case),
+            self._dataset_folder(GENERATED): self._generating_s(),
+        }
+        training_s = self._training_s("asi-bip")
+        return datasets | {self._run_folder(case.name, seed): training_s for seed in self.size.training_seeds}
 
     def _generating_s(self) -> float:
         return estimate(self.study.dataset).cpu_s

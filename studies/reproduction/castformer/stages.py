@@ -51,8 +51,8 @@ from isac_cosim.studies.reproduction.experiments.trainings import Measure, Windo
 from isac_cosim.studies.sweep import finished
 
 PAPER = "castformer"
-KINEMATIC, DRIVING, MOTORWAY = "kinematic", "driving", "motorway"
-"""Sources of the windows: maneuvers and plain driving of the kinematic source, and the bundled motorway."""
+KINEMATIC, DRIVING, MOTORWAY, CLIPS = "kinematic", "driving", "motorway", "clips"
+"""Sources: maneuvers and plain driving of the kinematic source, the bundled motorway, and a folder of clips."""
 SMALL_BATCH = 1.8
 """Processor time of a training step in batches of 16, relative to that of `Predictor.cost_s`, for batches of 32."""
 OVERHEAD_S = 4.0
@@ -99,10 +99,18 @@ class CastformerReproduction:
         if self.clips is None and self.size.background_share:
             stages.append(self._background_stage())
         if self.clips is None and self.size.motorway is not None:
-            data_s = estimate(self.dataset_study(MOTORWAY)).cpu_s
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
             stages += [
-                Stage("motorway-data", MOTORWAY, "windows of the motorway", data_s, 8, motorway, DataResult),
+                Stage(
+                    "motorway-data",
+                    MOTORWAY,
+                    "windows of the motorway",
+                    0.0,
+                    8,
+                    motorway,
+                    DataResult,
+                    makes=self._made(MOTORWAY),
+                ),
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
@@ -110,25 +118,42 @@ class CastformerReproduction:
     def _stage(
         self, name: str, question: str, new: Sequence[Variant], rows: Sequence[Variant], source: str = KINEMATIC
     ) -> Stage:
-        cost_s = self.size.folds * sum(self.training_s(row, source) for row in new)
         parallel = max(1, len(new) * self.size.folds)
         work, check = partial(self._measure, name, rows, source), partial(_check_installed, rows)
-        return Stage(name, name, question, cost_s, parallel, work, VariantsResult, check)
+        return Stage(name, name, question, 0.0, parallel, work, VariantsResult, check, self._made(source, rows))
 
     def _repeat_stage(self, seed: int) -> Stage:
         """Return the stage that trains the networks of the main comparison once more."""
         rows = variants.main_comparison()
-        cost_s = self.size.folds * sum(self.training_s(row, KINEMATIC) for row in rows)
+        made = self._made(KINEMATIC, rows, seed)
         name, question = variants.repeat_stage(seed), f"Table 4: its main comparison with training seed {seed}"
         work = partial(self._measure, name, rows, KINEMATIC, seed)
-        return Stage(name, "ablation", question, cost_s, len(rows) * self.size.folds, work, VariantsResult)
+        parallel = len(rows) * self.size.folds
+        return Stage(name, "ablation", question, 0.0, parallel, work, VariantsResult, makes=made)
+
+    def _made(self, source: str, rows: Sequence[Variant] = (), seed: int | None = None) -> dict[Path, float]:
+        """Return what networks of a source make in `work`, with the processor time of each, s.
+
+        seed: of the trainings, the first of the size if None.
+        """
+        made = {}
+        if self.clips is None:
+            made[self._dataset_folder(source)] = estimate(self.dataset_study(source)).cpu_s
+        source = source if self.clips is None else CLIPS
+        for row in rows:
+            training_s = self.training_s(row, source)
+            parts = [
+                self._part(fold, self.size.training_seeds[0] if seed is None else seed)
+                for fold in range(self.size.folds)
+            ]
+            made |= {self._scores_file(source, row, part): training_s for part in parts}
+        return made
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
             return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, DataResult)
-        cost_s = estimate(self.dataset_study(KINEMATIC)).cpu_s
-        question = "windows that reach 6 s before the commit"
-        return Stage("data", "data", question, cost_s, 8, partial(self._windows_data, KINEMATIC), DataResult)
+        question, work = "windows that reach 6 s before the commit", partial(self._windows_data, KINEMATIC)
+        return Stage("data", "data", question, 0.0, 8, work, DataResult, makes=self._made(KINEMATIC))
 
     def _windows_data(self, source: str) -> DataResult:
         return DataResult(source=source, dataset=description(self.dataset(source)), folds=self.folds(source))
@@ -139,7 +164,7 @@ class CastformerReproduction:
         assert self.clips is not None
         made = extraction_in(self.clips)
         return DataResult(
-            source="clips",
+            source=CLIPS,
             clips=len(self._clips),
             by_class=labels.tolist(),
             background=background,
@@ -148,10 +173,10 @@ class CastformerReproduction:
 
     def _background_stage(self) -> Stage:
         samples = sum(estimate(self.dataset_study(source)).samples for source in (KINEMATIC, DRIVING))
-        cost_s = self._clip_training_s(samples) * self.size.folds + estimate(self.dataset_study(DRIVING)).cpu_s
-        question = "Eq. (13) with plain driving as a class"
-        work = self._measure_background
-        return Stage("background", "background", question, cost_s, self.size.folds, work, VariantsResult)
+        cost_s = self._clip_training_s(samples) * self.size.folds
+        question, made = "Eq. (13) with plain driving as a class", self._made(KINEMATIC) | self._made(DRIVING)
+        work, folds = self._measure_background, self.size.folds
+        return Stage("background", "background", question, cost_s, folds, work, VariantsResult, makes=made)
 
     def _measure_background(self) -> VariantsResult:
         """Train and measure CaSTFormer on clips of our own motion, of which some are of plain driving."""
@@ -192,7 +217,7 @@ class CastformerReproduction:
             scores = run_tasks(train_and_measure, tasks, self.engine, self.feedback, stage)
         folds = self.size.folds
         return VariantsResult(
-            source=source if self.clips is None else "clips",
+            source=source if self.clips is None else CLIPS,
             background=None if self.clips is None else self.background,
             variants=[
                 VariantScores(name=row.name, title=row.title, folds=scores[k * folds : (k + 1) * folds])
@@ -221,7 +246,7 @@ class CastformerReproduction:
         part = self._part(fold, seed)
         return ClipTraining(
             name=f"clips, {row.name}, {part.replace('-', ' ')}",
-            scores_file=self._scores_file("clips", row, part),
+            scores_file=self._scores_file(CLIPS, row, part),
             training_seed=seed,
             folder=self.clips,
             castformer=row.settings,

@@ -9,8 +9,8 @@ OUT/index.html              the page
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -44,7 +44,8 @@ class Stage:
     name: as `--stages` takes it. group: other name, shared by stages that fill one table together. question: what it
     answers, for people. cost_s: expected processor time, s. parallel: how many of its parts can run side by side.
     run: does the work; returns what the stage's file holds, of the type `kind`. check: raises InputError, with the fix,
-    where something is missing that the stage needs.
+    where something is missing that the stage needs. makes: what it makes in `work` unless it is there, datasets and
+    predictors, with the processor time of each, s, which `cost_s` leaves out.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Stage:
     run: Callable[[], StageResult]
     kind: type[StageResult]
     check: Callable[[], None] = lambda: None
+    makes: Mapping[Path, float] = field(default_factory=dict)
 
     def seconds(self, capacity: Capacity) -> float:
         """Return the expected duration, s. Parts of equal length run in rounds, and share the cores."""
@@ -104,9 +106,23 @@ def fastest(stages: Sequence[Stage], cores: int) -> Capacity:
     return min(offered, key=lambda capacity: sum(stage.seconds(capacity) for stage in stages))
 
 
+def in_full(stages: Sequence[Stage], folder: Path) -> list[Stage]:
+    """Return the stages with costs that include what each makes: what neither lies there nor is made by one before."""
+    made: set[Path] = set()
+    counted = []
+    for stage in stages:
+        finished = _file(folder, stage.name).is_file()
+        missing = (
+            {} if finished else {path: s for path, s in stage.makes.items() if path not in made and not path.exists()}
+        )
+        made |= missing.keys()
+        counted.append(replace(stage, cost_s=stage.cost_s + sum(missing.values()), makes={}))
+    return counted
+
+
 def cost_of(stages: Sequence[Stage], folder: Path, capacity: Capacity) -> Cost:
     """Return what the stages cost that are not finished in a folder."""
-    missing = [stage for stage in stages if not _file(folder, stage.name).is_file()]
+    missing = [stage for stage in in_full(stages, folder) if not _file(folder, stage.name).is_file()]
     durations = {stage.name: round(stage.seconds(capacity), 1) for stage in missing}
     return Cost(
         stages=durations,
@@ -154,6 +170,7 @@ def run_stages(
         for stage in (*stages, *shown):
             result_of(folder, stage.name, stage.kind)
         feedback.message(cost_in_words(cost_of(stages, folder, capacity)))
+        stages = in_full(stages, folder)
         steps = Steps(feedback, sum(stage.seconds(capacity) for stage in stages))
         for number, stage in enumerate(stages):
             file, duration_s = _file(folder, stage.name), stage.seconds(capacity)

@@ -141,7 +141,10 @@ def finished_part(of: Path, stages: Sequence[str], out: Path) -> dict[Path, byte
 
 def test_finished_stages_are_all_that_asi_bip_needs_to_go_on(asi_bip: Path, tmp_path: Path) -> None:
     before = finished_part(asi_bip, ("data", "isac", "fast"), tmp_path / "out")
-    reproduce(wanted("asi-bip", tiny.asi_bip(), tmp_path / "out", ("isac", "fig3", "fast")), InlineEngine())
+    rest = wanted("asi-bip", tiny.asi_bip(), tmp_path / "out", ("isac", "fig3", "fast"))
+    anew = expected_cost(rest, InlineEngine()).stages
+    assert anew.keys() == {"fig3"}
+    reproduce(rest, InlineEngine())
     assert {path: path.read_bytes() for path in before} == before
     there, here = (result_of(out, "fig3", TrainingsResult) for out in (asi_bip, tmp_path / "out"))
     assert there is not None
@@ -200,6 +203,20 @@ def test_the_full_run_states_its_cost(tmp_path: Path) -> None:
         assert cost.seconds <= 10 * 3600
         assert max(cost.stages.values()) <= 3600
         assert "with 3 workers on 2 cores" in cost_in_words(cost)
+
+
+@pytest.mark.parametrize(
+    ("paper", "first", "later"),
+    [("asi-bip", "isac", "fig3"), ("asi-bip", "isac", "isac-weather"), ("castformer", "ablation", "attention")],
+)
+def test_a_stage_alone_costs_what_another_one_would_have_made(
+    paper: str, first: str, later: str, tmp_path: Path
+) -> None:
+    def cpu_s(*stages: str) -> float:
+        return expected_cost(request(paper, tmp_path / "out", stages=stages), LocalEngine(2)).cpu_s
+
+    shared = cpu_s(first) + cpu_s(later) - cpu_s(first, later)
+    assert cpu_s(later) > shared > 0.2 * cpu_s(later)
 
 
 def test_wrong_requests_are_refused(tmp_path: Path) -> None:

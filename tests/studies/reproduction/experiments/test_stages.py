@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,20 @@ def test_the_cost_is_that_of_what_is_not_finished(tmp_path: Path) -> None:
     # Three parts of 20 s on two workers take two rounds.
     assert cost.stages == {"b": 40.0}
     assert (cost.cpu_s, cost.seconds) == (60.0, 40.0)
+
+
+def test_what_stages_share_is_counted_once_and_again_where_it_was_lost(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    data, predictor = out / "work" / "data", out / "work" / "predictor"
+    first = replace(stage("a", []), makes={data: 100.0, predictor: 30.0})
+    second = replace(stage("b", []), makes={data: 100.0})
+    assert cost_of([first, second], out, ALONE).stages == {"a": 190.0, "b": 60.0}
+    assert cost_of([second], out, ALONE).stages == {"b": 160.0}
+    data.mkdir(parents=True)
+    assert cost_of([first, second], out, ALONE).stages == {"a": 90.0, "b": 60.0}
+    shutil.rmtree(out)
+    run_stages(IDENTITY, [first], out, ALONE, SILENT)
+    assert cost_of([first, second], out, ALONE).stages == {"b": 160.0}
 
 
 @pytest.mark.parametrize(
