@@ -5,10 +5,12 @@ A task opens the dataset that it needs, and holds its records for as long as it 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
+from urllib.parse import quote
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from isac_cosim.base.workers.missing import Tally, run_missing
 from isac_cosim.evaluation.on_windows.evaluation import evaluate_records
 from isac_cosim.evaluation.on_windows.settings import EvaluateSettings
 from isac_cosim.evaluation.report.figures import draw_figures
+from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.parts import Link
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.models.data.sides import dependence_of_test
@@ -72,7 +76,7 @@ class CellEvaluation:
     """The evaluation of a cell's predictors on the test seeds of a network, beside those of the floor.
 
     dataset: folder of that network's dataset. seeds: its test seeds. runs, floors: folders of the predictors. report:
-    folder to write.
+    folder to write. table: that of the sweep's page, to which this one links.
     """
 
     cell: Cell
@@ -83,6 +87,7 @@ class CellEvaluation:
     floors: tuple[Path, ...]
     evaluation: EvaluateSettings
     report: Path
+    table: Path
 
     def work(self) -> None:
         """Evaluate, draw the figures, and write the page, which marks a finished evaluation."""
@@ -93,7 +98,8 @@ class CellEvaluation:
         twins = dependence_of_test(dataset, records, run.card.split, run.card.settings.split)
         result = evaluate_records(run, tested, made_of(dataset), self.report, self.evaluation, others, dependence=twins)
         draw_figures(result, self.report)
-        write_page(result.result, self.report)
+        target = quote(Path(os.path.relpath(self.table / PAGE, self.report)).as_posix())
+        write_page(result.result, self.report, above=[Link("table of the sweep", target)])
 
 
 def run_tasks(

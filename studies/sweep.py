@@ -26,6 +26,8 @@ from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.on_windows.coverage import lacking, records_without_states
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
 from isac_cosim.evaluation.report.page import PAGE
+from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.making import replay_of_test
 from isac_cosim.labeling.dataset.dataset import Dataset, read_description
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
 from isac_cosim.labeling.generation.generate import generate
@@ -40,7 +42,7 @@ from isac_cosim.studies.single import claim_study
 from isac_cosim.studies.study import Study
 from isac_cosim.studies.sweep_axes import Cell, WayOfSensing, sensings
 from isac_cosim.studies.sweep_results import FailedTraining, SweepMadeBy, SweepResult, SweepRow
-from isac_cosim.studies.sweep_table import row_of, write_sweep
+from isac_cosim.studies.sweep_table import REPORT, best_of, is_written, row_of, write_sweep
 
 
 def run_sweep(study: Study, out: Path, engine: Engine, feedback: Feedback = SILENT) -> SweepResult:
@@ -56,7 +58,8 @@ def run_sweep(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
         sweep.make_datasets()
         sweep.measure_cells()
         result = sweep.result()
-        write_sweep(result, out)
+        if not is_written(result, out):
+            write_sweep(result, out, sweep.replay())
     return result
 
 
@@ -134,6 +137,15 @@ class Sweep:
             ),
         )
 
+    def replay(self) -> Replay | None:
+        """Return the replay of a test episode of the best cell, with its predictor's answers; None without one."""
+        best = best_of(self.rows)
+        if best is None:
+            return None
+        cell = Cell(best.network, best.sensing, best.model)
+        run = self._run(cell, self._trained_seeds(cell)[0])
+        return replay_of_test(self._folder(cell.network, cell.sensing), run, self.engine, self.feedback)
+
     def _generate(self, network: str, study: DatasetStudy) -> Dataset:
         """Generate a network's dataset."""
         expected = estimate(study)
@@ -202,6 +214,7 @@ class Sweep:
             floors=tuple(self._floor_runs(cell)),
             evaluation=self.study.evaluation,
             report=self._report(cell, network),
+            table=self.out / REPORT,
         )
 
     def _trained_seeds(self, cell: Cell) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from contextlib import suppress
 from operator import itemgetter
@@ -22,8 +23,9 @@ from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDif
 from isac_cosim.evaluation.report.figures import BESIDE, BY_PREDICTOR, CYCLE, figure
 from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.page import PAGE, write_page
-from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown
+from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown, counted
 from isac_cosim.evaluation.report.registry import parts_of
+from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.sweep_axes import Cell
@@ -92,21 +94,66 @@ def row_of(cell: Cell, tested_on: str, result: EvaluationResult, report: str) ->
     )
 
 
-def write_sweep(result: SweepResult, out: Path) -> None:
-    """Write table.csv and table.json, and the report folder with the figure and the page."""
+def best_of(rows: Sequence[SweepRow]) -> SweepRow | None:
+    """Return the row with the highest score DRAWN, None where no row has it."""
+    scored = [(score, -k) for k, row in enumerate(rows) if (score := row.score(DRAWN)[0]) is not None]
+    return rows[-max(scored)[1]] if scored else None
+
+
+def is_written(result: SweepResult, out: Path) -> bool:
+    """Return whether the table and the page of this very result are there."""
+    table, page = out / TABLE_JSON, out / REPORT / PAGE
+    with suppress(OSError, ValueError):
+        return page.is_file() and json.loads(table.read_text(encoding="utf-8")) == result.model_dump(mode="json")
+    return False
+
+
+def write_sweep(result: SweepResult, out: Path, replay: Replay | None = None) -> None:
+    """Write table.csv and table.json, and the report folder with the figure and the page.
+
+    replay: of a test episode of the best cell.
+    """
     report = out / REPORT
     report.mkdir(exist_ok=True)
     content = result.model_dump(mode="json")
     rows = pd.DataFrame([{name: value for name, value in row.items() if name != "runs"} for row in content["cells"]])
     replace_file(out / TABLE_CSV, lambda path: rows.to_csv(path, index=False))
-    write_json(out / TABLE_JSON, content)
     if result.cells:
         draw(result.cells, report / FIGURE)
     if at_snrs := by_snr(result.cells):
         draw_by_snr(at_snrs, report / SNR_FIGURE)
-    shown = [*parts(result), *parts_of(Shown(result, report))]
+    moving = [] if replay is None else [Part("replay", replay.title, replay=replay, on_terminal=False)]
+    shown = [_first(result), *moving, *parts(result), *parts_of(Shown(result, report))]
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
     write_page(f"Sweep {result.study}", shown, origin, report)
+    write_json(out / TABLE_JSON, content)  # Last: it marks a finished sweep.
+
+
+def _first(result: SweepResult) -> Part:
+    """Return what was compared, in a sentence, and the best and the worst of it."""
+    rows = result.cells
+    networks, sensings, models = (
+        len({getattr(row, name) for row in rows}) for name in ("tested_on", "sensing", "model")
+    )
+    text = (
+        f"What a network knows of drivers' intentions, compared over {counted(networks, 'road network')}, "
+        f"{counted(sensings, 'way')} of sensing and {counted(models, 'predictor')}, on traffic that none of them saw: "
+        f"{counted(result.trainings, 'training')}."
+    )
+    best = best_of(rows)
+    if best is None:
+        return Part("sweep-first", text=text, on_terminal=False)
+    numbers = [(_score(best, DRAWN), f"{HEADINGS[DRAWN]}, the best: {_spoken(best)}")]
+    if best.before_commit_ahead_of_floor is not None:
+        numbers.append((_ahead(best), "of that over the trees on the same windows"))
+    worst = min((row for row in rows if row.score(DRAWN)[0] is not None), key=lambda row: row.score(DRAWN)[0] or 0.0)
+    if worst != best:
+        numbers.append((_score(worst, DRAWN), f"the worst: {_spoken(worst)}"))
+    return Part("sweep-first", text=text, numbers=numbers, on_terminal=False)
+
+
+def _spoken(row: SweepRow) -> str:
+    return f"{row.model} on {row.tested_on}, sensed by {row.sensing}"
 
 
 def parts(result: SweepResult) -> list[Part]:
@@ -123,18 +170,28 @@ def parts(result: SweepResult) -> list[Part]:
             {**label, **counts, "before commit": row.before_commit_windows, **scores, AHEAD: _ahead(row), "": report}
         )
     figure = (FIGURE, "Macro-F1 before the commit by cell; whiskers: standard deviation over training seeds.")
+    said = "; ".join(f"{_spoken(row)}: {_score(row, DRAWN)}" for row in result.cells)
+    seen = {FIGURE: f"A mark for each cell. {said}."}
     at_snrs = by_snr(result.cells)
     curve = Part(
         "by-snr",
         figures=[(SNR_FIGURE, "Macro-F1 before the commit against the SNR at which the sites sense, as means.")],
         figure_rows={SNR_FIGURE: at_snrs},
+        seen={SNR_FIGURE: f"A line for each predictor, over {counted(len({row[SNR] for row in at_snrs}), 'SNR')}."},
         charts={SNR_FIGURE: Chart(SNR, (HEADINGS[DRAWN],))},
         on_terminal=False,
     )
     failed = [f"{failed.cell}, training seed {failed.training_seed}: {failed.reason}" for failed in result.failed]
     return [
         Part("cells", rows=brief, on_page=False),
-        Part("cells-in-full", text=TEXT, rows=whole, figures=[figure], on_terminal=False),
+        Part(
+            "cells-in-full",
+            text=TEXT,
+            rows=whole,
+            figures=[figure],
+            seen=seen,
+            on_terminal=False,
+        ),
         *([curve] if at_snrs else []),
         *([Part("left-out", "Left out", lines=failed, on_terminal=False)] if failed else []),
     ]

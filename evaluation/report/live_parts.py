@@ -1,4 +1,4 @@
-"""What is shown of an evaluation in traffic, and of a closed loop."""
+"""What is shown of an evaluation in traffic; `loop_parts` has what is shown of a closed loop."""
 
 from __future__ import annotations
 
@@ -39,7 +39,6 @@ CHARTS = {
     )
 }
 """Curves that the page draws itself."""
-ARMS_FIGURE = "arms.png"
 LEAST_FOR_SENTENCE = 20
 """Events, below which a table shows the score and no sentence says it."""
 
@@ -56,6 +55,8 @@ class LiveFirst:
 
     def parts(self, shown: Shown) -> list[Part]:
         result: TrafficResult = shown.result
+        if isinstance(result, ClosedLoopResult):  # It begins with what its advisories change.
+            return []
         text = (
             f"How well a network that senses the vehicles of {result.scenario} knows what their drivers are about to "
             f"do: {result.name}, {result.vehicle_hours:.1f} vehicle-hours with predictions."
@@ -92,12 +93,12 @@ def _first_numbers(result: TrafficResult) -> list[tuple[str, str]]:
         if headline is not None and headline.recall is not None:
             interval = headline.recall_interval
             whole = interval is None or (interval.low <= 0 and interval.high >= 1)
-            between = "" if whole else _between(interval, 2, "")
-            numbers.append((f"{headline.recall:.2f}{between}", f"of {counted(headline.events, 'event')} {title}"))
+            bounds = "" if whole else between(interval, 2, "")
+            numbers.append((f"{headline.recall:.2f}{bounds}", f"of {counted(headline.events, 'event')} {title}"))
     if result.prediction is not None and result.prediction.false_alarms_per_vehicle_hour is not None:
         rate = result.prediction.false_alarms_per_vehicle_hour
-        between = _between(result.prediction.false_alarms_interval, 2, "")
-        numbers.append((f"{rate:.2f}{between}", "false alarms per vehicle-hour, of those that predict"))
+        bounds = between(result.prediction.false_alarms_interval, 2, "")
+        numbers.append((f"{rate:.2f}{bounds}", "false alarms per vehicle-hour, of those that predict"))
     return numbers
 
 
@@ -112,9 +113,9 @@ def _headline(asked: HeadlineResult) -> list[Row]:
         {
             "five intentions": spoken(name),
             "events": scores.events,
-            "recall": _number(scores.recall),
-            "lead s": _number(scores.lead_s),
-            "false/h": _number(scores.false_alarms_per_vehicle_hour),
+            "recall": number(scores.recall),
+            "lead s": number(scores.lead_s),
+            "false/h": number(scores.false_alarms_per_vehicle_hour),
         }
         for name, scores in [*asked.by_intention.items(), ("all of these", all_of_them)]
     ]
@@ -125,7 +126,7 @@ def _rate_sentence(title: str, asked: HeadlineResult) -> list[str]:
     if asked.events < LEAST_FOR_SENTENCE or asked.recall is None or asked.false_alarms_per_vehicle_hour is None:
         return []
     kept = "" if asked.keeps_to_rate else ", beyond a factor of 1.5"
-    leads = ", ".join(f"{_number(share)} by {lead} s before" for lead, share in asked.recall_at_lead.items())
+    leads = ", ".join(f"{number(share)} by {lead} s before" for lead, share in asked.recall_at_lead.items())
     return [
         f"{title}: {asked.recall:.2f} of {asked.events} events ({leads}) at {asked.false_alarms_per_vehicle_hour:.2f} "
         f"false alarms per vehicle-hour, chosen for {asked.chosen_for:g}{kept}; {asked.near_misses.alarms} alarms for "
@@ -192,7 +193,7 @@ def _own_budgets(name: str, asked: HeadlineResult | None) -> Iterator[Row]:
     for intention, scores in asked.by_intention.items() if asked is not None else ():
         row: dict[str, Cell] = {"predictor": name, "intention": spoken(intention), "events": scores.events}
         for budget in scores.own_budget:
-            leads = ", ".join(_number(share) for share in budget.recall_at_lead.values())
+            leads = ", ".join(number(share) for share in budget.recall_at_lead.values())
             measured = at_rate(budget.recall, budget.false_alarms_per_vehicle_hour)
             row[f"{budget.chosen_for:g} an hour"] = f"{measured} ({leads})"
         if scores.own_budget:
@@ -201,7 +202,7 @@ def _own_budgets(name: str, asked: HeadlineResult | None) -> Iterator[Row]:
 
 def at_rate(recall: float | None, false_alarms: float | None) -> str:
     """Return a recall with the rate of false alarms at which it was measured."""
-    return f"{_number(recall)} at {_number(false_alarms)}"
+    return f"{number(recall)} at {number(false_alarms)}"
 
 
 class AlarmsByIntention:
@@ -271,91 +272,13 @@ def _seen_line(rows: Sequence[Row]) -> str:
     return f"{counted(events, 'event')}, {counted(right, 'right or neutral alarm')}, {counted(false, 'false alarm')}."
 
 
-class Advisories:
-    """The arms of a closed loop, and how the one with ISAC differs from that without advisories."""
-
-    result_class = ClosedLoopResult
-
-    def parts(self, shown: Shown) -> list[Part]:
-        result: ClosedLoopResult = shown.result
-        facts = result.closed_loop
-        title = f"closed loop: {facts.scored_vehicle_hours:.2f} vehicle-hours after alarms, {facts.seeds} seeds"
-        caption = "By how much each arm differs from the traffic without advisories; bars: 95 % intervals."
-        return [
-            Part(
-                "advisories",
-                title,
-                rows=list(_arms(result)),
-                figures=[(ARMS_FIGURE, caption)],
-                figure_rows={ARMS_FIGURE: [*_differences(result)]},
-            ),
-            Part("advisories-in-words", lines=_arm_sentences(result)),
-        ]
-
-
-def _arms(result: ClosedLoopResult) -> Iterable[Row]:
-    for arm, measured in result.arms.items():
-        values, difference = measured.after_alarms, measured.difference["ttc_below_1_5_s"]
-        yield {
-            "arm": arm,
-            "alarms": measured.alarms,
-            "advisories": measured.advisories,
-            "TTC < 3 s": _number(values["ttc_below_3_s"]),
-            "TTC < 1.5 s": _number(values["ttc_below_1_5_s"]),
-            "DRAC > 3.4": _number(values["drac_above_3_4_s"]),
-            "against none": NO_VALUE if difference.relative is None else f"{100 * difference.relative:+.0f} %",
-            "travel s/km": _number(values["travel_s_per_km"]),
-        }
-
-
-def _differences(result: ClosedLoopResult) -> Iterator[Row]:
-    """Yield by how much each arm differs from the traffic without advisories, percent, for each quantity."""
-    for arm, measured in result.arms.items():
-        for name, difference in measured.difference.items():
-            interval = difference.relative_interval
-            yield {
-                "arm": arm,
-                "quantity": name,
-                "against none %": None if difference.relative is None else 100 * difference.relative,
-                "low": None if interval is None else 100 * interval.low,
-                "high": None if interval is None else 100 * interval.high,
-            }
-
-
-def _arm_sentences(result: ClosedLoopResult) -> list[str]:
-    """Return what the arms say, a line each."""
-    latency = result.closed_loop.latency
-    low, high = latency.reaction_s
-    lines = [
-        f"latency: sensing {latency.sensing_s:g} s, network {latency.network_s:g} s, driver {low:g} to {high:g} s; "
-        "TTC and DRAC in s per vehicle-hour; `against none` is TTC < 1.5 s"
-    ]
-    if "isac" in result.arms:
-        for name, text, unit in (
-            ("ttc_below_1_5_s", "time below 1.5 s of TTC", "s per vehicle-hour"),
-            ("travel_s_per_km", "travel time", "s/km"),
-        ):
-            difference = result.arms["isac"].difference[name]
-            if difference.relative is not None and difference.value is not None:
-                of_none = difference.relative_interval
-                share = f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)" if of_none else ""
-                seconds = _between(difference.interval, 2)
-                lines.append(
-                    f"ISAC against none: {text} {100 * difference.relative:+.1f} %{share}, "
-                    f"{difference.value:+.2f}{seconds} {unit}"
-                )
-        collided = result.arms["isac"].difference_collided
-        if collided is not None and collided.value is not None:
-            seeds = _between(collided.interval, 1)
-            lines.append(f"ISAC against none: {collided.value:+.1f}{seeds} vehicles collide in a seed")
-    return lines
-
-
-def _between(interval: Interval | None, digits: int, sign: str = "+") -> str:
+def between(interval: Interval | None, digits: int, sign: str = "+") -> str:
+    """Return an interval to be put after its number; nothing without one. sign: of its bounds, "" or "+"."""
     return f" ({interval.low:{sign}.{digits}f} to {interval.high:{sign}.{digits}f})" if interval else ""
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """Return a score as people read it."""
     return NO_VALUE if value is None else f"{value:.2f}"
 
 
@@ -365,14 +288,14 @@ def _sentences(result: TrafficResult) -> list[str]:
     enough = result.over_all.events >= LEAST_FOR_SENTENCE
     for point in result.recall_at if enough else ():
         if point.false_alarms_per_vehicle_hour == 1.0 and point.recall is not None:
-            between = _between(point.recall_interval, 2, "")
+            bounds = between(point.recall_interval, 2, "")
             lines.append(
-                f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{between}"
+                f"recall on the curve, at 1 false alarm per vehicle-hour as measured: {point.recall:.2f}{bounds}"
             )
     for cost in result.truth.lost if result.truth and enough else ():
         if cost.false_alarms_per_vehicle_hour == 1.0:
-            between = _between(cost.interval, 3)
-            lines.append(f"true motion would add {cost.lost:+.3f}{between} to that recall")
+            bounds = between(cost.interval, 3)
+            lines.append(f"true motion would add {cost.lost:+.3f}{bounds} to that recall")
     if result.near_miss_alarms:
         lines.append(f"neutral: {result.near_miss_alarms} alarms for motion just under a threshold")
     if result.coverage.share is not None:
@@ -393,10 +316,10 @@ def _rows(scores: Iterable[tuple[str, EventScores]]) -> list[Row]:
             "events": of.events,
             "predicted": of.predicted,
             "detected": of.detected,
-            "recall": _number(of.recall),
-            "precision": _number(of.precision),
-            "lead s": _number(of.lead_time_s.median),
-            "false/h": _number(of.false_alarms_per_vehicle_hour),
+            "recall": number(of.recall),
+            "precision": number(of.precision),
+            "lead s": number(of.lead_time_s.median),
+            "false/h": number(of.false_alarms_per_vehicle_hour),
         }
         for name, of in scores
     ]

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import base64
 import gzip
-from collections.abc import Sequence
-from functools import cache
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
-from urllib.parse import quote
+from typing import Any
+from urllib.parse import quote, unquote
 
 from markupsafe import Markup
 
@@ -17,8 +20,11 @@ from isac_cosim.evaluation.report.html.templates import render
 from isac_cosim.evaluation.report.parts import Link, Part, Row, counted, csv_text, text_of
 
 PAGE = "index.html"
-STUDY_REPORT = "report"
-"""Where a study keeps its report: in a folder of this name beside the run's."""
+STUDY_PAGES = ("report", "live")
+"""Where a study keeps its page: in a folder of one of these names beside that of its run, STUDY_RUN."""
+STUDY_RUN = "run"
+NAVIGATION = '<nav aria-label="Page">'
+"""By which the links of a page begin."""
 CHART = 'class="chart"'
 """By which the templates mark curves that the page draws itself."""
 MARK = "isac-cosim"
@@ -36,10 +42,10 @@ def write_page(
     """Write index.html into a folder and return its path. Raises OutputError.
 
     title, origin: plain text; origin: what made the result. figures: where the parts' figures lie, the folder itself by
-    default; those that are not there are left out. links: to other pages, relative to this one.
     """
     page = folder / PAGE
     write_content(page, title, parts, origin, folder if figures is None else figures, links)
+    link_back(page, links)
     return page
 
 
@@ -54,18 +60,39 @@ def write_content(
 
 
 def pages_beside(folder: Path, mark: str) -> list[Link]:
-    """Return links to the other pages of a run and to that of its study, for a page whose folder lies in the run's.
+    """Return links from a page to the others of its run and of its study. folder: of the page, in that of its run.
 
-    mark: name of the file that every run's folder holds.
+    A study's own page lies beside the folder of its run. mark: name of the file that every run's folder holds.
     """
-    run = folder.absolute().parent
+    above = folder.absolute().parent
+    run = above if (above / mark).is_file() else above / STUDY_RUN
     if not (run / mark).is_file():
         return []
-    pages = [page for page in sorted(run.glob(f"*/{PAGE}")) if page.parent.name != folder.name]
-    links = [Link(page.parent.name, f"../{quote(page.parent.name)}/{PAGE}") for page in pages]
-    if (run.parent / STUDY_REPORT / PAGE).is_file():
-        links.append(Link(f"{STUDY_REPORT} of the study", f"../../{STUDY_REPORT}/{PAGE}"))
-    return links
+    pages = [*sorted(run.glob(f"*/{PAGE}")), *(run.parent / name / PAGE for name in STUDY_PAGES)]
+    return [_link(page, folder) for page in pages if page.is_file() and page.parent != folder.absolute()]
+
+
+def link_back(page: Path, links: Sequence[Link]) -> None:
+    """Add a link to a page to those that it links to, where they have none yet. Raises OutputError.
+
+    links: of the page, relative to it.
+    """
+    for link in links:
+        other = Path(os.path.normpath(page.absolute().parent / unquote(link.target)))
+        back = _link(page, other.parent)
+        with suppress(OSError, UnicodeDecodeError):
+            before, begins, rest = other.read_text(encoding="utf-8").partition(NAVIGATION)
+            if begins and f'content="{MARK}"' in before and f'href="{back.target}"' not in rest:
+                added = Markup('<a href="{}">{}</a>').format(back.target, back.text)
+                content = f"{before}{begins}\n{added}{rest}"
+                replace_file(other, partial(Path.write_text, data=content, encoding="utf-8"))
+
+
+def _link(page: Path, folder: Path) -> Link:
+    """Return a link to a page for one that lies in a folder."""
+    name = page.absolute().parent.name
+    target = Path(os.path.relpath(page.absolute(), folder.absolute())).as_posix()
+    return Link(f"{name} of the study" if name in STUDY_PAGES else name, quote(target))
 
 
 def check_page(page: Path) -> None:
@@ -104,15 +131,25 @@ def _part(part: Part, folder: Path) -> Markup:
         {
             "name": Path(name).stem,
             "caption": caption,
-            "alt": part.seen.get(name, caption),
+            "alt": part.seen.get(name) or _alternative(part, caption),
             "data": base64.b64encode((folder / name).read_bytes()).decode(),
             "rows": part.figure_rows.get(name, ()),
             "chart": charts[name] if name in charts and charts[name]["lines"] else None,
         }
         for name, caption in part.figures
-        if (folder / name).is_file()
+        if (folder / name).is_file() and not _is_empty(part, name, charts)
     ]
     return render("part.html.j2", part=part, figures=figures, text_of=text_of, csv=_csv, counted=counted)
+
+
+def _is_empty(part: Part, name: str, charts: Mapping[str, Any]) -> bool:
+    """Return whether a figure has rows of which none can be drawn, such as too few windows: its picture is a frame."""
+    return bool(part.figure_rows.get(name)) and name in charts and not charts[name]["lines"]
+
+
+def _alternative(part: Part, caption: str) -> str:
+    """Return the text that stands for a figure which nothing describes: where its numbers are."""
+    return f"{caption} The table of {part.title or 'this part'} has the numbers." if part.rows else caption
 
 
 def _csv(rows: Sequence[Row]) -> str:

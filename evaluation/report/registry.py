@@ -11,8 +11,7 @@ from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
 from isac_cosim.evaluation.questions import GROUP
-from isac_cosim.evaluation.report import live_parts, window_parts
-from isac_cosim.evaluation.report.dependence_part import DependentSeeds
+from isac_cosim.evaluation.report import live_parts, loop_parts, window_parts
 from isac_cosim.evaluation.report.explained_part import Explained
 from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatrix, MovingRoad
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
@@ -22,7 +21,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
     "result part",
     {
         "headline": window_parts.Headline(),
-        "dependent-seeds": DependentSeeds(),
+        "dependent-seeds": window_parts.DependentSeeds(),
         "replay": MovingRoad(EvaluationResult),
         "f1-by-intention": ByIntention(),
         "confusion": ConfusionMatrix(),
@@ -34,13 +33,14 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "how-measured": window_parts.HowMeasured(),
         "explained": Explained(),
         "live-first": live_parts.LiveFirst(),
+        "loop-first": loop_parts.LoopFirst(),
         "live-replay": MovingRoad(TrafficResult),
+        "advisories": loop_parts.Advisories(),
         "live-headline": live_parts.LiveHeadline(),
         "live-compared": live_parts.LiveCompared(),
         "alarms": live_parts.AlarmsByIntention(),
         "alarms-in-words": live_parts.InWords(),
         "live-figures": live_parts.LiveFigures(),
-        "advisories": live_parts.Advisories(),
     },
     GROUP,
 )

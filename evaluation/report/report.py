@@ -14,6 +14,7 @@ from isac_cosim.base.arrays import Float32Array
 from isac_cosim.base.files import json_text
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.base.workers.threads import limited
+from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.evaluation import Evaluation
 from isac_cosim.evaluation.on_windows.explained import inspect_windows
@@ -24,7 +25,7 @@ from isac_cosim.evaluation.report.explained_part import FIGURE as EXPLAINED_FIGU
 from isac_cosim.evaluation.report.explained_part import ExplainedRecord, draw_explained
 from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.first_screen import confused
-from isac_cosim.evaluation.report.parts import Shown
+from isac_cosim.evaluation.report.parts import Link, Shown
 from isac_cosim.evaluation.report.record_view import RecordView, choose_record, draw_record
 from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.evaluation.report.replay.content import Replay
@@ -90,16 +91,17 @@ def write_page(
     record_rule: str = "",
     replay: Replay | None = None,
     cells: Mapping[tuple[int, int], Sequence[str]] | None = None,
+    above: Sequence[Link] = (),
 ) -> Path:
     """Write index.html from a result and the figures in a folder. The page needs no other file.
 
     record_rule: sentence for the caption of the record's figure, saying how the record was chosen. replay: of the
     record's episode. cells: ids of the records behind each cell of the confusion matrix.
-    Returns the page's path.
+    above: links to pages that this one belongs to. Returns the page's path.
     """
     shown = Shown(result, folder, {RECORD_FIGURE: record_rule}, result.answers or {}, replay, cells or {})
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
-    links = page.pages_beside(folder, CARD_FILE)
+    links = [*page.pages_beside(folder, CARD_FILE), *above]
     return page.write_page(f"{result.name} on unseen traffic", parts_of(shown), origin, folder, links=links)
 
 
@@ -121,7 +123,8 @@ def show_live(result: TrafficResult, folder: Path, console: Console, replay: Rep
     terminal.show(parts, console, title)
     origin = json_text(result.made_by.model_dump(mode="json"), 1)
     links = page.pages_beside(folder, CARD_FILE)
-    return page.write_page(f"{result.name} in running traffic", parts, origin, folder, links=links)
+    what = "Advisories of" if isinstance(result, ClosedLoopResult) else ""
+    return page.write_page(f"{what} {result.name} in running traffic".strip(), parts, origin, folder, links=links)
 
 
 def explained_record(run: Run, records: Records, row: int, view: RecordView) -> ExplainedRecord:

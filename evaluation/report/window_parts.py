@@ -12,6 +12,7 @@ from isac_cosim.evaluation.report.parts import Part, Row, Shown, counted, read_t
 from isac_cosim.evaluation.report.score_table import by_lead_table, headline, sections
 from isac_cosim.evaluation.report.verdict import headline_difference, seeds_text, verdict
 from isac_cosim.labeling.intentions import KNOWN, spoken
+from isac_cosim.models.data.sides import warning
 
 RECORD_FIGURE = "record.png"
 CAPTIONS = {
@@ -71,6 +72,17 @@ class Headline:
             f"{result.windows.window_s:g} s, in {seeds_text(len(result.made_by.seeds))} of traffic that it never saw."
         )
         return [Part("headline", text=text, numbers=headline(result)[:3], on_terminal=False)]
+
+
+class DependentSeeds:
+    """A warning beside the headline where test samples have twins among those that were trained on."""
+
+    result_class = EvaluationResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: EvaluationResult = shown.result
+        line = warning(result.dependence)
+        return [] if line is None else [Part("dependent-seeds", sentences=[line])]
 
 
 class HowMeasured:

@@ -15,6 +15,7 @@ from isac_cosim.base.settings import Settings, merged
 from isac_cosim.base.workers.engine import Engine, LocalEngine
 from isac_cosim.base.workers.kept_workers import kept_running
 from isac_cosim.evaluation.report.parts import Part
+from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.studies.clip_validation import background_of
 from isac_cosim.studies.reproduction.asi_bip import stages as asi_bip
 from isac_cosim.studies.reproduction.asi_bip.report import asi_bip_parts
@@ -50,6 +51,9 @@ class Reproduction(Protocol):
 
     def stages(self) -> list[Stage]:
         """Return all stages, in order."""
+
+    def replay(self) -> Replay | None:
+        """Return the replay of an episode that a trained network was tested on; None before there is one."""
 
 
 @dataclass(frozen=True)
@@ -144,15 +148,17 @@ def reproduce(wanted: Request, engine: Engine, feedback: Feedback = SILENT) -> R
         content["background"] = background_of(clips_in(wanted.clips), wanted.background)
     identity = identity_of(wanted.paper, wanted.size, content)
     with kept_running(engine) as workers:
-        stages = wanted.reproduction(workers, feedback).stages()
+        reproduction = wanted.reproduction(workers, feedback)
+        stages = reproduction.stages()
         chosen = chosen_stages(stages, wanted.stages)
         capacity = _capacity(engine)
         run_stages(identity, chosen, wanted.out, capacity, feedback, stages)
+        replay = reproduction.replay()
     missing = [stage for stage in stages if stage.name in cost_of(stages, wanted.out, capacity).stages]
     parts, claims = _parts(wanted)
     write_json(wanted.out / f"{CLAIMS}.json", [claim.model_dump(mode="json") for claim in claims])
     not_run = [f"{stage.name}: {stage.question}" for stage in missing]
-    page = write_pages(TITLES[wanted.paper], identity, parts, not_run, wanted.out)
+    page = write_pages(TITLES[wanted.paper], identity, parts, not_run, wanted.out, claims, replay)
     return ReproductionResult(page=page, claims=claims, not_run=[stage.name for stage in missing])
 
 

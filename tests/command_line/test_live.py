@@ -22,7 +22,7 @@ from isac_cosim.evaluation.closed_loop.settings import ClosedLoopSettings
 from isac_cosim.evaluation.in_traffic.measurement import evaluation
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.report import terminal
-from isac_cosim.evaluation.report.live_parts import Advisories
+from isac_cosim.evaluation.report.loop_parts import Advisories, LoopFirst
 from isac_cosim.evaluation.report.parts import Shown
 from isac_cosim.evaluation.report.replay import in_traffic
 from isac_cosim.models.runs.run import Run
@@ -273,9 +273,15 @@ def test_the_arms_are_shown_with_the_latency_and_the_intervals() -> None:
         placebo_equals_none=True,
         seeds=3,
     )
-    result = ClosedLoopResult.model_construct(arms={"none": arm(none, 0), "isac": arm(advised, 5)}, closed_loop=facts)
+    result = ClosedLoopResult.model_construct(
+        arms={"none": arm(none, 0), "isac": arm(advised, 5)}, closed_loop=facts, name="trees", scenario="motorway"
+    )
     console = Console(file=io.StringIO(), width=140)
+    (first,) = LoopFirst().parts(Shown(result, Path()))
+    assert "trees: 2 arms on the same 3 seeds" in first.text
+    assert [figure for figure, _ in first.numbers] == ["-25.0 % (-25 to -25 %)", "+0.0 % (+0 to +0 %)"]
     parts = Advisories().parts(Shown(result, Path()))
+    assert parts[0].seen["arms.png"].endswith("Time below 1.5 s of TTC: none +0 %; isac -25 %.")
     terminal.show(parts, console)
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "3.00 vehicle-hours after alarms, 3 seeds" in shown

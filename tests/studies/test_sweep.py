@@ -151,6 +151,12 @@ def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResul
     assert 'href="../cells/north/truth/asi-bip/report/index.html"' in page
     assert (out / "cells/north/truth/asi-bip/report/index.html").is_file()
     assert "data:image/png" in page
+    best = max(result.cells, key=lambda row: row.before_commit_macro_f1)
+    assert f"the best: {best.model} on north, sensed by {best.sensor}" in page
+    assert f" in episode {result.made_by.seeds['north']['test'][0]}" in page  # In motion.
+    assert (
+        'href="../../../../../report/index.html">table of the sweep' in (out / best.report / "index.html").read_text()
+    )
     drawn = io.StringIO()
     show_sweep(result, out, Console(file=drawn, width=40))
     (line,) = (line for line in drawn.getvalue().splitlines() if "truth" in line and "asi-bip" in line)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from isac_cosim.base.arrays import Array
+from isac_cosim.base.errors import InputError, RunError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.explained import is_explainable
@@ -18,12 +20,12 @@ from isac_cosim.evaluation.report.replay.inside import REMARK, inside_of
 from isac_cosim.evaluation.report.replay.others import Around, around
 from isac_cosim.evaluation.report.replay.scene import SceneView
 from isac_cosim.isacsim.sensing.sensors import SCENE
-from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard
-from isac_cosim.labeling.dataset.finding import of_one
+from isac_cosim.labeling.dataset.dataset import Dataset, Sample, Shard, read_description
+from isac_cosim.labeling.dataset.finding import find_episode, of_one
 from isac_cosim.labeling.dataset.record_point import in_plane
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.data.windows import Ends, Records, cut, end_bounds, fitting
-from isac_cosim.models.runs.run import Run
+from isac_cosim.models.runs.run import Run, load_run, read_card
 
 ROAD_REACH_M = 300.0
 """Lanes are on the page as far as this from the records, m."""
@@ -96,6 +98,25 @@ def replay_of(
         classes=() if run is None else run.card.classes,
         remarks=remarks,
     )
+
+
+def replay_of_test(folder: Path, run: Path, engine: Engine, feedback: Feedback = SILENT) -> Replay | None:
+    """Return the replay of the first test episode of a predictor that has records, with the predictor's answers.
+
+    folder: of the dataset. run: of the predictor. engine: as for `replay_of`. None where one of them is not finished;
+    also None, with a warning, where the episode cannot be shown.
+    """
+    meta, card = read_description(folder), read_card(run)
+    if meta is None or card is None or not (meta.complete and card.complete):
+        return None
+    try:
+        dataset = Dataset.open(folder)
+        shards = [find_episode(dataset, name, with_records=False) for name in card.split["test"]]
+        shown = next((shard for shard in shards if shard.samples), None)
+        return None if shown is None else replay_of(dataset, shown, engine, load_run(run), feedback)
+    except (InputError, RunError) as error:
+        feedback.message(f"warning: the page shows no episode in motion: {error}")
+        return None
 
 
 def _full_after(found: Sequence[Around], views: Sequence[SceneView] | None) -> int:

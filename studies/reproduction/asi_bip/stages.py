@@ -13,6 +13,8 @@ from typing import Any
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.settings import checked, merged, read_toml
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.making import replay_of_test
 from isac_cosim.isacsim.radio.estimators.maximum_likelihood import SEARCH_FLOOR
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
@@ -155,6 +157,11 @@ class AsiBipReproduction:
             ),
             training_stage("fast", "fast", "what faster trainings cost", fast_s, seeds * len(FAST), self._fast),
         ]
+
+    def replay(self) -> Replay | None:
+        """Return the replay of the first test episode, sensed by the sites, with the answers of the first training."""
+        folder, run = self._dataset_folder(GENERATED), self._run_folder(GENERATED, self.size.training_seeds[0])
+        return replay_of_test(folder, run, self.engine, self.feedback)
 
     def _data(self) -> DataResult:
         generated, sides = self.generated(), self.sides

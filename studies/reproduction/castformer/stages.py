@@ -21,6 +21,8 @@ from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked, merged, read_toml
 from isac_cosim.base.workers.engine import Engine
+from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.making import replay_of_test
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.cost_estimate import estimate
 from isac_cosim.labeling.generation.generate import generate
@@ -114,6 +116,13 @@ class CastformerReproduction:
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
+
+    def replay(self) -> Replay | None:
+        """Return the replay of an episode of the first fold, with the answers of the network with all modules."""
+        if self.clips is not None:
+            return None
+        run = self._run_folder(KINEMATIC, variants.COMPLETE, self._part(0, self.size.training_seeds[0]))
+        return replay_of_test(self._dataset_folder(KINEMATIC), run, self.engine, self.feedback)
 
     def _stage(
         self, name: str, question: str, new: Sequence[Variant], rows: Sequence[Variant], source: str = KINEMATIC
@@ -235,7 +244,7 @@ class CastformerReproduction:
             dataset=folder,
             sides=sides,
             training=self.training(row, seed),
-            run=self.out / "work" / "runs" / source / row.name / part,
+            run=self._run_folder(source, row, part),
             measures=tuple(
                 Measure(name=str(h), dataset=folder, relative_to="commit", end_after_s=(-h, -h)) for h in HORIZONS_S
             ),
@@ -331,6 +340,9 @@ class CastformerReproduction:
 
     def _dataset_folder(self, source: str) -> Path:
         return self.out / "work" / "datasets" / source
+
+    def _run_folder(self, source: str, row: Variant, part: str) -> Path:
+        return self.out / "work" / "runs" / source / row.name / part
 
     def _clip_training_s(self, samples: float) -> float:
         """Return the expected processor time of training on clips of our own motion outside a fold, s."""

@@ -115,3 +115,8 @@ def test_the_pages_of_a_run_lead_to_each_other_and_to_its_study(tmp_path: Path) 
     for target in re.findall(r'<a href="([^"]+)"', page.read_text()):
         assert (page.parent / unquote(target)).is_file()
     assert [link.text for link in pages_beside(run / names[1], "run.json")] == ["evaluation", "report of the study"]
+    for other in (tmp_path / "report", run / names[1]):  # They got a link back, once.
+        write_page("Page", [], "", run / "evaluation", links=links)
+        (target,) = re.findall(r'<a href="([^"]+)">evaluation</a>', (other / "index.html").read_text())
+        assert (other / unquote(target)).resolve() == page
+    assert [link.text for link in pages_beside(tmp_path / "report", "run.json")] == [*sorted(names)]

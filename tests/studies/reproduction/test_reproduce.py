@@ -75,6 +75,10 @@ def test_asi_bip_leaves_tables_figures_and_a_page(asi_bip: Path) -> None:
     page = (asi_bip / "index.html").read_text()
     assert "Size tiny" in page
     assert "radar-nlos: Table I, onboard radar, NLoS" in page
+    assert "of 26 claims, " in page
+    assert (
+        page.index("of 26 claims") < page.index(" in episode straight_road-") < page.index("Table I: ways of sensing")
+    )
     assert len(json.loads((asi_bip / "claims.json").read_text())) == 26
 
 

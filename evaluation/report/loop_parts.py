@@ -1,0 +1,145 @@
+"""What is shown of a closed loop: what advisories change in the traffic, and what every arm is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from isac_cosim.evaluation.closed_loop.results import ArmDifference, ClosedLoopResult
+from isac_cosim.evaluation.report.live_parts import between, number
+from isac_cosim.evaluation.report.parts import NO_VALUE, Part, Row, Shown, counted
+
+ARMS_FIGURE = "arms.png"
+ISAC = "isac"
+"""The arm whose advisories come of what the network senses."""
+DANGER, TRAVEL = "ttc_below_1_5_s", "travel_s_per_km"
+"""The figures that sum an arm up."""
+ARM, QUANTITY, CHANGE = "arm", "quantity", "against none %"
+"""Columns of the figure's table."""
+
+
+class LoopFirst:
+    """What was measured, in a sentence, and by how much the advisories of the network change the traffic."""
+
+    result_class = ClosedLoopResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: ClosedLoopResult = shown.result
+        facts = result.closed_loop
+        text = (
+            f"What drivers in {result.scenario} gain when connected vehicles are told of the alarms of {result.name}: "
+            f"{counted(len(result.arms), 'arm')} on the same {counted(facts.seeds, 'seed')}, "
+            f"{facts.scored_vehicle_hours:.1f} vehicle-hours after alarms."
+        )
+        return [Part("loop-first", text=text, numbers=_first_numbers(result), on_terminal=False)]
+
+
+def _first_numbers(result: ClosedLoopResult) -> list[tuple[str, str]]:
+    """Return the differences of the arm ISAC from no advisories, with their names; none that is undefined."""
+    arm = result.arms.get(ISAC)
+    if arm is None:
+        return []
+    asked = [
+        (_percent(arm.difference[DANGER]), "time below 1.5 s of TTC near alarms, with advisories against none"),
+        (_percent(arm.difference[TRAVEL]), "travel time there"),
+    ]
+    collided = arm.difference_collided
+    if collided is not None and collided.value is not None:
+        asked.append((f"{collided.value:+.1f}{between(collided.interval, 1)}", "vehicles that collide in a seed"))
+    return [(figure, name) for figure, name in asked if figure]
+
+
+def _percent(difference: ArmDifference) -> str:
+    """Return a relative difference with its interval; nothing where it is undefined."""
+    if difference.relative is None:
+        return ""
+    of_none = difference.relative_interval
+    bounds = "" if of_none is None else f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)"
+    return f"{100 * difference.relative:+.1f} %{bounds}"
+
+
+class Advisories:
+    """The arms of a closed loop, and how the one with ISAC differs from that without advisories."""
+
+    result_class = ClosedLoopResult
+
+    def parts(self, shown: Shown) -> list[Part]:
+        result: ClosedLoopResult = shown.result
+        facts, changes = result.closed_loop, [*_differences(result)]
+        title = f"closed loop: {facts.scored_vehicle_hours:.2f} vehicle-hours after alarms, {facts.seeds} seeds"
+        caption = "By how much each arm differs from the traffic without advisories; bars: 95 % intervals."
+        return [
+            Part(
+                "advisories",
+                title,
+                rows=list(_arms(result)),
+                figures=[(ARMS_FIGURE, caption)],
+                figure_rows={ARMS_FIGURE: changes},
+                seen={ARMS_FIGURE: _seen(changes)},
+            ),
+            Part("advisories-in-words", lines=_arm_sentences(result)),
+        ]
+
+
+def _seen(changes: Sequence[Row]) -> str:
+    """Return what there is to be seen in the figure: how the time in danger changes with each arm."""
+    said = "; ".join(
+        f"{row[ARM]} {row[CHANGE]:+.0f} %"
+        for row in changes
+        if row[QUANTITY] == DANGER and isinstance(row[CHANGE], float)
+    )
+    return f"A mark with its interval for each quantity and arm. Time below 1.5 s of TTC: {said or 'not defined'}."
+
+
+def _arms(result: ClosedLoopResult) -> Iterable[Row]:
+    for arm, measured in result.arms.items():
+        values, difference = measured.after_alarms, measured.difference[DANGER]
+        yield {
+            "arm": arm,
+            "alarms": measured.alarms,
+            "advisories": measured.advisories,
+            "TTC < 3 s": number(values["ttc_below_3_s"]),
+            "TTC < 1.5 s": number(values["ttc_below_1_5_s"]),
+            "DRAC > 3.4": number(values["drac_above_3_4_s"]),
+            "against none": NO_VALUE if difference.relative is None else f"{100 * difference.relative:+.0f} %",
+            "travel s/km": number(values["travel_s_per_km"]),
+        }
+
+
+def _differences(result: ClosedLoopResult) -> Iterator[Row]:
+    """Yield by how much each arm differs from the traffic without advisories, percent, for each quantity."""
+    for arm, measured in result.arms.items():
+        for name, difference in measured.difference.items():
+            interval = difference.relative_interval
+            yield {
+                ARM: arm,
+                QUANTITY: name,
+                CHANGE: None if difference.relative is None else 100 * difference.relative,
+                "low": None if interval is None else 100 * interval.low,
+                "high": None if interval is None else 100 * interval.high,
+            }
+
+
+def _arm_sentences(result: ClosedLoopResult) -> list[str]:
+    """Return what the arms say, a line each."""
+    latency = result.closed_loop.latency
+    low, high = latency.reaction_s
+    lines = [
+        f"latency: sensing {latency.sensing_s:g} s, network {latency.network_s:g} s, driver {low:g} to {high:g} s; "
+        "TTC and DRAC in s per vehicle-hour; `against none` is TTC < 1.5 s"
+    ]
+    if ISAC in result.arms:
+        for name, text, unit in (
+            (DANGER, "time below 1.5 s of TTC", "s per vehicle-hour"),
+            (TRAVEL, "travel time", "s/km"),
+        ):
+            difference = result.arms[ISAC].difference[name]
+            if difference.relative is not None and difference.value is not None:
+                seconds = between(difference.interval, 2)
+                lines.append(
+                    f"ISAC against none: {text} {_percent(difference)}, {difference.value:+.2f}{seconds} {unit}"
+                )
+        collided = result.arms[ISAC].difference_collided
+        if collided is not None and collided.value is not None:
+            seeds = between(collided.interval, 1)
+            lines.append(f"ISAC against none: {collided.value:+.1f}{seeds} vehicles collide in a seed")
+    return lines
