@@ -92,7 +92,7 @@ class Driven:
             rows = slice(start, start + len(shard["tv_truth"]))
             states = np.take_along_axis(shard["tv_truth"][:, :2], steps[rows, None, :], axis=2)
             placed = in_plane(states, table["x0"].to_numpy()[rows], table["y0"].to_numpy()[rows])
-            paths[rows] = placed.reshape(len(placed), -1)
+            paths[rows] = placed.reshape(paths[rows].shape)  # of a shard without samples, too
             start = rows.stop
         return cls(table, paths)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from isac_cosim.labeling.dataset.dependence import COLUMNS, Driven
 from isac_cosim.labeling.dataset.summary import faults, summary
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.settings import DatasetStudy
+from tests.support import made_up_dataset
 from tests.support.roads import straight_road, vehicle
 from tests.support.scripted import InlineEngine
 
@@ -147,3 +150,13 @@ def test_twins_are_those_that_a_comparison_of_every_pair_finds(rows: list[tuple[
     found = twins.between(asked, others)
     assert found.near_copies == sum(copies)
     assert (found.shared_tv or 0) == sum(shared)
+
+
+def test_a_seed_without_samples_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the last block of a recording that ends before any maneuver does."""
+    records = made_up_dataset.make_records(3, 2)
+    fewer = SimpleNamespace(table=records.table[records.table["seed"] != 1], tv=records.tv, uv=records.uv)
+    monkeypatch.setattr(made_up_dataset, "make_records", lambda *_: fewer)
+    dataset = made_up_dataset.write_dataset(tmp_path, seeds=3)
+    assert 0 < dataset.meta.samples < len(records.table)
+    assert len(Driven.of(dataset).paths) == dataset.meta.samples
