@@ -72,7 +72,7 @@ def test_another_command_names_what_there_is(page: str, line: str) -> None:
         targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
         assert {word for word in words[1:] if "=" not in word} <= targets
         stages = [word.removeprefix("STAGE=") for word in words if word.startswith("STAGE=")]
-        assert set(stages) <= {"list", "withdraw", *read_plan().stage}
+        assert set(stages) <= {"list", "withdraw", "keep", *read_plan().stage}
     elif words[0] == "pytest":
         assert all((ROOT / word).exists() for word in words if word.startswith("tests/"))
 
