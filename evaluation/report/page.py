@@ -42,6 +42,7 @@ def write_page(
     """Write index.html into a folder and return its path. Raises OutputError.
 
     title, origin: plain text; origin: what made the result. figures: where the parts' figures lie, the folder itself by
+    default; those that are not there are left out. links: to other pages, relative to this one, which link back.
     """
     page = folder / PAGE
     write_content(page, title, parts, origin, folder if figures is None else figures, links)

@@ -63,8 +63,8 @@ def generate(
     jobs = Jobs(tuple((where, place.name, study.seeds.among(source, place)) for where, place in scenarios.items()))
     unused = study.known_sections().keys() - study.source_settings().keys()
     with claimed(out, started, unused) as started:
-        for (name, scenario), told in zip(scenarios.items(), started.scenarios, strict=True):
-            for line in (*withheld(name, scenario), *told.remarks):
+        for (name, scenario), scenario_meta in zip(scenarios.items(), started.scenarios, strict=True):
+            for line in (*withheld(name, scenario), *scenario_meta.remarks):
                 feedback.message(line)
         plan = EpisodePlan(jobs, study.selection)
         for scenario in scenarios.values():

@@ -84,8 +84,8 @@ def generate_streams(
             remove_partial(out / name, "*.parquet")
         if before is None:
             write_sealed(out / META_FILE, started)
-        for (where, scenario), told in zip(scenarios.items(), started.scenarios, strict=True):
-            for line in (*withheld(where, scenario), *told.remarks):
+        for (where, scenario), scenario_meta in zip(scenarios.items(), started.scenarios, strict=True):
+            for line in (*withheld(where, scenario), *scenario_meta.remarks):
                 feedback.message(line)
             write_roads(out, scenario.name, scenario.lanes)
         _run(_Task(study, settings, source, started.fingerprint, out.resolve()), jobs, engine, feedback)

@@ -57,5 +57,5 @@ def seen_before(observed: Observed, cut: list[Block], number: int) -> BoolArray:
     seen = np.zeros(len(observed.vehicles), bool)
     for earlier in cut[:number]:
         inside = (observed.step >= earlier.first) & (observed.step <= earlier.last)
-        seen |= np.logical_or.reduceat(inside, observed.starts[:-1])  # each vehicle has states
+        seen |= np.logical_or.reduceat(inside, observed.starts[:-1])  # `observed` leaves out vehicles without states
     return seen

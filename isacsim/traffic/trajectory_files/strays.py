@@ -30,7 +30,8 @@ def strays(vehicle: Int32Array, tick: IntArray, ticks_per_s: float, along: Array
     vehicle: number. tick: time, in whole ticks. along: position along the road, m. All of shape (n,), in any order.
     """
     found = np.zeros(len(vehicle), bool)
-    low, high = np.full(int(vehicle.max(initial=-1)) + 1, np.inf), np.full(int(vehicle.max(initial=-1)) + 1, -np.inf)
+    vehicles = int(vehicle.max(initial=-1)) + 1
+    low, high = np.full(vehicles, np.inf), np.full(vehicles, -np.inf)
     np.minimum.at(low, vehicle, along)
     np.maximum.at(high, vehicle, along)
     checked = np.zeros(len(low), bool)

@@ -102,17 +102,9 @@ class CastformerReproduction:
             stages.append(self._background_stage())
         if self.clips is None and self.size.motorway is not None:
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
+            made = self._made(MOTORWAY)
             stages += [
-                Stage(
-                    "motorway-data",
-                    MOTORWAY,
-                    "windows of the motorway",
-                    0.0,
-                    8,
-                    motorway,
-                    DataResult,
-                    makes=self._made(MOTORWAY),
-                ),
+                Stage("motorway-data", MOTORWAY, "windows of the motorway", 0.0, 8, motorway, DataResult, makes=made),
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
@@ -149,13 +141,12 @@ class CastformerReproduction:
         if self.clips is None:
             made[self._dataset_folder(source)] = estimate(self.dataset_study(source)).cpu_s
         source = source if self.clips is None else CLIPS
+        seed = self.size.training_seeds[0] if seed is None else seed
+        parts = [self._part(fold, seed) for fold in range(self.size.folds)]
         for row in rows:
-            training_s = self.training_s(row, source)
-            parts = [
-                self._part(fold, self.size.training_seeds[0] if seed is None else seed)
-                for fold in range(self.size.folds)
-            ]
-            made |= {self._scores_file(source, row, part): training_s for part in parts}
+            made |= dict.fromkeys(
+                (self._scores_file(source, row, part) for part in parts), self.training_s(row, source)
+            )
         return made
 
     def _data_stage(self) -> Stage:
