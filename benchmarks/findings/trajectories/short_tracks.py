@@ -52,6 +52,12 @@ def events_of(recording: Recording, preset: str) -> list[Event]:
     return [event for event in labels.events if event.intention in KNOWN and event.mark is None]
 
 
+def _shares(events: int, judged: int, alike: int) -> str:
+    """Return a cell: the events, the share that is judged again, and the share of these with the same intention."""
+    shares = [f"{part / whole:.0%}" for part, whole in ((judged, events), (alike, judged)) if whole]
+    return f"{events}: {', '.join(shares)}" if shares else f"{events}"
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -75,10 +81,7 @@ def main() -> None:
                 counts[event.intention][0] += 1
                 counts[event.intention][1] += bool(near)
                 counts[event.intention][2] += any(other.intention is event.intention for other in near)
-        cells = [
-            f"{events}: {judged / events:.0%}, {same / max(judged, 1):.0%}" if events else "0"
-            for events, judged, same in counts.values()
-        ]
+        cells = [_shares(*counted) for counted in counts.values()]
         print(f"| `{preset}` | {' | '.join(cells)} |", flush=True)
 
 

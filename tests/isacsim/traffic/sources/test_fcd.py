@@ -139,7 +139,7 @@ def test_unshifted_coordinates_are_told_by_the_bounds_of_the_network(
 
 
 def test_sumos_own_output_is_read_in_every_format(tmp_path: Path) -> None:
-    """The writers of the other tests are held against SUMO itself, which also replays what they write."""
+    """The writers of the other tests are held against SUMO itself."""
     home = Path(sumo.SUMO_HOME)
     place = scenarios.load(SCENARIO)
     command = [
@@ -158,6 +158,33 @@ def test_sumos_own_output_is_read_in_every_format(tmp_path: Path) -> None:
         for column in COLUMNS:
             assert (getattr(track, column) == getattr(csv.tracks[name], column)).all()
         assert np.abs(track.x - parquet.tracks[name].x).max() <= 0.01  # Parquet is not rounded
+
+
+def test_sumo_replays_what_the_writers_write(at_25_hz: dict[float, list[State]], tmp_path: Path) -> None:
+    """Each vehicle is where SUMO puts it, but at its first instant, at which SUMO inserts it in its lane."""
+    write_fcd(tmp_path / "drive.xml", at_25_hz)
+    (tmp_path / "types.add.xml").write_text('<additional><vType id="car"/></additional>')
+    home, network = Path(sumo.SUMO_HOME), scenarios.load(SCENARIO).network
+    command = [
+        str(home / "bin" / "sumo"), "--net-file", str(network), "--additional-files", "types.add.xml",
+        "--device.fcd-replay.files", "drive.xml", "--begin", str(min(at_25_hz)), "--end", str(max(at_25_hz)),
+        "--step-length", "0.04", "--insertion-checks", "none", "--eager-insert", "true", "--no-warnings", "true",
+        "--collision.action", "none", "--time-to-teleport", "-1", "--no-step-log", "--fcd-output", "out.xml",
+    ]  # fmt: skip
+    environment = {**os.environ, "SUMO_HOME": str(home)}
+    subprocess.run(command, check=True, capture_output=True, cwd=tmp_path, env=environment)
+    written, driven = (read(study_of(tmp_path / name)) for name in ("drive.xml", "out.xml"))
+    compared = 0
+    for name, track in written.tracks.items():
+        if name in driven.tracks:
+            other = driven.tracks[name]
+            after = max(track.first_step, other.first_step) + 5
+            until = min(track.first_step + len(track), other.first_step + len(other)) - 5
+            ours, sumos = (slice(after - of.first_step, until - of.first_step) for of in (track, other))
+            compared += max(0, until - after)
+            assert np.abs(track.x[ours] - other.x[sumos]).max(initial=0.0) <= 0.011
+            assert np.abs(track.y[ours] - other.y[sumos]).max(initial=0.0) <= 0.011
+    assert compared > 0.9 * sum(map(len, written.tracks.values()))
 
 
 def rows_of(text: str) -> list[list[str]]:
