@@ -77,7 +77,10 @@ def check_jumps(observed: Observed, rows: IntArray, where: object) -> list[str]:
     row = int(rows[0])
     length_m = float(np.hypot(observed.x[row + 1] - observed.x[row], observed.y[row + 1] - observed.y[row]))
     time_s = observed.step[row] * observed.period_s
-    told = f"as none moves, such as {observed.vehicles[vehicle[0]].id} by {length_m:.3g} m at {time_s:g} s"
+    told = (
+        f"as none moves, such as {observed.vehicles[vehicle[0]].id} by {length_m:.3g} m after {time_s:g} s "
+        f"(row {observed.number[row + 1]})"
+    )
     within = len(np.unique(vehicle[observed.lane[rows] == observed.lane[rows + 1]]))
     if within > MOST_JUMPING * len(observed.vehicles):
         raise InputError(f"{where}: {within} of {len(observed.vehicles)} vehicles jump {told}; fix their positions")

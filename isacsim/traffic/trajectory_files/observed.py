@@ -68,7 +68,8 @@ class Observed:
 
     period_s: time between two steps, s. vehicles: in the order of their ids. starts: row of each vehicle's first state,
     and the number of rows at the end. step: number of the step; its time is `step * period_s`. x, y: front bumper
-    centre in the scenario's plane, m. lane: number in the scenario's lanes, -1 where not known. speed: as in `Rows`.
+    centre in the scenario's plane, m. lane: number in the scenario's lanes, -1 where not known. speed, number: as in
+    `Rows`.
     """
 
     period_s: float
@@ -79,6 +80,7 @@ class Observed:
     y: Array
     lane: Int32Array
     speed: Float32Array | None
+    number: IntArray | Int32Array
 
     def __len__(self) -> int:
         return len(self.step)
@@ -122,7 +124,7 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
     present = np.unique(number)
     starts = np.searchsorted(number, np.append(present, len(by_id)))
     kept = tuple(vehicles[by_id[k]] for k in present.tolist())
-    return Observed(period / rows.ticks_per_s, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed)
+    return Observed(period / rows.ticks_per_s, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed, rows.number)
 
 
 def _period(gaps: IntArray, ticks_per_s: float, where: object) -> int:

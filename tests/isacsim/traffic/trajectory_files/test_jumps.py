@@ -35,7 +35,8 @@ def driven(period_s: float, vehicles: int = 2, count: int = 100) -> Observed:
     step = np.tile(np.arange(count), vehicles)
     lane = np.zeros(len(step), np.int32)
     named = tuple(Vehicle(str(k), "passenger", 4.5, 1.8) for k in range(vehicles))
-    return Observed(period_s, named, starts, step, np.tile(x, vehicles), np.zeros(len(step)), lane, None)
+    return Observed(period_s, named, starts, step, np.tile(x, vehicles), np.zeros(len(step)), lane, None,
+                    np.arange(len(step)) + 2)  # fmt: skip
 
 
 @settings(deadline=None)
@@ -85,9 +86,11 @@ def test_where_most_vehicles_jump_the_file_is_refused() -> None:
     seen = driven(0.1, vehicles=4)
     seen.y[[50, 150]] = 9.0
     (remark,) = check_jumps(seen, jumps(seen, 0.0), "file")
-    assert remark == "2 vehicle(s) jump as none moves, such as 0 by 9 m at 4.9 s: their tracks are cut there"
+    assert (
+        remark == "2 vehicle(s) jump as none moves, such as 0 by 9 m after 4.9 s (row 52): their tracks are cut there"
+    )
     seen.y[250] = 9.0
-    with pytest.raises(InputError, match=r"^file: 3 of 4 vehicles jump as none moves, such as 0 by 9 m at 4.9 s; fix"):
+    with pytest.raises(InputError, match=r"^file: 3 of 4 vehicles jump .* after 4.9 s \(row 52\); fix"):
         check_jumps(seen, jumps(seen, 0.0), "file")
     seen.lane[[50, 150, 250]] = 1  # as in simulations in which a change of lane takes no time, which are told later
     assert check_jumps(seen, jumps(seen, 0.0), "file")
