@@ -41,7 +41,7 @@ Columns = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Piece:
+class DrivenPiece:
     """States in the order of time, shape (n,): number of the step and of the vehicle; metres along the road, and place
     between the lanes, where 0 is the centre of the rightmost one and 1 that of the next."""
 
@@ -56,7 +56,7 @@ class Piece:
         return np.floor(self.place + 0.5).astype(np.int64)
 
 
-def driven(minutes: float, lanes: int, length_m: float, rate_hz: float) -> tuple[int, Iterator[Piece]]:
+def driven(minutes: float, lanes: int, length_m: float, rate_hz: float) -> tuple[int, Iterator[DrivenPiece]]:
     """Return how many vehicles there are, and yield their states, a minute at a time.
 
     Each vehicle has a speed of its own around 28 m/s, and changes its lane once.
@@ -69,7 +69,7 @@ def driven(minutes: float, lanes: int, length_m: float, rate_hz: float) -> tuple
     firsts = np.ceil(np.arange(len(drawn)) * every_s * rate_hz).astype(int)
     ends = np.minimum(firsts + (length_m / speeds * rate_hz).astype(int), steps)
 
-    def pieces() -> Iterator[Piece]:
+    def pieces() -> Iterator[DrivenPiece]:
         for begin in range(0, steps, PIECE):
             number = np.flatnonzero((firsts < begin + PIECE) & (ends > begin))
             spans = [np.arange(max(firsts[k], begin), min(ends[k], begin + PIECE)) for k in number.tolist()]
@@ -81,7 +81,7 @@ def driven(minutes: float, lanes: int, length_m: float, rate_hz: float) -> tuple
             share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
             before = vehicle % lanes
             beside = np.minimum(before + 1, lanes - 1)
-            yield Piece(step, vehicle, after_s * speeds[vehicle], before + share * (beside - before))
+            yield DrivenPiece(step, vehicle, after_s * speeds[vehicle], before + share * (beside - before))
 
     return int((ends > firsts).sum()), pieces()
 
@@ -117,7 +117,7 @@ def write_highd(path: Path, minutes: float) -> None:
     """Write `01_tracks.csv` in the format of highD, with as many columns, and the files beside it."""
     vehicles, pieces = driven(minutes, 4, road_lanes()[0].length_m, RATE_HZ)
 
-    def columns(piece: Piece) -> Columns:
+    def columns(piece: DrivenPiece) -> Columns:
         down = (4.0 - piece.place) * LANE_M  # y points down, and the lower carriageway leads to the right
         return {
             "frame": piece.step + 1, "id": piece.vehicle + 1, "x": np.round(piece.along - LENGTH_M, 2),
@@ -139,7 +139,7 @@ def write_exid(path: Path, minutes: float) -> None:
     sides = np.array([lane.shape[0, 1] for lane in lanes])
     vehicles, pieces = driven(minutes, len(lanes), lanes[0].length_m, RATE_HZ)
 
-    def columns(piece: Piece) -> Columns:
+    def columns(piece: DrivenPiece) -> Columns:
         x, y = lanes[0].shape[0, 0] + piece.along, np.interp(piece.place, np.arange(len(sides)), sides)
         return {
             "recordingId": 1, "trackId": piece.vehicle, "frame": piece.step, "xCenter": np.round(x - LENGTH_M / 2.0, 5),
@@ -158,7 +158,7 @@ def write_ngsim(path: Path, minutes: float) -> None:
     """Write columns without a header, with blanks between them, in the format of NGSIM."""
     _, pieces = driven(minutes, 4, road_lanes()[0].length_m, NGSIM_HZ)
 
-    def columns(piece: Piece) -> Columns:
+    def columns(piece: DrivenPiece) -> Columns:
         across, along = (4.0 - piece.place) * LANE_M / FOOT_M, piece.along / FOOT_M
         return {
             "id": piece.vehicle, "frame": piece.step, "frames": 900, "time": 1118846980200 + 100 * piece.step,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from isac_cosim.evaluation.report.figures import BLUE, GREY, ORANGE, RED, figure
 from isac_cosim.isacsim.scenarios.scenario import Scenario
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 
 TRACKS = 40
 """So many vehicles are drawn, those that come first."""
@@ -18,7 +18,7 @@ ARROW_M = 25.0
 """How far the arrow of a panel is drawn, m."""
 
 
-def draw_road(scenario: Scenario, observed: Observed, path: Path) -> None:
+def draw_road(scenario: Scenario, observed: FileStates, path: Path) -> None:
     """Draw lanes with an arrow where each begins, sites with where they face, and the first tracks, and write a PNG.
 
     Raises OutputError where it cannot be written.

@@ -35,7 +35,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, FileVehicle, Int32Array, Rows, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import (
     PARQUET,
@@ -141,7 +141,7 @@ class FcdSource(FileSource):
         return Opened(place, states, tuple(dict.fromkeys(files)), noise_m, tuple(remarks))
 
 
-def _states(where: Path, road: Scenario, type_files: list[Path]) -> tuple[Observed, list[str], float]:
+def _states(where: Path, road: Scenario, type_files: list[Path]) -> tuple[FileStates, list[str], float]:
     """Return the states of a file, the types that no file names, and the noise of its rounding, m.
 
     What is done with is given up at once: the columns of a long file fill most of the memory.
@@ -299,7 +299,7 @@ def _lane_numbers(read: FcdColumns, road: Scenario, where: Path) -> Int32Array:
     return lane
 
 
-def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[Vehicle], list[str]]:
+def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[FileVehicle], list[str]]:
     """Return the vehicles, by number, and the types that no file names."""
     sizes = vehicle_types(files)
     _, first = np.unique(read.vehicle, return_index=True)
@@ -310,7 +310,7 @@ def _vehicles(read: FcdColumns, files: list[Path]) -> tuple[list[Vehicle], list[
         if size is None:
             unknown[kind or "(none)"] = None
         size = size or DEFAULT
-        vehicles.append(Vehicle(vehicle, size.kind, size.length_m, size.width_m))
+        vehicles.append(FileVehicle(vehicle, size.kind, size.length_m, size.width_m))
     return vehicles, list(unknown)
 
 

@@ -41,14 +41,14 @@ from isac_cosim.isacsim.traffic.trajectory_files.levelx_tables import (
     read_recording_meta,
     read_tracks,
 )
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Observed, Rows, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, Int32Array, Rows, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.lane_matching import match_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import (
     is_lanelet_map,
     lanelet_lanes,
     lanelet_map_beside,
 )
-from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway, lanes_and_numbers
+from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import MarkedCarriageway, lanes_and_numbers
 from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
 from isac_cosim.isacsim.traffic.trajectory_files.strays import check_strays, strays
 from isac_cosim.isacsim.traffic.trajectory_files.tables import header_of
@@ -114,7 +114,7 @@ class LevelxSource(FileSource):
         return Opened(place, states, tuple(dict.fromkeys(inputs)), noise_m, tuple(remarks))
 
 
-_Read = tuple[Scenario, Observed, float, list[str]]
+_Read = tuple[Scenario, FileStates, float, list[str]]
 """The road of a recording, its states, to what its positions are rounded, m, and what is to be said of it."""
 
 
@@ -142,7 +142,7 @@ def _with_markings(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     read.length = read.width = NONE
     _check_directions(read, forward, where)
     halves = [
-        Carriageway(half, markings, half == "lower", start, end)
+        MarkedCarriageway(half, markings, half == "lower", start, end)
         for half, column in MARKINGS.items()
         if len(markings := _markings(meta[column], column, files.recording_meta))
     ]

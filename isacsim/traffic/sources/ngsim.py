@@ -27,7 +27,7 @@ from isac_cosim.isacsim.traffic.sources.recorded_files import (
 from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.ngsim_table import NgsimRows, is_ngsim, read_ngsim
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileVehicle, Int32Array, Rows, observed
 from isac_cosim.isacsim.traffic.trajectory_files.roads.fitted_lanes import FittedLanes, fitted_lanes
 from isac_cosim.isacsim.traffic.trajectory_files.standing import steadied
 from isac_cosim.isacsim.traffic.trajectory_files.strays import check_strays, strays
@@ -118,7 +118,7 @@ def _leave_out_repeats(read: NgsimRows) -> list[str]:
     return [f"{len(repeated)} rows are there twice, and left out once"]
 
 
-def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[Vehicle]]:
+def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[FileVehicle]]:
     """Return the number of each row's vehicle, and the vehicles. The rows are in the order of vehicles and time.
 
     A number that is used again, after a pause or for a vehicle of another size, is that of a new vehicle: `12@2`.
@@ -129,7 +129,7 @@ def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[Vehicle]]:
     other = (np.diff(read.length) != 0) | (np.diff(read.width) != 0) | (np.diff(read.kind) != 0)
     new = np.concatenate([[True], ~same | pause | other])
     number = (np.cumsum(new) - 1).astype(np.int32)
-    vehicles, times = list[Vehicle](), dict[int, int]()
+    vehicles, times = list[FileVehicle](), dict[int, int]()
     for row in np.flatnonzero(new).tolist():
         named, kind = int(read.vehicle[row]), KINDS.get(int(read.kind[row]))
         if kind is None:
@@ -144,7 +144,9 @@ def _vehicles(read: NgsimRows, where: Path) -> tuple[Int32Array, list[Vehicle]]:
                 f"than 0 and at most {LONGEST_M:g} m, in feet"
             )
         times[named] = times.get(named, 0) + 1
-        vehicles.append(Vehicle(f"{named}@{times[named]}" if times[named] > 1 else str(named), kind, length_m, width_m))
+        vehicles.append(
+            FileVehicle(f"{named}@{times[named]}" if times[named] > 1 else str(named), kind, length_m, width_m)
+        )
     return number, vehicles
 
 

@@ -25,7 +25,7 @@ from isac_cosim.isacsim.traffic.trajectory_files import blocks, checks, conditio
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import Sampling
 from isac_cosim.isacsim.traffic.trajectory_files.jumps import check_jumps, jumps
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces, runs
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 from isac_cosim.isacsim.traffic.trajectory_files.tracks import pieces, tracks
 
 SAMPLED = 50_000
@@ -66,7 +66,7 @@ class Opened:
     """
 
     scenario: Scenario
-    observed: Observed
+    observed: FileStates
     inputs: tuple[Path, ...]
     noise_m: float
     remarks: tuple[str, ...] = ()
@@ -163,7 +163,7 @@ class FileSource(MotionSource):
     def expected_cpu_s(self) -> float:
         return self.settings.block_min * 60.0 * 25.0 * 50.0 * ROW_CPU_S
 
-    def _blocks(self, observed: Observed) -> list[blocks.Block]:
+    def _blocks(self, observed: FileStates) -> list[blocks.Block]:
         return blocks.blocks(observed, self.settings.block_min * 60.0, self.settings.gap_s)
 
 
@@ -189,7 +189,7 @@ def scenario_name(where: Path, endings: Iterable[str]) -> str:
 
 
 def sites_for(
-    settings: FileSettings, given: Sequence[Site], lanes: Sequence[Lane], observed: Observed,
+    settings: FileSettings, given: Sequence[Site], lanes: Sequence[Lane], observed: FileStates,
     origin: tuple[float, float], lefthand: bool,
 ) -> tuple[Site, ...]:  # fmt: skip
     """Return the sites: those of the file that the settings name, those that are given, or new ones along the road.
@@ -212,7 +212,7 @@ def sites_for(
     return placed
 
 
-def check_observed(settings: FileSettings, observed: Observed, places: LanePlaces, where: object) -> list[str]:
+def check_observed(settings: FileSettings, observed: FileStates, places: LanePlaces, where: object) -> list[str]:
     """Return what is to be said of a file's content, a line each. Raises InputError where it cannot be right."""
     checks.check_lengths(observed, where)
     remarks = checks.check_speeds(observed, where)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isac_cosim.base.arrays import BoolArray, IntArray
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ PAUSE_S = 60.0
 """Where nobody is on the road for longer, a file holds several stretches of time, s."""
 
 
-def blocks(observed: Observed, block_s: float, gap_s: float) -> list[Block]:
+def blocks(observed: FileStates, block_s: float, gap_s: float) -> list[Block]:
     """Return the blocks of a file: of equal length in each stretch of time, about `block_s`, with `gap_s` between them.
 
     Between two stretches nobody is on the road for longer than `PAUSE_S` and `gap_s`, as between recordings of
@@ -52,7 +52,7 @@ def _stretches(step: IntArray, pause: float) -> list[tuple[int, int]]:
     return [(first + int(present[a]), first + int(present[b])) for a, b in zip(starts, stops, strict=True)]
 
 
-def seen_before(observed: Observed, cut: list[Block], number: int) -> BoolArray:
+def seen_before(observed: FileStates, cut: list[Block], number: int) -> BoolArray:
     """Return which vehicles are on the road in a block before the one with this number (from 0), shape (v,)."""
     seen = np.zeros(len(observed.vehicles), bool)
     for earlier in cut[:number]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 
 CAR_LENGTHS_M = (3.0, 8.0)
 """The median car of a file is as long as this, m, or its lengths have another unit."""
@@ -25,7 +25,7 @@ OFF_ROAD_M = 1.0
 """A position this far beyond the edge of its lane is off it, m."""
 
 
-def check_lengths(observed: Observed, where: object) -> None:
+def check_lengths(observed: FileStates, where: object) -> None:
     """Raise InputError where the median car is longer or shorter than cars are."""
     lengths = [vehicle.length_m for vehicle in observed.vehicles if vehicle.kind in CAR_KINDS]
     if not lengths:
@@ -39,7 +39,7 @@ def check_lengths(observed: Observed, where: object) -> None:
         )
 
 
-def speeds_of_positions(observed: Observed) -> Array:
+def speeds_of_positions(observed: FileStates) -> Array:
     """Return the speed between a state and the next one, m/s, of the first `MOST_SHOWING` states, (n,).
 
     NaN after a vehicle's last state.
@@ -53,7 +53,7 @@ def speeds_of_positions(observed: Observed) -> Array:
     return speed
 
 
-def check_speeds(observed: Observed, where: object) -> list[str]:
+def check_speeds(observed: FileStates, where: object) -> list[str]:
     """Return how far the file's speeds are from those of its positions, a line if it has any.
 
     Raises InputError where they differ by a factor.
@@ -77,7 +77,7 @@ def check_speeds(observed: Observed, where: object) -> list[str]:
     return [told]
 
 
-def check_durations(observed: Observed, least_s: float, where: object) -> None:
+def check_durations(observed: FileStates, least_s: float, where: object) -> None:
     """Raise InputError where no vehicle is on the road long enough."""
     lasts = (observed.step[observed.starts[1:] - 1] - observed.step[observed.starts[:-1]]) * observed.period_s
     longest = int(lasts.argmax())

@@ -11,7 +11,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array, BoolArray, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 from isac_cosim.isacsim.traffic.trajectory_files.tracks import LONGEST_GAP_S
 
 MOST_OFF_M = 1.0
@@ -26,7 +26,7 @@ AT_ONCE = 50_000
 """So many intervals are compared at once."""
 
 
-def jumps(observed: Observed, noise_m: float) -> IntArray:
+def jumps(observed: FileStates, noise_m: float) -> IntArray:
     """Return the rows after which a vehicle's position jumps, ascending. noise_m: standard deviation of positions."""
     rows = len(observed)
     same = np.ones(rows, bool)  # whether the next row is the next state of the same vehicle, soon after
@@ -66,7 +66,7 @@ def _jumps(step: IntArray, x: Array, y: Array, same: BoolArray, period_s: float,
     return np.asarray(near & (before | after) & (unlike_before | ~before) & (unlike_after | ~after))
 
 
-def check_jumps(observed: Observed, rows: IntArray, where: object) -> list[str]:
+def check_jumps(observed: FileStates, rows: IntArray, where: object) -> list[str]:
     """Return what is to be said of jumps, a line if there are any.
 
     Raises InputError where most vehicles jump without a change of lane. rows: those after which they do.

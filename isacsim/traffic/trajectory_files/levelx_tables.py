@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from isac_cosim.base.arrays import Array, BoolArray, Float32Array, IntArray
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array, Vehicle
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileVehicle, Int32Array
 from isac_cosim.isacsim.traffic.trajectory_files.tables import Columns, batches, header_of
 from isac_cosim.isacsim.traffic.trajectory_files.vehicle_types import LONGEST_M, SIZES_M
 
@@ -50,7 +50,7 @@ class LevelxRows:
     vehicle, shape (v,); None without any.
     """
 
-    vehicles: list[Vehicle]
+    vehicles: list[FileVehicle]
     vehicle: Int32Array
     frame: IntArray
     x: Array
@@ -172,7 +172,7 @@ def read_tracks(files: LevelxFiles) -> tuple[LevelxRows, list[str]]:
 
 def _read_vehicles(
     file: Path, corners: bool
-) -> tuple[IntArray, list[Vehicle], IntArray | None, dict[str, Array], list[str]]:  # fmt: skip
+) -> tuple[IntArray, list[FileVehicle], IntArray | None, dict[str, Array], list[str]]:  # fmt: skip
     """Return the ids of the road users of a file; the vehicles among them, their directions, and what it says of their
     frames, by column, for those that it has; and remarks.
 
@@ -192,7 +192,7 @@ def _read_vehicles(
     _, first, counts = np.unique(ids, return_index=True, return_counts=True)
     if (counts > 1).any():
         raise InputError(f"{file}: vehicle {ids[first[counts > 1][0]]} has two rows; leave one of them out")
-    vehicles, rows, persons, unknown = list[Vehicle](), list[int](), list[int](), dict[str, None]()
+    vehicles, rows, persons, unknown = list[FileVehicle](), list[int](), list[int](), dict[str, None]()
     for row, named in enumerate(classes):
         kind = (named or "").strip().lower()
         if kind in PERSONS:
@@ -218,14 +218,14 @@ def _read_vehicles(
     return np.concatenate([ids[rows], ids[persons]]), vehicles, direction, said, remarks
 
 
-def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str) -> Vehicle:
+def _vehicle(number: int, kind: str, length_m: float, width_m: float, where: str) -> FileVehicle:
     if kind in UNSIZED and not (length_m > 0.0 and width_m > 0.0):
         length_m, width_m = SIZES_M[kind]
     if not (0.0 < length_m <= LONGEST_M and 0.0 < width_m <= LONGEST_M):
         raise InputError(
             f"{where}: vehicle {number} is {length_m:g} m x {width_m:g} m; give more than 0 and at most {LONGEST_M:g} m"
         )
-    return Vehicle(str(number), kind, length_m, width_m)
+    return FileVehicle(str(number), kind, length_m, width_m)
 
 
 def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles, line: int) -> Int32Array:
@@ -246,7 +246,7 @@ def _places(ids: IntArray, vehicles: int, named: IntArray, files: LevelxFiles, l
 class _Sizes:
     """How often the tracks say of a vehicle that it is as large as the meta file says, and how often not."""
 
-    def __init__(self, vehicles: Sequence[Vehicle]) -> None:
+    def __init__(self, vehicles: Sequence[FileVehicle]) -> None:
         self.vehicles = vehicles
         self.named = np.array([(vehicle.length_m, vehicle.width_m) for vehicle in vehicles]).reshape(-1, 2)
         self.named[[vehicle.kind in UNSIZED for vehicle in vehicles]] = np.nan
@@ -272,7 +272,7 @@ class _Sizes:
 
 
 def _check_whole(
-    rows: IntArray, latest: Array, said: Mapping[str, Array], vehicles: Sequence[Vehicle], files: LevelxFiles
+    rows: IntArray, latest: Array, said: Mapping[str, Array], vehicles: Sequence[FileVehicle], files: LevelxFiles
 ) -> list[str]:
     """Return what is to be said where states are missing in between, a line if any.
 
@@ -295,7 +295,7 @@ def _check_whole(
 
 
 def _check_order(
-    held: Mapping[str, np.ndarray[Any, Any]], latest: Array, vehicles: Sequence[Vehicle], where: Path
+    held: Mapping[str, np.ndarray[Any, Any]], latest: Array, vehicles: Sequence[FileVehicle], where: Path
 ) -> None:  # fmt: skip
     """Raise InputError where the frames of a vehicle run backwards.
 

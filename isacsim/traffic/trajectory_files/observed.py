@@ -20,7 +20,7 @@ LONGEST_PERIOD_S = 1.0
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class FileVehicle:
     """A vehicle as its file describes it. kind: SUMO vehicle class. Lengths in m."""
 
     id: str
@@ -63,7 +63,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Observed:
+class FileStates:
     """States of all vehicles of a file, vehicle after vehicle, each in the order of time, shape (n,) each.
 
     period_s: time between two steps, s. vehicles: in the order of their ids. starts: row of each vehicle's first state,
@@ -73,7 +73,7 @@ class Observed:
     """
 
     period_s: float
-    vehicles: tuple[Vehicle, ...]
+    vehicles: tuple[FileVehicle, ...]
     starts: IntArray
     step: IntArray
     x: Array
@@ -86,7 +86,7 @@ class Observed:
         return len(self.step)
 
 
-def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed:
+def observed(rows: Rows, vehicles: Sequence[FileVehicle], where: object) -> FileStates:
     """Sort the states of a file, in place, by vehicle and time.
 
     where: the file, for messages. Raises InputError where a vehicle has two states at one time, where the times are not
@@ -124,7 +124,7 @@ def observed(rows: Rows, vehicles: Sequence[Vehicle], where: object) -> Observed
     present = np.unique(number)
     starts = np.searchsorted(number, np.append(present, len(by_id)))
     kept = tuple(vehicles[by_id[k]] for k in present.tolist())
-    return Observed(period / rows.ticks_per_s, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed, rows.number)
+    return FileStates(period / rows.ticks_per_s, kept, starts, step, rows.x, rows.y, rows.lane, rows.speed, rows.number)
 
 
 def _period(gaps: IntArray, ticks_per_s: float, where: object) -> int:

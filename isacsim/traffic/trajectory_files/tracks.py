@@ -13,7 +13,7 @@ from isac_cosim.isacsim.traffic.recordings.recording import Track
 from isac_cosim.isacsim.traffic.trajectory_files.blocks import Block
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import Sampling
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces, runs
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed, Vehicle
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, FileVehicle
 
 LONGEST_GAP_S = 0.3
 """A vehicle that is not seen for longer has two tracks, s."""
@@ -30,7 +30,7 @@ class TrackPiece:
     """A vehicle as long as it is seen. name: its id, with `#2`, `#3`, ... from its second piece on. Arrays (n,)."""
 
     name: str
-    vehicle: Vehicle
+    vehicle: FileVehicle
     step: IntArray
     x: Array
     y: Array
@@ -38,7 +38,7 @@ class TrackPiece:
 
 
 def pieces(
-    observed: Observed, number: int, places: LanePlaces, jumps: IntArray
+    observed: FileStates, number: int, places: LanePlaces, jumps: IntArray
 ) -> tuple[list[TrackPiece], int, int]:  # fmt: skip
     """Return the pieces of a vehicle; how often it changes lanes on one edge, and how often of these in a jump.
 

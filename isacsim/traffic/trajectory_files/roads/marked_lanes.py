@@ -14,7 +14,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.observed import Int32Array
 
 
 @dataclass(frozen=True)
-class Carriageway:
+class MarkedCarriageway:
     """Parallel lanes of one direction, along the x axis.
 
     name: of its edge. markings: y of the markings in the plane, m, ascending, shape (k + 1,) for k lanes. forward:
@@ -50,7 +50,7 @@ class Carriageway:
 
 
 def lanes_and_numbers(
-    carriageways: Sequence[Carriageway], y: Array, on: Sequence[BoolArray]
+    carriageways: Sequence[MarkedCarriageway], y: Array, on: Sequence[BoolArray]
 ) -> tuple[tuple[Lane, ...], Int32Array]:
     """Return the lanes of all carriageways, and for each y, m, shape (n,), the number of its lane among them, or -1.
 

@@ -18,7 +18,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.traffic.recordings.recording import Recording
 from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
-from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import Carriageway
+from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import MarkedCarriageway
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.event_match import found_events
@@ -113,7 +113,7 @@ def test_a_place_between_two_markings_is_in_the_lane_between_them(
     widths: list[float], low: float, forward: bool, share: float
 ) -> None:
     markings = low + np.concatenate([[0.0], np.cumsum(widths)])
-    road = Carriageway("road", markings, forward, 0.0, 100.0)
+    road = MarkedCarriageway("road", markings, forward, 0.0, 100.0)
     for k, (a, b) in enumerate(pairwise(markings)):
         y = a + share * (b - a)
         lane = road.lanes[int(road.lane_of(np.array([y]))[0])]

@@ -10,7 +10,7 @@ from lxd_io import Dataset
 from lxd_io.recording import Recording as OtherRecording
 
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates
 from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import lanelet_map_beside
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from tests.support.exid_writer import write_exid
@@ -19,11 +19,11 @@ from tests.support.lanelet_writer import UTM, write_lanelets
 from tests.support.sumo_recording import motorway_recording
 
 
-def observed(where: Path) -> Observed:
+def observed(where: Path) -> FileStates:
     """What our reader makes of a recording: front bumper centres, vehicle after vehicle."""
     source = motion_source(DatasetStudy.model_validate({"source": "levelx", "scenarios": [str(where)]}))
     source.load(str(where))
-    states: Observed = source.open(where).observed  # type: ignore[attr-defined]
+    states: FileStates = source.open(where).observed  # type: ignore[attr-defined]
     return states
 
 
@@ -33,7 +33,7 @@ def read_by_other(folder: Path, number: int, dataset: str) -> OtherRecording:
     return recording
 
 
-def spans(states: Observed) -> dict[str, slice]:
+def spans(states: FileStates) -> dict[str, slice]:
     ends = states.starts.tolist()
     return {vehicle.id: slice(ends[k], ends[k + 1]) for k, vehicle in enumerate(states.vehicles)}
 

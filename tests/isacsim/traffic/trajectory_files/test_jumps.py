@@ -15,7 +15,7 @@ from isac_cosim.isacsim.traffic.sources.protocol import recorded
 from isac_cosim.isacsim.traffic.sources.registry import motion_source
 from isac_cosim.isacsim.traffic.trajectory_files import jumps as module
 from isac_cosim.isacsim.traffic.trajectory_files.jumps import check_jumps, jumps
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed, Vehicle
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, FileVehicle
 from isac_cosim.labeling.detectors.events import label
 from isac_cosim.labeling.generation.settings import DatasetStudy
 from isac_cosim.labeling.intentions import Event
@@ -25,7 +25,7 @@ from tests.support.trajectory_writers import states, write_fcd
 PERIODS_S = (0.04, 0.1, 0.5, 1.0)
 
 
-def driven(period_s: float, vehicles: int = 2, count: int = 100) -> Observed:
+def driven(period_s: float, vehicles: int = 2, count: int = 100) -> FileStates:
     """Vehicles at 30 m/s that brake with 9 m/s2, stand, and go on, in lane 0."""
     time_s = np.arange(count) * period_s
     speed = np.clip(30.0 - 9.0 * np.maximum(time_s - 10 * period_s, 0.0), 0.0, None)
@@ -34,8 +34,8 @@ def driven(period_s: float, vehicles: int = 2, count: int = 100) -> Observed:
     starts = np.arange(vehicles + 1) * count
     step = np.tile(np.arange(count), vehicles)
     lane = np.zeros(len(step), np.int32)
-    named = tuple(Vehicle(str(k), "passenger", 4.5, 1.8) for k in range(vehicles))
-    return Observed(period_s, named, starts, step, np.tile(x, vehicles), np.zeros(len(step)), lane, None,
+    named = tuple(FileVehicle(str(k), "passenger", 4.5, 1.8) for k in range(vehicles))
+    return FileStates(period_s, named, starts, step, np.tile(x, vehicles), np.zeros(len(step)), lane, None,
                     np.arange(len(step)) + 2)  # fmt: skip
 
 

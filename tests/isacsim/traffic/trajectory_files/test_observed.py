@@ -13,13 +13,13 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.traffic.trajectory_files.blocks import blocks, seen_before
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
-from isac_cosim.isacsim.traffic.trajectory_files.observed import Observed, Rows, Vehicle, observed
+from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, FileVehicle, Rows, observed
 from isac_cosim.isacsim.traffic.trajectory_files.tracks import pieces
 
 LANES = [Lane(f"e_{k}", "e", k, 3.2, 5000.0, np.array([[0.0, 3.2 * k], [5000.0, 3.2 * k]]), ()) for k in range(3)]
 
 
-def rows_of(seen: dict[str, list[int]], order: np.ndarray | None = None) -> tuple[Rows, list[Vehicle]]:
+def rows_of(seen: dict[str, list[int]], order: np.ndarray | None = None) -> tuple[Rows, list[FileVehicle]]:
     """Vehicles at 20 m/s in lane 0, seen at steps of 0.1 s. order: of the rows."""
     vehicle = np.concatenate([np.full(len(steps), k, np.int32) for k, steps in enumerate(seen.values())])
     step = np.concatenate([np.array(steps, np.int64) for steps in seen.values()])
@@ -28,7 +28,7 @@ def rows_of(seen: dict[str, list[int]], order: np.ndarray | None = None) -> tupl
         vehicle[order], step[order] * 100, 2.0 * step[order], np.zeros(len(step)), np.zeros(len(step), np.int32), None,
         np.arange(len(step)),
     )  # fmt: skip
-    return rows, [Vehicle(name, "passenger", 4.5, 1.8) for name in seen]
+    return rows, [FileVehicle(name, "passenger", 4.5, 1.8) for name in seen]
 
 
 @settings(deadline=None)
@@ -100,5 +100,5 @@ def test_states_far_apart_are_refused() -> None:
 
 
 def test_an_observation_knows_its_length() -> None:
-    assert isinstance(states := observed(*rows_of({"v": [0, 1, 2]}), "f"), Observed)
+    assert isinstance(states := observed(*rows_of({"v": [0, 1, 2]}), "f"), FileStates)
     assert len(states) == 3
