@@ -19,7 +19,7 @@ Seed = Annotated[int, Field(ge=0, le=2**32 - 1)]
 """Seed of a random generator: what each of the libraries here takes."""
 
 
-def within(least: float, most: float) -> WrapValidator:
+def range_within(least: float, most: float) -> WrapValidator:
     """Return a validator of a range: low <= high, both between least and most."""
 
     def check(value: Any, parse: ValidatorFunctionWrapHandler) -> Range:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from isac_cosim.base.setting_fields import Range, within
+from isac_cosim.base.setting_fields import Range, range_within
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.sensing.onboard_radar import RadarSettings
 from isac_cosim.isacsim.sensing.running.conditioning import Conditioning
@@ -54,7 +54,7 @@ class AdvisorySettings(Settings):
     """
 
     network_delay_s: float = Field(0.1, ge=0.0, le=10.0, description="from the alarm to its display in the vehicle, s")
-    reaction_s: Annotated[Range, within(0.0, 10.0)] = Field(
+    reaction_s: Annotated[Range, range_within(0.0, 10.0)] = Field(
         (0.6, 1.6), description="from the display to the driver's first motion, s; 0 to 0: the vehicle obeys by itself"
     )
     compliance: float = Field(1.0, ge=0.0, le=1.0, description="share of advisories that drivers follow")

@@ -14,7 +14,7 @@ import numpy as np
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.setting_fields import Range, sourced, within
+from isac_cosim.base.setting_fields import Range, range_within, sourced
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.drivers.sway import wandering
 
@@ -27,7 +27,7 @@ ABOVE = 1.001
 class SpeedWanderSettings(Settings):
     """The desired speed of a driver over its mean: noise through two lags, as in `SwaySettings`."""
 
-    sd_share: Annotated[Range, within(0.0, 0.2)] = sourced(
+    sd_share: Annotated[Range, range_within(0.0, 0.2)] = sourced(
         (0.015, 0.03), "standard deviation of one driver's desired speed, as a share of it; 0 to 0: no wandering",
         "chosen: 1.4 to 2.9 km/h at 95 km/h",
     )  # fmt: skip

@@ -15,7 +15,7 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.seeding import stream
-from isac_cosim.base.setting_fields import Range, sourced, within
+from isac_cosim.base.setting_fields import Range, range_within, sourced
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.traffic.recordings.recording import Track
@@ -34,7 +34,7 @@ class SwaySettings(Settings):
     first-order lag), whose path is as smooth as a steered vehicle's.
     """
 
-    sd_m: Annotated[Range, within(0.0, 1.0)] = sourced(
+    sd_m: Annotated[Range, range_within(0.0, 1.0)] = sourced(
         (0.1, 0.28), "standard deviation of one driver's offset, m; 0 to 0: no sway",
         "published: standard deviation of lateral position in normal driving about 0.2 m (Verster and Roth 2011)",
     )  # fmt: skip

@@ -36,7 +36,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.checks import MOST_OFF_ROAD
 from isac_cosim.isacsim.traffic.trajectory_files.conditioning import noise_of_rounding, rounding_of
 from isac_cosim.isacsim.traffic.trajectory_files.lane_places import LanePlaces
 from isac_cosim.isacsim.traffic.trajectory_files.observed import FileStates, FileVehicle, Int32Array, Rows, observed
-from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset, projected
+from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import net_offset, on_network, projected
 from isac_cosim.isacsim.traffic.trajectory_files.tables import (
     PARQUET,
     Codes,
@@ -324,7 +324,7 @@ def _in_plane(read: FcdColumns, road: Scenario, where: Path) -> tuple[Array, Arr
     told apart by the bounds of the network: only XML names the option. Raises InputError for positions elsewhere, and
     for longitudes and latitudes on a network without a projection, or beyond their bounds.
     """
-    plane, x, y = partial(in_plane, road=road), read.x, read.y
+    plane, x, y = partial(on_network, road=road), read.x, read.y
     beyond = (np.abs(x) > LONGEST_DEG) | (np.abs(y) > WIDEST_DEG)
     degrees = bool(beyond.mean() < MOST_OFF_ROAD)
     # Degrees come first: as metres, they may lie on a network that has its corner at 0, 0.

@@ -8,15 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from isac_cosim.base.setting_fields import Range, sourced, within
+from isac_cosim.base.setting_fields import Range, range_within, sourced
 from isac_cosim.base.settings import Settings
 
-Seconds = Annotated[Range, within(0.0, 30.0)]
-Metres = Annotated[Range, within(0.0, 200.0)]
-Speeds = Annotated[Range, within(1.0, 60.0)]
-Differences = Annotated[Range, within(-30.0, 30.0)]
-Accelerations = Annotated[Range, within(0.0, 9.0)]
-Jerks = Annotated[Range, within(0.5, 25.0)]
+Seconds = Annotated[Range, range_within(0.0, 30.0)]
+Metres = Annotated[Range, range_within(0.0, 200.0)]
+Speeds = Annotated[Range, range_within(1.0, 60.0)]
+Differences = Annotated[Range, range_within(-30.0, 30.0)]
+Accelerations = Annotated[Range, range_within(0.0, 9.0)]
+Jerks = Annotated[Range, range_within(0.5, 25.0)]
 
 
 class SituationSettings(Settings):
@@ -29,19 +29,19 @@ class SituationSettings(Settings):
     closing_mps: Differences = sourced(
         (-3.0, 4.0), "speed of the TV minus that of the UV, m/s", "chosen: drivers about to act are rarely settled"
     )
-    lane_sway_m: Annotated[Range, within(0.0, 1.0)] = sourced(
+    lane_sway_m: Annotated[Range, range_within(0.0, 1.0)] = sourced(
         (0.05, 0.2), "amplitude of the position in the lane, m", "chosen: about 0.1 m rms; 0.2 m is usual on the road"
     )
-    lane_sway_s: Annotated[Range, within(1.0, 60.0)] = sourced(
+    lane_sway_s: Annotated[Range, range_within(1.0, 60.0)] = sourced(
         (7.0, 14.0), "period of that, s", "chosen: keeps the lateral speed below 0.2 m/s"
     )
-    speed_sway_mps2: Annotated[Range, within(0.0, 2.0)] = sourced(
+    speed_sway_mps2: Annotated[Range, range_within(0.0, 2.0)] = sourced(
         (0.05, 0.35), "amplitude of the acceleration in steady driving, m/s2", "chosen: below what a passenger notices"
     )
-    speed_sway_s: Annotated[Range, within(1.0, 60.0)] = sourced(
+    speed_sway_s: Annotated[Range, range_within(1.0, 60.0)] = sourced(
         (6.0, 15.0), "period of that, s", "chosen: the speed wanders by less than 1 m/s"
     )
-    length_m: Annotated[Range, within(2.0, 20.0)] = sourced(
+    length_m: Annotated[Range, range_within(2.0, 20.0)] = sourced(
         (4.0, 5.0), "length of both cars, m", "chosen: passenger cars"
     )
     position_spread_m: float = sourced(
@@ -80,7 +80,7 @@ class ResponseSettings(Settings):
         0.5, "share of reactions to the UV, where an intention can be one", "chosen: as many with a cause as without",
         ge=0.0, le=1.0,
     )  # fmt: skip
-    reaction_s: Annotated[Range, within(0.1, 5.0)] = sourced(
+    reaction_s: Annotated[Range, range_within(0.1, 5.0)] = sourced(
         (0.6, 1.5), "time from the UV's motion to the TV's, s", "brake reaction times, Green 2000: 0.7 to 1.5 s"
     )
     uv_braking_mps2: Accelerations = sourced(
@@ -111,10 +111,10 @@ class KinematicAccelSettings(Settings):
 class KinematicChangeSettings(Settings):
     """A lane change to either side, also the pulling-out and the return of an overtake."""
 
-    duration_s: Annotated[Range, within(1.0, 15.0)] = sourced(
+    duration_s: Annotated[Range, range_within(1.0, 15.0)] = sourced(
         (3.5, 6.5), "time from lane to lane, s", "Toledo & Zohar 2007: mean 4.6 s, sd 2.3 s"
     )
-    acceleration_mps2: Annotated[Range, within(-3.0, 3.0)] = sourced(
+    acceleration_mps2: Annotated[Range, range_within(-3.0, 3.0)] = sourced(
         (-1.0, 1.0), "acceleration along the road meanwhile, m/s2", "chosen: adapting to the new lane"
     )
     pulse_s: Seconds = sourced((1.0, 2.5), "time of that, s", "chosen: during the lane change")
@@ -126,7 +126,7 @@ class KinematicOvertakeSettings(Settings):
     closing_mps: Differences = sourced(
         (2.0, 9.0), "speed of the TV minus that of the UV at onset, m/s", "chosen: a slower vehicle is the reason"
     )
-    acceleration_mps2: Annotated[Range, within(-3.0, 3.0)] = sourced(
+    acceleration_mps2: Annotated[Range, range_within(-3.0, 3.0)] = sourced(
         (0.0, 1.6), "acceleration while pulling out, m/s2", "chosen: drivers accelerate to pass"
     )
     passing_mps: Differences = sourced(
@@ -141,11 +141,11 @@ class SwerveSettings(Settings):
     """An evasive swerve to either side and back."""
 
     aside_m: Metres = sourced((1.0, 2.0), "distance moved aside, m", "chosen: the width of an obstacle in the lane")
-    peak_mps2: Annotated[Range, within(0.5, 9.0)] = sourced(
+    peak_mps2: Annotated[Range, range_within(0.5, 9.0)] = sourced(
         (3.8, 5.5), "largest lateral acceleration, m/s2", "drivers swerve at 0.3 to 0.7 g"
     )
     hold_s: Seconds = sourced((0.1, 0.8), "time aside, s", "chosen: past the obstacle")
-    return_ratio: Annotated[Range, within(0.5, 5.0)] = sourced(
+    return_ratio: Annotated[Range, range_within(0.5, 5.0)] = sourced(
         (1.0, 1.6), "duration of the return over that of the move aside", "chosen: drivers return less hastily"
     )
 
@@ -156,10 +156,10 @@ class KinematicFollowingSettings(Settings):
     closing_mps: Differences = sourced(
         (-0.8, 0.8), "speed of the TV minus that of the UV, m/s", "chosen: settled for ten seconds either way"
     )
-    acceleration_mps2: Annotated[Range, within(-2.0, 2.0)] = sourced(
+    acceleration_mps2: Annotated[Range, range_within(-2.0, 2.0)] = sourced(
         (-1.5, 1.5), "gentle acceleration of the UV, which the TV repeats, m/s2", "chosen: below 2 m/s2, comfortable"
     )
-    headway_s: Annotated[Range, within(0.3, 10.0)] = sourced(
+    headway_s: Annotated[Range, range_within(0.3, 10.0)] = sourced(
         (0.9, 2.4), "gap over the speed of the TV, s", "chosen: time headways in dense traffic"
     )
 

@@ -49,7 +49,7 @@ from isac_cosim.isacsim.traffic.trajectory_files.roads.lanelets import (
     lanelet_map_beside,
 )
 from isac_cosim.isacsim.traffic.trajectory_files.roads.marked_lanes import MarkedCarriageway, lanes_and_numbers
-from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import in_plane, net_offset
+from isac_cosim.isacsim.traffic.trajectory_files.roads.planes import net_offset, on_network
 from isac_cosim.isacsim.traffic.trajectory_files.strays import check_strays, strays
 from isac_cosim.isacsim.traffic.trajectory_files.tables import header_of
 
@@ -170,7 +170,7 @@ def _on_network(settings: LevelxSettings, files: LevelxFiles) -> _Read:
     if not is_lanelet_map(road.network) and None not in (meta[name] for name in UTM_ORIGIN):
         east, north = net_offset(road.network)
         shifts.append((meta[UTM_ORIGIN[0]] + east, meta[UTM_ORIGIN[1]] + north))
-    placed = in_plane(read.x, read.y, road, shifts)
+    placed = on_network(read.x, read.y, road, shifts)
     if placed is None:
         raise InputError(
             f"{where}: most of its positions, such as {read.x[0]:g}, {read.y[0]:g}, are outside "

@@ -27,11 +27,11 @@ from isac_cosim.studies.reproduction.experiments.unknown_class import UnknownSco
 from isac_cosim.studies.reproduction.experiments.verdicts import (
     Claim,
     all_of,
-    claim,
     corrected,
     is_above,
     is_at_most,
     is_within,
+    judged,
 )
 
 ALIKE = 0.02
@@ -92,11 +92,11 @@ def _ranked(cases: Mapping[str, Trainings], first: str, second: str, *numbers: i
     paper = CASES[numbers[0]][1] - CASES[numbers[1]][1]
     words = f"Order of the cases: {first} is better than {second}"
     measured = _compared(cases, difference(mean_f1), first, second)
-    return claim(family, words, f"macro-F1 {paper:+.4f}", IMPROVES, measured, _fewest(cases, first, second))
+    return judged(family, words, f"macro-F1 {paper:+.4f}", IMPROVES, measured, _fewest(cases, first, second))
 
 
 def _nlos_alike(cases: Mapping[str, Trainings], *pair: str, family: str = "order") -> Claim:
-    return claim(
+    return judged(
         family,
         f"Order of the cases: {pair[0]} is comparable to {pair[1]}",
         f"macro-F1 {CASES[2][1] - CASES[4][1]:+.4f}",
@@ -110,7 +110,7 @@ def _weather_gain(
     cases: Mapping[str, Trainings], weather: str, radar: str = "radar-weather", family: str = "weather"
 ) -> Claim:
     pair = weather, radar
-    return claim(
+    return judged(
         family,
         f"Relative gain of ISAC over the radar in adverse weather ({weather})",
         f"{WEATHER_GAIN:.1%} of macro-F1",
@@ -149,7 +149,7 @@ def _by_intention(cases: Mapping[str, Trainings]) -> list[Claim]:
         ),
     )
     return [
-        claim("fig3", words, paper, rule, _compared(cases, statistic, "isac"), _fewest(cases, "isac"))
+        judged("fig3", words, paper, rule, _compared(cases, statistic, "isac"), _fewest(cases, "isac"))
         for words, paper, rule, statistic in checked
     ]
 
@@ -160,7 +160,7 @@ def _unknown(unknown: Sequence[UnknownScores]) -> list[Claim]:
         f"the AUROC by the largest probability is from {low} to {high}", (high - low) / 2, (low + high) / 2
     )
     return [
-        claim(
+        judged(
             "fig4",
             "The separation of `following` is modest",
             f"AUROC {UNKNOWN_AUROC}",
@@ -168,7 +168,7 @@ def _unknown(unknown: Sequence[UnknownScores]) -> list[Claim]:
             _auroc(unknown),
             len(unknown),
         ),
-        claim(
+        judged(
             "fig4",
             "Most of `following` is identified as unknown",
             "most, in a figure without numbers",
@@ -176,7 +176,7 @@ def _unknown(unknown: Sequence[UnknownScores]) -> list[Claim]:
             _of_confusion(unknown, _identified),
             len(unknown),
         ),
-        claim(
+        judged(
             "fig4",
             "The hard brake and the swerve are most often taken for unknown",
             "often, in a figure without numbers",
@@ -238,11 +238,11 @@ def _by_snr(by_snr: Mapping[float, Trainings]) -> list[Claim]:
     trainings = min(map(len, conditions), default=0)
     at_most_alike = is_at_most(f"its largest F1 minus its smallest is at most {ALIKE}", ALIKE)
     settled = is_within(f"it improves before, and the difference in macro-F1 is then within ±{ALIKE}", ALIKE)
-    improves = claim("fig5", f"F1 improves with the SNR{before}", "improves", IMPROVES, rise, trainings)
-    saturates = claim("fig5", f"F1 saturates after an improvement{after}", "saturates", settled, rest, trainings)
+    improves = judged("fig5", f"F1 improves with the SNR{before}", "improves", IMPROVES, rise, trainings)
+    saturates = judged("fig5", f"F1 saturates after an improvement{after}", "saturates", settled, rest, trainings)
     both = [part.p_value for part in (improves, saturates) if part.p_value is not None]
     return [
-        claim(
+        judged(
             "fig5",
             f"The overtake is immune to the SNR{whole}",
             f"F1 {CLASS_F1['overtake']:.1f} at every SNR",
@@ -267,7 +267,7 @@ def _asynchronous(cases: Mapping[str, Trainings]) -> list[Claim]:
         "control-fast": "ASI-BIP with the UV interpolated to 400 Hz",
     }
     return [
-        claim(
+        judged(
             "fusion",
             f"Asynchronous fusion is better than {words}",
             "claimed without a number",

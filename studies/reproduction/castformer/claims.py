@@ -16,7 +16,7 @@ from isac_cosim.studies.reproduction.experiments.paper_figures import (
     ORDERS,
     end_of,
 )
-from isac_cosim.studies.reproduction.experiments.verdicts import Claim, claim, corrected, is_above
+from isac_cosim.studies.reproduction.experiments.verdicts import Claim, corrected, is_above, judged
 
 BASELINE = "modules-none"
 Networks = Mapping[str, Mapping[int, Trainings]]
@@ -44,7 +44,7 @@ def _horizon(networks: Networks, f1: Statistic) -> list[Claim]:
             measured = estimate(difference(f1), at[near], at[far])
         words = f"F1 declines from {end_of(near)} to {end_of(far)}"
         # Of one network at two horizons: every fold has a training of its own, and no two networks are compared.
-        claims.append(claim("horizon", words, f"{row[k]} % to {row[k + 1]} %", ABOVE_0, measured))
+        claims.append(judged("horizon", words, f"{row[k]} % to {row[k + 1]} %", ABOVE_0, measured))
     return claims
 
 
@@ -83,6 +83,6 @@ def _others(stages: Mapping[str, Networks], f1: Statistic) -> list[Claim]:
 def _ahead(family: str, words: str, paper: str, f1: Statistic, networks: Networks, first: str, second: str) -> Claim:
     """Return the claim that the F1 of the first network at 0 s is above that of the second."""
     if first not in networks or second not in networks:
-        return claim(family, words, paper, ABOVE_0, None)
+        return judged(family, words, paper, ABOVE_0, None)
     pair = networks[first][0], networks[second][0]
-    return claim(family, words, paper, ABOVE_0, estimate(difference(f1), *pair), min(map(len, pair)))
+    return judged(family, words, paper, ABOVE_0, estimate(difference(f1), *pair), min(map(len, pair)))

@@ -82,7 +82,7 @@ def is_within(text: str, bound: float, middle: float = 0.0) -> Rule:
     return Rule(text, lambda measured: within(measured, bound, middle), lambda value: abs(abs(value - middle) - bound))
 
 
-def claim(
+def judged(
     family: str, words: str, paper: str, rule: Rule, measured: Estimate | None, trainings: int | None = None
 ) -> Claim:
     """Return a claim with its verdict, before the correction.

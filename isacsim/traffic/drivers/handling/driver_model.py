@@ -14,7 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
-from isac_cosim.base.setting_fields import LARGEST_MPS3, Range, sourced, within
+from isac_cosim.base.setting_fields import LARGEST_MPS3, Range, range_within, sourced
 from isac_cosim.base.settings import Settings
 
 BRAKING_LIMIT_MPS2 = 8.5
@@ -24,33 +24,33 @@ BRAKING_LIMIT_MPS2 = 8.5
 class DriverSettings(Settings):
     """How people differ at the controls. Each is drawn anew for every maneuver."""
 
-    reaction_s: Annotated[Range, within(0.0, 5.0)] = sourced(
+    reaction_s: Annotated[Range, range_within(0.0, 5.0)] = sourced(
         (0.6, 1.6), "time from the cause to the first motion of foot or hand, s",
         "published: Olson and Sivak 1986, median 1.1 s, 95th percentile 1.6 s",
     )  # fmt: skip
-    look_away_s: Annotated[Range, within(0.0, 10.0)] = sourced(
+    look_away_s: Annotated[Range, range_within(0.0, 10.0)] = sourced(
         (0.3, 1.8), "time for which an inattentive driver does not look ahead, s",
         "published: Klauer et al. 2006 (100-car study), glances of up to about 2 s",
     )  # fmt: skip
-    correction_s: Annotated[Range, within(0.05, 2.0)] = sourced(
+    correction_s: Annotated[Range, range_within(0.05, 2.0)] = sourced(
         (0.1, 0.3), "time between two decisions, s",
         "published: Markkula et al. 2018, control as a series of discrete adjustments",
     )  # fmt: skip
-    pedal_lag_s: Annotated[Range, within(0.02, 1.0)] = sourced(
+    pedal_lag_s: Annotated[Range, range_within(0.02, 1.0)] = sourced(
         (0.1, 0.25), "lag of the foot, and again of the vehicle's brakes or engine, s", "chosen: 0.3 to 0.8 s to a peak"
     )
-    steering_lag_s: Annotated[Range, within(0.02, 1.0)] = sourced(
+    steering_lag_s: Annotated[Range, range_within(0.02, 1.0)] = sourced(
         (0.06, 0.12), "lag of the arms, and again of the vehicle, s",
         "published: Macadam 2003, neuromuscular lag of about 0.1 s",
     )  # fmt: skip
-    noise_share: Annotated[Range, within(0.0, 0.5)] = sourced(
+    noise_share: Annotated[Range, range_within(0.0, 0.5)] = sourced(
         (0.04, 0.14), "standard deviation of what is done, as a share of what is meant",
         "published: Harris and Wolpert 1998, motor noise grows with the signal",
     )  # fmt: skip
-    noise_s: Annotated[Range, within(0.05, 10.0)] = sourced(
+    noise_s: Annotated[Range, range_within(0.05, 10.0)] = sourced(
         (0.3, 1.0), "correlation time of that noise, s", "chosen: uneven, but not trembling"
     )
-    effort_gain: Annotated[Range, within(0.5, 4.0)] = sourced(
+    effort_gain: Annotated[Range, range_within(0.5, 4.0)] = sourced(
         (1.0, 2.2), "how much harder than necessary a driver brakes or steers, as a factor",
         "published: Markkula et al. 2016, braking grows with urgency and exceeds the need",
     )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from isac_cosim.base.setting_fields import Range, within
+from isac_cosim.base.setting_fields import Range, range_within
 from isac_cosim.base.settings import Settings
 from isac_cosim.isacsim.traffic.drivers.handling.driver_model import DriverSettings, braking_mps2
 from isac_cosim.isacsim.traffic.drivers.handling.driver_view import DriverView
@@ -24,12 +24,12 @@ Speed = Annotated[float, Field(ge=0.0, le=60.0)]
 Duration = Annotated[float, Field(ge=0.0, le=600.0)]
 Distance = Annotated[float, Field(ge=0.0, le=5000.0)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Accelerations = Annotated[Range, within(0.5, 10.0)]
-Speeds = Annotated[Range, within(0.0, 40.0)]
-Durations = Annotated[Range, within(0.0, 600.0)]
-Distances = Annotated[Range, within(-2.0, 200.0)]
-Shares = Annotated[Range, within(0.0, 1.0)]
-Factors = Annotated[Range, within(0.5, 500.0)]
+Accelerations = Annotated[Range, range_within(0.5, 10.0)]
+Speeds = Annotated[Range, range_within(0.0, 40.0)]
+Durations = Annotated[Range, range_within(0.0, 600.0)]
+Distances = Annotated[Range, range_within(-2.0, 200.0)]
+Shares = Annotated[Range, range_within(0.0, 1.0)]
+Factors = Annotated[Range, range_within(0.5, 500.0)]
 
 FASTER, SLOWER = 1, -1
 """Directions, as SUMO counts lanes: towards the faster lanes, which lie to the left where traffic keeps right and to

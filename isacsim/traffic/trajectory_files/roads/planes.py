@@ -25,7 +25,7 @@ PARAMETERS = re.compile(
 """What a network may say of its projection; PROJ reads files by other parameters."""
 
 
-def in_plane(
+def on_network(
     x: Array, y: Array, road: Scenario, shifts: Sequence[tuple[float, float]]
 ) -> tuple[Array, Array] | None:  # fmt: skip
     """Return positions in the scenario's plane, m: with the first shift that puts most of them on its network, if any.

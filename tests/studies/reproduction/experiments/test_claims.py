@@ -18,11 +18,11 @@ from isac_cosim.studies.reproduction.experiments.verdicts import (
     above,
     all_of,
     at_most,
-    claim,
     corrected,
     is_above,
     is_at_most,
     is_within,
+    judged,
     within,
 )
 
@@ -116,7 +116,7 @@ def test_the_p_value_is_that_of_students_t() -> None:
 def test_one_training_decides_nothing() -> None:
     counts = {f"road-{k}": [[9, 1 + k % 2], [0, 10]] for k in range(5)}
     measured = estimate(lambda matrix: float(np.trace(matrix) / matrix.sum()), [counts])
-    assert claim("", "", "", is_above(""), measured).verdict == "holds"
-    assert claim("", "", "", is_above(""), measured, 2).verdict == "holds"
-    once = claim("", "", "", is_above(""), measured, 1)
+    assert judged("", "", "", is_above(""), measured).verdict == "holds"
+    assert judged("", "", "", is_above(""), measured, 2).verdict == "holds"
+    once = judged("", "", "", is_above(""), measured, 1)
     assert (once.verdict, once.p_value, once.measured) == ("undecided", None, measured)
