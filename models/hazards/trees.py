@@ -17,7 +17,7 @@ from isac_cosim.models.hazards.predictor import NEVER, HazardFacts, HazardPredic
 from isac_cosim.models.hazards.settings import HazardTreesSettings
 from isac_cosim.models.hazards.sight import situation_of
 from isac_cosim.models.predictors.protocol import WindowShape
-from isac_cosim.models.trees.boosting import boosted_trees
+from isac_cosim.models.trees.boosting import boosted_trees, fitted
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _fitted(
 ) -> HistGradientBoostingClassifier:
     trees = boosted_trees(settings, seed)
     trees.set_params(min_samples_leaf=settings.least_leaf, max_features=settings.feature_share)
-    return trees.fit(values, label, sample_weight=weight)
+    return fitted(trees, values, label, weight)
 
 
 def _file_name(name: str) -> str:

@@ -15,7 +15,7 @@ from isac_cosim.base.arrays import Float32Array
 from isac_cosim.models.data.pre_onset import PreOnsetSettings, has_pre_onset_windows, pre_onset_windows
 from isac_cosim.models.data.windows import batches, draw_ends
 from isac_cosim.models.predictors.protocol import FitTask, Predictor
-from isac_cosim.models.trees.boosting import boosted_trees
+from isac_cosim.models.trees.boosting import boosted_trees, fitted
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
@@ -46,4 +46,4 @@ def fit_trees(
     """Fit trees to features of maneuver windows (n, F), class 1, and of pre-onset windows (m, F), class 0."""
     trees = boosted_trees(settings, seed, balanced=True)
     label = np.repeat([1, 0], [len(maneuvers), len(pre_onset)])
-    return trees.fit(np.concatenate([maneuvers, pre_onset]), label)
+    return fitted(trees, np.concatenate([maneuvers, pre_onset]), label)

@@ -24,7 +24,7 @@ from isac_cosim.models.predictors.protocol import (
     Workload,
     among_known,
 )
-from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees
+from isac_cosim.models.trees.boosting import BoostingSettings, boosted_trees, fitted
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 if TYPE_CHECKING:
@@ -110,4 +110,4 @@ def fit_trees(
     features: Float32Array, label: IntArray, settings: TreesSettings, seed: int
 ) -> HistGradientBoostingClassifier:
     """Fit trees to features (n, F) with labels (n,), classes weighted by inverse frequency."""
-    return boosted_trees(settings, seed, balanced=True).fit(features, label)
+    return fitted(boosted_trees(settings, seed, balanced=True), features, label)

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
+from isac_cosim.base.arrays import Array, Float32Array, IntArray
 from isac_cosim.base.settings import Settings
+from isac_cosim.models.trees.binning import sorted_once
 
 if TYPE_CHECKING:
     from sklearn.ensemble import HistGradientBoostingClassifier
@@ -34,3 +36,11 @@ def boosted_trees(settings: BoostingSettings, seed: int = 0, balanced: bool = Fa
         early_stopping=False,
         random_state=seed,
     )
+
+
+def fitted(
+    trees: HistGradientBoostingClassifier, features: Float32Array, label: IntArray, weight: Array | None = None
+) -> HistGradientBoostingClassifier:
+    """Fit trees to features (n, F) with labels (n,) and weights (n,), all alike without, and return them."""
+    with sorted_once():
+        return trees.fit(features, label, sample_weight=weight)

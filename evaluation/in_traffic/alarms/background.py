@@ -26,7 +26,7 @@ from isac_cosim.evaluation.in_traffic.streams.predictions import Answers
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
 from isac_cosim.labeling.intentions import KNOWN, Intention
 from isac_cosim.labeling.streams.events import LiveEvent
-from isac_cosim.models.trees.boosting import boosted_trees
+from isac_cosim.models.trees.boosting import boosted_trees, fitted
 from isac_cosim.models.trees.stored_trees import read_trees, write_trees
 
 NONE = len(KNOWN)
@@ -57,12 +57,12 @@ class KeptTrees:
         """
         trees = boosted_trees(settings)
         if self.folder is None:
-            return trees.fit(features, label, sample_weight=weight)
+            return fitted(trees, features, label, weight)
         path = self.folder / (_digest(trees, features, label, weight) + SUFFIX)
         self._wanted.add(path.name)
         if path.is_file():
             return _read(path, features.shape[1], np.unique(label).tolist())
-        trees.fit(features, label, sample_weight=weight)
+        fitted(trees, features, label, weight)
         self.folder.mkdir(exist_ok=True)
         write_trees(path, trees)
         return trees

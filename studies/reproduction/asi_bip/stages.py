@@ -56,6 +56,8 @@ LITERAL_FACTOR = 8.0
 """Processor time of a training step with 1,101 tokens, relative to one with pooled tokens (one thread, batch 32)."""
 PATCH_FACTOR = 0.4
 """Processor time of a training step with patches of 10 and 5 samples, relative to one without."""
+BESIDE_STEPS_CPU_S = 5.0
+"""Processor time of a training beyond its steps: its records, what tells windows before onset, what is measured, s."""
 FAST: Mapping[str, tuple[dict[str, Any], float]] = {
     "bfloat16": ({"lstm_bfloat16": True}, 0.7),
     "patches": (PATCHED, PATCH_FACTOR),
@@ -361,4 +363,4 @@ class AsiBipReproduction:
             (1 - split.validation - split.test) * samples, split.validation * samples, split.test * samples, scale
         )
         patched = model.startswith("asi-bip") and "asi_bip" in self.size.training
-        return PREDICTORS[model].cost_s(work, training) * (PATCH_FACTOR if patched else 1.0)
+        return PREDICTORS[model].cost_s(work, training) * (PATCH_FACTOR if patched else 1.0) + BESIDE_STEPS_CPU_S
