@@ -70,4 +70,4 @@ def thresholds(column: Array, most_bins: int, sample_weight: Array | None = None
     after = np.minimum(at + 1, last)
     between = total[at] - wanted <= np.finfo(np.float64).eps  # a part ends just at a value
     found = np.where(between, (values[at] + values[after]) / 2, values[at])
-    return np.clip(np.unique(found), None, binning.ALMOST_INF)
+    return np.asarray(np.clip(np.unique(found), None, binning.ALMOST_INF))
