@@ -23,7 +23,7 @@ from isac_cosim.evaluation.on_windows.score_results import Difference, PairedDif
 from isac_cosim.evaluation.report.figures import BESIDE, BY_PREDICTOR, CYCLE, figure
 from isac_cosim.evaluation.report.html.charts import Chart
 from isac_cosim.evaluation.report.page import PAGE, write_page
-from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown, counted
+from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown, counted, interval_text
 from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.statistics import Estimate
@@ -299,6 +299,5 @@ def _score(row: SweepRow, name: ScoreName) -> str:
 def _ahead(row: SweepRow) -> str:
     if row.before_commit_ahead_of_floor is None:
         return "-"
-    bounds = row.before_commit_low, row.before_commit_high
-    interval = "" if None in bounds else f" ({bounds[0]:+.3f} to {bounds[1]:+.3f})"
+    interval = interval_text(row.before_commit_low, row.before_commit_high, sign="+")
     return f"{row.before_commit_ahead_of_floor:+.3f}{interval}"

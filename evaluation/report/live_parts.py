@@ -14,7 +14,17 @@ from isac_cosim.evaluation.in_traffic.scores.results import (
     TrafficResult,
 )
 from isac_cosim.evaluation.report.html.charts import Chart
-from isac_cosim.evaluation.report.parts import NO_VALUE, Cell, Part, Row, Shown, counted, read_table, text_of
+from isac_cosim.evaluation.report.parts import (
+    NO_VALUE,
+    Cell,
+    Part,
+    Row,
+    Shown,
+    counted,
+    interval_text,
+    read_table,
+    text_of,
+)
 from isac_cosim.evaluation.statistics import Interval
 from isac_cosim.labeling.intentions import spoken
 
@@ -274,7 +284,7 @@ def _seen_line(rows: Sequence[Row]) -> str:
 
 def between(interval: Interval | None, digits: int, sign: str = "+") -> str:
     """Return an interval to be put after its number; nothing without one. sign: of its bounds, "" or "+"."""
-    return f" ({interval.low:{sign}.{digits}f} to {interval.high:{sign}.{digits}f})" if interval else ""
+    return interval_text(interval.low, interval.high, digits, sign) if interval else ""
 
 
 def number(value: float | None) -> str:

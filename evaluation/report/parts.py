@@ -20,6 +20,8 @@ from isac_cosim.evaluation.report.replay.content import Replay
 from isac_cosim.evaluation.statistics import Estimate
 
 NO_VALUE = "-"
+WHOLE_RANGES = ((0.0, 1.0), (-1.0, 1.0))
+"""What a score can be, and a difference of two."""
 MOST_BYTES = 5_000_000
 """Largest size of a table that is read again."""
 
@@ -136,14 +138,27 @@ def text_of(cell: Cell) -> str:
         if cell.value is None:
             return NO_VALUE
         spread = "" if cell.sd is None else f" ±{cell.sd:.3f}"
-        interval = "" if cell.low is None or cell.high is None else f" ({cell.low:.3f} to {cell.high:.3f})"
         over = "" if cell.over is None else f" over {cell.over[0]} of {cell.over[1]} intentions"
-        return f"{cell.value:.3f}{spread}{interval}{over}"
+        return f"{cell.value:.3f}{spread}{interval_text(cell.low, cell.high)}{over}"
     if isinstance(cell, Link):
         return cell.text
     if cell is None:
         return NO_VALUE
     return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+
+
+def interval_text(low: float | None, high: float | None, digits: int = 3, sign: str = "") -> str:
+    """Return an interval to be put after its number; nothing where there is none or where it says nothing.
+
+    It says nothing where it is a point, or all that a score or a difference of scores can be. digits: behind the point.
+    sign: "+" to print the signs of both bounds.
+
+    >>> interval_text(0.25, 0.75), interval_text(0.0, 1.0), interval_text(1.0, 1.0)
+    (' (0.250 to 0.750)', '', '')
+    """
+    if low is None or high is None or low == high or (low, high) in WHOLE_RANGES:
+        return ""
+    return f" ({low:{sign}.{digits}f} to {high:{sign}.{digits}f})"
 
 
 def texts_of(part: Part) -> list[list[str]]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, PassAnswer, PassScores
 from isac_cosim.evaluation.report.html.charts import Chart
-from isac_cosim.evaluation.report.parts import Part, Row, Shown
+from isac_cosim.evaluation.report.parts import Part, Row, Shown, interval_text
 from isac_cosim.evaluation.report.score_table import head
 from isac_cosim.evaluation.report.verdict import seeds_text
 
@@ -106,9 +106,7 @@ def passing_rows(passing: Sequence[PassScores], columns: int) -> list[list[str]]
 
 def answer_text(answer: PassAnswer) -> str:
     """Return an AUROC with its interval over scenario seeds."""
-    if answer.auroc is None or answer.auroc_low is None or answer.auroc_high is None:
-        return _number(answer.auroc)
-    return f"{answer.auroc:.3f} ({answer.auroc_low:.3f} to {answer.auroc_high:.3f})"
+    return f"{_number(answer.auroc)}{interval_text(answer.auroc_low, answer.auroc_high)}"
 
 
 def dropped_count(part: PassScores) -> int:

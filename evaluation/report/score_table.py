@@ -7,7 +7,7 @@ from typing import Any
 
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, RunResult
 from isac_cosim.evaluation.on_windows.score_results import BeforeCommit, ClassifiedWindows, Difference, PairedDifference
-from isac_cosim.evaluation.report.parts import Part, counted
+from isac_cosim.evaluation.report.parts import Part, counted, interval_text
 from isac_cosim.evaluation.report.verdict import difference_text, seeds_text
 from isac_cosim.labeling.intentions import over_text, spoken
 from isac_cosim.models.scores import open_set
@@ -62,11 +62,8 @@ def cell(value: float | None) -> str:
 
 
 def with_interval(scores: ClassifiedWindows | RunResult) -> str:
-    """Return a macro-F1 with its interval over scenario seeds, unless that is all there is from 0 to 1."""
-    low, high = scores.macro_f1_low, scores.macro_f1_high
-    if low is None or high is None or (low <= 0 and high >= 1):
-        return cell(scores.macro_f1)
-    return f"{cell(scores.macro_f1)} ({low:.3f} to {high:.3f})"
+    """Return a macro-F1 with its interval over scenario seeds."""
+    return f"{cell(scores.macro_f1)}{interval_text(scores.macro_f1_low, scores.macro_f1_high)}"
 
 
 def _before_commit(result: EvaluationResult, early: Sequence[BeforeCommit]) -> Part:

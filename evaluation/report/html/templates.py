@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib.resources
+import re
 from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from isac_cosim.base.files import json_text
 
@@ -21,6 +22,15 @@ JSON_ESCAPES = str.maketrans(
 def render(template: str, **content: Any) -> Markup:
     """Return a template of this package, filled in. content: plain values and texts, which are escaped."""
     return Markup(_environment().get_template(template).render(content))
+
+
+def coded(text: str) -> Markup:
+    """Return a text in which what stands between backticks is code.
+
+    >>> coded("`a` < b")
+    Markup('<code>a</code> &lt; b')
+    """
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def embedded_json(content: Any) -> Markup:
@@ -49,4 +59,5 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.globals |= {"file_text": file_text, "embedded_json": embedded_json}
+    environment.filters["coded"] = coded
     return environment

@@ -204,7 +204,9 @@ def _unknown(out: Path) -> Part | None:
         if all(name in scores.roc_by_intention for scores in measured)
     }
     if by_intention:
-        figures.unknown_roc(by_intention, folder / "fig4_roc_by_intention.png")
+        figures.unknown_roc(
+            {spoken(name): curve for name, curve in by_intention.items()}, folder / "fig4_roc_by_intention.png"
+        )
     known, unknown = (_total(measured, name) for name in ("known_confidence", "unknown_confidence"))
     drawings.confidence(known, unknown, first.threshold, folder / "fig4_confidence.png")
     counts = np.sum([scores.confusion for scores in measured], axis=0).tolist()

@@ -31,6 +31,7 @@ def write_pages(
 ) -> Path:
     """Write a CSV file for each part with rows, and the page. Returns the page's path.
 
+    title: of the page; it begins with the paper's name, and a comma.
     missing: stages that were not run, with what they answer. claims: of the paper, which the page begins with. replay:
     of an episode that was tested on. The figures must be there already, in FIGURES.
     """
@@ -42,7 +43,7 @@ def write_pages(
     not_run = [Part("not-run", "Not run", lines=missing)] if missing else []
     moving = [] if replay is None else [Part("replay", replay.title, replay=replay)]
     shown = [
-        _first(identity.paper, claims),
+        _first(title.partition(",")[0], claims),
         *small,
         *moving,
         *not_run,
@@ -53,7 +54,10 @@ def write_pages(
 
 
 def _first(paper: str, claims: Sequence[Claim]) -> Part:
-    """Return what became of a paper's claims, in a sentence, and the first of the figures that were measured."""
+    """Return what became of a paper's claims, in a sentence, and the first of the figures that were measured.
+
+    paper: its name as people write it.
+    """
     verdicts = [claim.verdict for claim in claims]
     hold, fail, open_ = (verdicts.count(verdict) for verdict in get_args(Verdict))
     text = (
@@ -61,7 +65,7 @@ def _first(paper: str, claims: Sequence[Claim]) -> Part:
         f"{hold} hold, {fail} do not, and {open_} are undecided."
     )
     measured = [claim for claim in claims if claim.measured is not None and claim.measured.value is not None]
-    numbers = [(text_of(claim.measured), claim.claim) for claim in measured[:MOST_NUMBERS]]
+    numbers = [(text_of(claim.measured), f"{claim.claim}: {claim.rule}?") for claim in measured[:MOST_NUMBERS]]
     return Part("reproduction-first", text=text, numbers=numbers)
 
 
