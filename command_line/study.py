@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -12,21 +12,11 @@ from isac_cosim.base.progress import ConsoleFeedback, print_line
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.command_line.output import show_dataset, show_metrics
 from isac_cosim.command_line.streams import show_streams
-from isac_cosim.evaluation.report import terminal
-from isac_cosim.evaluation.report.page import PAGE
-from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
-from isac_cosim.evaluation.report.report import show_live
-from isac_cosim.evaluation.report.score_table import headline_scores
-from isac_cosim.labeling.dataset.dataset import Dataset
-from isac_cosim.labeling.streams.dataset import Streams
 from isac_cosim.models.training.progress import spoken_time
-from isac_cosim.studies import sweep_table
-from isac_cosim.studies.cost_estimate import estimate_study
-from isac_cosim.studies.live import LIVE, STREAMS, estimate_live, run_live_study
-from isac_cosim.studies.single import run_study
 from isac_cosim.studies.study import Study
-from isac_cosim.studies.sweep import run_sweep
-from isac_cosim.studies.sweep_results import SweepResult
+
+if TYPE_CHECKING:
+    from isac_cosim.studies.sweep_results import SweepResult
 
 
 def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
@@ -35,11 +25,20 @@ def run_and_show(study: Study, folder: Path, engine: Engine, feedback: ConsoleFe
         return _run_live(study, folder, engine, feedback)
     if study.sweep is None:
         return _run_single(study, folder, engine, feedback)
+
+    from isac_cosim.studies.sweep import run_sweep
+
     return show_sweep(run_sweep(study, folder, engine, feedback), folder, feedback.console)
 
 
 def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
+    from isac_cosim.studies.single import run_study
+
     metrics = run_study(study, folder, engine, feedback)
+    from isac_cosim.evaluation.report.page import PAGE
+    from isac_cosim.evaluation.report.score_table import headline_scores
+    from isac_cosim.labeling.dataset.dataset import Dataset
+
     show_dataset(Dataset.open(folder / "dataset"), feedback.console)
     show_metrics(metrics, folder / "report" / PAGE, feedback.console)
     return {
@@ -56,6 +55,11 @@ def _run_single(study: Study, folder: Path, engine: Engine, feedback: ConsoleFee
 
 
 def _run_live(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedback) -> dict[str, Any]:
+    from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
+    from isac_cosim.evaluation.report.report import show_live
+    from isac_cosim.labeling.streams.dataset import Streams
+    from isac_cosim.studies.live import LIVE, STREAMS, run_live_study
+
     evaluation = run_live_study(study, folder, engine, feedback)
     show_streams(Streams.open(folder / STREAMS), feedback.console)
     replay = replay_in_traffic(evaluation, engine, feedback, folder=folder / LIVE)
@@ -72,6 +76,10 @@ def _run_live(study: Study, folder: Path, engine: Engine, feedback: ConsoleFeedb
 
 def show_sweep(result: SweepResult, folder: Path, console: Console) -> dict[str, Any]:
     """Show the table of a sweep, complete also where the terminal is narrow. Returns what `--json` prints."""
+    from isac_cosim.evaluation.report import terminal
+    from isac_cosim.evaluation.report.page import PAGE
+    from isac_cosim.studies import sweep_table
+
     terminal.show(sweep_table.parts(result), console, sweep_table.TITLE, whole=True)
     page = folder / sweep_table.REPORT / PAGE
     print_line(console, f"table: {folder / sweep_table.TABLE_CSV}; page: {page}")
@@ -86,6 +94,9 @@ def show_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
     """Show what a study would take. Returns what `--json` prints."""
     if study.streams:
         return _show_live_cost(study, jobs, console)
+
+    from isac_cosim.studies.cost_estimate import estimate_study
+
     cost = estimate_study(study)
     counts = ", ".join(
         _number(number, what)
@@ -105,6 +116,8 @@ def show_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
 
 
 def _show_live_cost(study: Study, jobs: int, console: Console) -> dict[str, Any]:
+    from isac_cosim.studies.live import estimate_live
+
     cost = estimate_live(study)
     if cost is None:
         print_line(console, "recordings have a length of their own: what they cost is not known before")

@@ -15,22 +15,21 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.files import claim, write_json
 from isac_cosim.base.workers.engine import Engine
-from isac_cosim.evaluation.on_windows.coverage import lacking
-from isac_cosim.evaluation.on_windows.evaluation import evaluate
-from isac_cosim.evaluation.on_windows.results import EvaluationResult
-from isac_cosim.evaluation.report.report import write_report
 from isac_cosim.labeling.dataset.meta import Meta, read_description
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.models.runs.run import RunCard, read_card
 from isac_cosim.models.training.progress import Steps, slowdown_now
-from isac_cosim.models.training.training import train
 from isac_cosim.studies.cost_estimate import estimate_study
 from isac_cosim.studies.study import Study
+
+if TYPE_CHECKING:
+    from isac_cosim.evaluation.on_windows.results import EvaluationResult
 
 STUDY_FILE = "study.json"
 RUNS = ("run", "floor")
@@ -54,6 +53,13 @@ def run_study(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
         title = f"1 of 3: generating about {cost.samples} samples from {cost.episodes} episodes"
         with steps.step(title, generating_s, _is_complete(read_description(out / "dataset"))):
             dataset = generate(study.dataset, out / "dataset", engine, feedback)
+
+        # Loaded only after the first line has said what will happen, because they take seconds.
+        from isac_cosim.evaluation.on_windows.coverage import lacking
+        from isac_cosim.evaluation.on_windows.evaluation import evaluate
+        from isac_cosim.evaluation.report.report import write_report
+        from isac_cosim.models.training.training import train
+
         for line in lacking(dataset, study.training, study.evaluation):
             feedback.message(f"warning: {line}")
         title = f"2 of 3: training {study.training.model}, and {study.floor.model} to compare it with"

@@ -29,6 +29,15 @@ def test_help_answers_without_the_heavy_packages() -> None:
     assert "--windows" not in done.stdout
 
 
+def test_a_study_says_what_will_happen_before_it_loads_what_measures() -> None:
+    code = (
+        "import sys, isac_cosim.command_line.study, isac_cosim.studies.single, isac_cosim.studies.cost_estimate; "
+        "print(sorted({'lightning', 'matplotlib', 'pandas', 'scipy.stats', 'sklearn'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def commands() -> dict[str, Any]:
     """Every command by what calls it, `network sites`."""
     root: Any = typer.main.get_command(cosim.app)
