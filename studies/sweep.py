@@ -6,7 +6,7 @@
         report/                                     all of them on their network's test seeds, beside the floor
         report_<network>/                           the same on another network's test seeds
     OUT/table.csv, OUT/table.json                   a row for each cell
-    OUT/report/                                     the table and its figure as a page
+    OUT/report/                                     the table and its figure as a page, and what moves on it
 
 All cells of a network train, validate and test on the same scenario seeds, and on the same records except those that a
 sensor cannot use. Each part resumes where it stopped. A cell that fails is reported and left out.
@@ -27,6 +27,7 @@ from isac_cosim.evaluation.on_windows.coverage import lacking, records_without_s
 from isac_cosim.evaluation.on_windows.results import EvaluationResult, read_metrics
 from isac_cosim.evaluation.report.page import PAGE
 from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.kept import read_replay
 from isac_cosim.evaluation.report.replay.making import replay_of_test
 from isac_cosim.labeling.dataset.dataset import Dataset, read_description
 from isac_cosim.labeling.generation.cost_estimate import estimate, sensed_anew
@@ -58,8 +59,9 @@ def run_sweep(study: Study, out: Path, engine: Engine, feedback: Feedback = SILE
         sweep.make_datasets()
         sweep.measure_cells()
         result = sweep.result()
-        if not is_written(result, out):
-            write_sweep(result, out, sweep.replay())
+        # The page is made anew each time, as this version makes it; what it shows in motion, only for a new result.
+        kept = read_replay(out / REPORT) if is_written(result, out) else None
+        write_sweep(result, out, kept or sweep.replay())
     return result
 
 

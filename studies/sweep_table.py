@@ -26,6 +26,7 @@ from isac_cosim.evaluation.report.page import PAGE, write_page
 from isac_cosim.evaluation.report.parts import Link, Part, Row, Shown, counted, interval_text
 from isac_cosim.evaluation.report.registry import parts_of
 from isac_cosim.evaluation.report.replay.content import Replay
+from isac_cosim.evaluation.report.replay.kept import write_replay
 from isac_cosim.evaluation.statistics import Estimate
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.studies.sweep_axes import Cell
@@ -101,15 +102,14 @@ def best_of(rows: Sequence[SweepRow]) -> SweepRow | None:
 
 
 def is_written(result: SweepResult, out: Path) -> bool:
-    """Return whether the table and the page of this very result are there."""
-    table, page = out / TABLE_JSON, out / REPORT / PAGE
+    """Return whether the table of this very result is there."""
     with suppress(OSError, ValueError):
-        return page.is_file() and json.loads(table.read_text(encoding="utf-8")) == result.model_dump(mode="json")
+        return bool(json.loads((out / TABLE_JSON).read_text(encoding="utf-8")) == result.model_dump(mode="json"))
     return False
 
 
 def write_sweep(result: SweepResult, out: Path, replay: Replay | None = None) -> None:
-    """Write table.csv and table.json, and the report folder with the figure and the page.
+    """Write table.csv and table.json, and the report folder with the figure, the page, and the replay on it.
 
     replay: of a test episode of the best cell.
     """
@@ -122,6 +122,8 @@ def write_sweep(result: SweepResult, out: Path, replay: Replay | None = None) ->
         draw(result.cells, report / FIGURE)
     if at_snrs := by_snr(result.cells):
         draw_by_snr(at_snrs, report / SNR_FIGURE)
+    if replay is not None:
+        write_replay(report, replay)
     moving = [] if replay is None else [Part("replay", replay.title, replay=replay, on_terminal=False)]
     shown = [_first(result), *moving, *parts(result), *parts_of(Shown(result, report))]
     origin = json_text(result.made_by.model_dump(mode="json"), 1)

@@ -197,6 +197,23 @@ def test_a_finished_sweep_returns_its_result_and_does_nothing(swept: tuple[Sweep
     assert messages == ""
 
 
+def test_the_page_of_a_finished_sweep_is_made_anew_without_simulating(
+    swept: tuple[SweepResult, Path, Makers, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page of another version of the tool becomes that of this one; what moves on it is kept beside it."""
+    result, out, _, _ = swept
+    shutil.copytree(out, tmp_path / "out")
+    page = tmp_path / "out" / "report" / "index.html"
+    now = page.read_text()
+    page.write_text(now.replace("<h1>", "<h1>Former "))
+    assert page.read_text() != now
+    monkeypatch.setattr(sweep, "replay_of_test", lambda *_: pytest.fail("simulated again"))
+    again, messages = run(TWO_WAYS, tmp_path / "out", Makers())
+    assert again == result
+    assert messages == ""
+    assert page.read_text() == now
+
+
 def test_a_sweep_written_under_the_former_name_of_a_key_is_finished(
     swept: tuple[SweepResult, Path, Makers, str], tmp_path: Path
 ) -> None:

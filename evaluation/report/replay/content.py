@@ -310,7 +310,7 @@ class Replay:
 
     title: str
     records: Sequence[Moving]
-    lanes: Sequence[tuple[float, Array]]
+    lanes: Sequence[tuple[float, Table]]
     sites: Sequence[tuple[str, float, float, float]]
     classes: Sequence[str] = ()
     remarks: Sequence[str] = ()

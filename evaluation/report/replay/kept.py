@@ -1,4 +1,4 @@
-"""Keeps how the moments of an evaluation in traffic move, so that its page can be made again without simulating."""
+"""Keeps what a page shows in motion, so that the page can be made again without simulating."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from isac_cosim.base.files import content_digest, replace_file
 from isac_cosim.evaluation.closed_loop.store import ArmFacts
 from isac_cosim.evaluation.in_traffic.streams.store import EpisodeFacts
 from isac_cosim.evaluation.report.replay.again import Seen, Wanted
-from isac_cosim.evaluation.report.replay.content import NEAR_M, RATE_HZ, STEP_S, Moving
+from isac_cosim.evaluation.report.replay.content import NEAR_M, RATE_HZ, STEP_S, Moving, Replay
 
 MOMENTS_FILE = "moments.json"
 """In the folder of an evaluation: how the moments on its page move, by a digest of what that rests on."""
 ADVISED_FILE = "advised.json"
 """In the folder of a closed loop: the moments with instructions, likewise."""
+REPLAY_FILE = "replay.json"
+"""Beside the page of a sweep: its whole replay."""
 MOST_BYTES = 100_000_000
-"""Largest size of either file."""
+"""Largest size of each file."""
 Kept = Mapping[str, list[Seen]]
 """How the wanted TVs of episodes move, by the digest of each episode (`digest_of`)."""
 KeptAdvised = Mapping[str, list[Moving]]
 """The moments with instructions in an arm, by the digest of the arm and of how many there are at most."""
 _CONTENT = TypeAdapter(Kept)
 _ADVISED = TypeAdapter(KeptAdvised)
+_REPLAY = TypeAdapter(Replay)
 Content = TypeVar("Content")
 
 
@@ -70,3 +73,13 @@ def read_advised(folder: Path) -> KeptAdvised:
 def write_advised(folder: Path, kept: KeptAdvised) -> None:
     """Keep the moments with instructions of arms. Raises OutputError."""
     replace_file(folder / ADVISED_FILE, lambda partial: partial.write_bytes(_ADVISED.dump_json(kept)))
+
+
+def read_replay(folder: Path) -> Replay | None:
+    """Return the replay that a folder keeps; None without such a file, or from a damaged one."""
+    return _read(folder / REPLAY_FILE, _REPLAY)
+
+
+def write_replay(folder: Path, replay: Replay) -> None:
+    """Keep a replay. Raises OutputError."""
+    replace_file(folder / REPLAY_FILE, lambda partial: partial.write_bytes(_REPLAY.dump_json(replay)))
