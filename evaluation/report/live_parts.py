@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import median
 
-from isac_cosim.evaluation.closed_loop.results import ClosedLoopResult
 from isac_cosim.evaluation.in_traffic.scores.results import (
     EventScores,
     HeadlineResult,
@@ -65,8 +64,6 @@ class LiveFirst:
 
     def parts(self, shown: Shown) -> list[Part]:
         result: TrafficResult = shown.result
-        if isinstance(result, ClosedLoopResult):  # It begins with what its advisories change.
-            return []
         text = (
             f"How well a network that senses the vehicles of {result.scenario} knows what their drivers are about to "
             f"do: {result.name}, {result.vehicle_hours:.1f} vehicle-hours with predictions."

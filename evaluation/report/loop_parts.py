@@ -49,12 +49,13 @@ def _first_numbers(result: ClosedLoopResult) -> list[tuple[str, str]]:
 
 
 def _percent(difference: ArmDifference) -> str:
-    """Return a relative difference with its interval; nothing where it is undefined."""
+    """Return a relative difference with its interval, unless that is a point; nothing where it is undefined."""
     if difference.relative is None:
         return ""
-    of_none = difference.relative_interval
-    bounds = "" if of_none is None else f" ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)"
-    return f"{100 * difference.relative:+.1f} %{bounds}"
+    changed, of_none = f"{100 * difference.relative:+.1f} %", difference.relative_interval
+    if of_none is None or of_none.low == of_none.high:
+        return changed
+    return f"{changed} ({100 * of_none.low:+.0f} to {100 * of_none.high:+.0f} %)"
 
 
 class Advisories:

@@ -7,6 +7,8 @@ entry point of the group `isac_cosim.result_parts`. One that also measures somet
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from isac_cosim.base.registry import Registry
 from isac_cosim.evaluation.in_traffic.scores.results import TrafficResult
 from isac_cosim.evaluation.on_windows.results import EvaluationResult
@@ -16,6 +18,21 @@ from isac_cosim.evaluation.report.explained_part import Explained
 from isac_cosim.evaluation.report.first_screen import ByIntention, ConfusionMatrix, MovingRoad
 from isac_cosim.evaluation.report.parts import Part, ResultPart, Shown
 from isac_cosim.evaluation.report.passing_part import PassesUv
+
+
+class MostSpecific:
+    """Answers of one question for kinds of results: that for the narrowest class which a result has is shown.
+
+    answers: that for all results first, each further one for a class of its own.
+    """
+
+    def __init__(self, *answers: ResultPart) -> None:
+        self.answers = answers
+        self.result_class = answers[0].result_class
+
+    def parts(self, shown: Shown) -> Sequence[Part]:
+        return [answer for answer in self.answers if isinstance(shown.result, answer.result_class)][-1].parts(shown)
+
 
 RESULT_PARTS: Registry[ResultPart] = Registry(
     "result part",
@@ -32,8 +49,7 @@ RESULT_PARTS: Registry[ResultPart] = Registry(
         "passing": PassesUv(),
         "how-measured": window_parts.HowMeasured(),
         "explained": Explained(),
-        "live-first": live_parts.LiveFirst(),
-        "loop-first": loop_parts.LoopFirst(),
+        "live-first": MostSpecific(live_parts.LiveFirst(), loop_parts.LoopFirst()),
         "live-replay": MovingRoad(TrafficResult),
         "advisories": loop_parts.Advisories(),
         "live-headline": live_parts.LiveHeadline(),
