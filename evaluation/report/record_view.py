@@ -15,6 +15,7 @@ from matplotlib.collections import LineCollection
 from isac_cosim.base.arrays import Array, IntArray
 from isac_cosim.evaluation.on_windows.predictions import Predictions
 from isac_cosim.evaluation.report.figures import BLUE, CYCLE, GREEN, GREY, ORANGE, RED, despine, figure
+from isac_cosim.evaluation.report.parts import counted
 from isac_cosim.labeling.intentions import KNOWN, Intention, spoken
 
 ROAD, MARKING, GROUND, DARK, PALE = "#d1d5db", "white", "#f8fafc", "#111827", "#f3f4f6"
@@ -265,10 +266,11 @@ def choose_record(predictions: Predictions) -> RecordChoice:
     for intention in dict.fromkeys((*PREFERRED, *KNOWN)):
         of_intention = label == intention
         if (of_intention & recognised).any():
-            name = intention.text.replace("_", " ")
+            name, count = intention.text.replace("_", " "), int((of_intention & recognised).sum())
             rule = (
-                f"Of {of_intention.sum()} test records of {name}, {(of_intention & recognised).sum()} were recognised "
-                f"at their last measured window; this is the one of them with the median probability of {name} there."
+                f"Of {counted(int(of_intention.sum()), 'test record')} of {name}, {count} "
+                f"{'was' if count == 1 else 'were'} recognised at the last measured window; this is the one of them "
+                f"with the median probability of {name} there."
             )
             return RecordChoice(_median_record(predictions, known[of_intention & recognised]), rule)
     rule = (

@@ -70,7 +70,8 @@ def _comparison(name: str, other: ComparedResult) -> str:
         return f"{name} and {other.name} differ by {size}, but the interval over {seeds} is undefined."
     ahead, behind = (name, other.name) if paired.macro_f1.difference >= 0 else (other.name, name)
     doubt = "" if gap.low > 0 or gap.high < 0 else ", but the interval includes 0"
-    return f"{ahead} is ahead of {behind} by {size} ({seeds}){doubt}."
+    # A name may be a plural, "boosted trees", and may begin small.
+    return f"{ahead[:1].upper()}{ahead[1:]} came out ahead of {behind} by {size} ({seeds}){doubt}."
 
 
 def _group_sentence(first_name: str, group: PredictorResult, result: EvaluationResult) -> str:

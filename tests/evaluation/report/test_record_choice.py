@@ -65,7 +65,7 @@ def test_the_last_window_of_a_record_decides_whatever_its_place() -> None:
         )
     )
     assert choice.sample_id == "late right"
-    assert choice.rule.startswith("Of 2 test records of left lane change, 1 were recognised")
+    assert choice.rule.startswith("Of 2 test records of left lane change, 1 was recognised")
 
 
 def test_of_an_even_number_the_less_confident_of_the_middle_two_is_chosen() -> None:

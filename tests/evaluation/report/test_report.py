@@ -125,13 +125,14 @@ def test_a_result_of_an_earlier_version_still_makes_a_page(result: EvaluationRes
 def test_the_verdict_names_the_winner_where_the_interval_leaves_no_doubt(result: EvaluationResult) -> None:
     name, other = result.name, result.compared[0].name
     assert verdict(with_difference(result, 5, 0.04, 0.01, 0.07)) == [
-        f"{name} is ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds)."
+        f"{name} came out ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds)."
     ]
     assert verdict(with_difference(result, 5, -0.04, -0.07, -0.01)) == [
-        f"{other} is ahead of {name} by 0.040 macro-F1 before the commit (5 test seeds)."
+        f"{other.capitalize()} came out ahead of {name} by 0.040 macro-F1 before the commit (5 test seeds)."
     ]
     assert verdict(with_difference(result, 5, 0.04, -0.01, 0.07)) == [
-        f"{name} is ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds), but the interval includes 0."
+        f"{name} came out ahead of {other} by 0.040 macro-F1 before the commit (5 test seeds), "
+        "but the interval includes 0."
     ]
 
 
