@@ -145,13 +145,19 @@ def _first(result: SweepResult) -> Part:
     best = best_of(rows)
     if best is None:
         return Part("sweep-first", text=text, on_terminal=False)
-    numbers = [(_score(best, DRAWN), f"{HEADINGS[DRAWN]}, the best: {_spoken(best)}")]
+    numbers = [_number(best, f"{HEADINGS[DRAWN]}, the best")]
     if best.before_commit_ahead_of_floor is not None:
         numbers.append((_ahead(best), "of that over the trees on the same windows"))
     worst = min((row for row in rows if row.score(DRAWN)[0] is not None), key=lambda row: row.score(DRAWN)[0] or 0.0)
     if worst != best:
-        numbers.append((_score(worst, DRAWN), f"the worst: {_spoken(worst)}"))
+        numbers.append(_number(worst, "the worst"))
     return Part("sweep-first", text=text, numbers=numbers, on_terminal=False)
+
+
+def _number(row: SweepRow, which: str) -> tuple[str, str]:
+    """Return a score in large type, and what it is; over how many intentions, where these are not all, stands there."""
+    score, over, counts = _score(row, DRAWN).partition(" over ")
+    return score, f"{which}: {_spoken(row)}{f'{over}{counts} intentions' if over else ''}"
 
 
 def _spoken(row: SweepRow) -> str:

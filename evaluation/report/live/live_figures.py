@@ -20,14 +20,15 @@ from isac_cosim.evaluation.report.parts import Row, write_table
 from isac_cosim.labeling.intentions import KNOWN, spoken
 
 METHODS = {"reject": "unknown score", "background": 'with the answer "none"', "hazard": "log-odds"}
-"""How figures name the kinds of alarm."""
+"""How figures name the kinds of alarm, where a predictor has several."""
 MOST_VEHICLES = 24
 """Vehicles of a time line: those with the most events and alarms."""
 
 
 def draw_live_figures(evaluation: TrafficEvaluation, folder: Path) -> None:
     """Draw the figures of an evaluation in traffic into a folder."""
-    shown = {METHODS[name]: measured for name, measured in evaluation.methods.items()}
+    several = len(evaluation.methods) > 1
+    shown = {METHODS[name] if several else evaluation.result.name: of for name, of in evaluation.methods.items()}
     if evaluation.true_motion is not None:
         shown["on true motion"] = evaluation.true_motion
     shown |= {measured.result.name: measured for measured in evaluation.baselines.values()}
