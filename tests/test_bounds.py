@@ -31,7 +31,7 @@ SETTINGS: list[type[BaseModel]] = [
 def unbounded(annotation: Any, metadata: Sequence[Any], path: str) -> Iterator[str]:
     """Yield the paths of the numbers in an annotation that lack a lowest or a highest value."""
     metadata = [part for entry in metadata for part in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
-    if any(isinstance(part, WrapValidator) and part.func.__qualname__.startswith("within.") for part in metadata):
+    if any(isinstance(part, WrapValidator) and part.func.__qualname__.startswith("range_within.") for part in metadata):
         return
     if get_origin(annotation) is Annotated:
         inner, *more = get_args(annotation)

@@ -105,6 +105,7 @@ def test_sensed_anew_a_dataset_is_as_if_it_had_been_generated_so(
     assert summary(sensed)["scene"] == summary(scene)["scene"]
 
 
+@pytest.mark.slow
 def test_what_a_dataset_says_of_its_sensing_is_how_it_was_sensed(
     source: ScriptedSource, plain: Dataset, scene: Dataset, recorded_by: Recorded, tmp_path: Path
 ) -> None:
