@@ -327,10 +327,8 @@
       left + size[0] / 2 + scale * (x - (low[0] + high[0]) / 2),
       top + size[1] / 2 - scale * (y - (low[1] + high[1]) / 2),
     ];
-    pen.globalAlpha = 0.9;
     pen.fillStyle = colours.ground;
     pen.fillRect(left, top, ...size);
-    pen.globalAlpha = 1;
     pen.strokeStyle = colours.soft;
     pen.lineWidth = 1;
     pen.strokeRect(left, top, ...size);
