@@ -8,7 +8,8 @@ from scipy.stats import t
 
 from isac_cosim.evaluation.statistics import Trainings
 from isac_cosim.labeling.intentions import KNOWN, Intention
-from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
+from isac_cosim.studies.reproduction.asi_bip.claims import PARABOLA, asi_bip_claims
+from isac_cosim.studies.reproduction.experiments.sensing_cases import TRAINED, weather_cases
 from isac_cosim.studies.reproduction.experiments.unknown_class import BINS, RATES, UnknownScores
 from isac_cosim.studies.reproduction.experiments.verdicts import Verdict
 
@@ -116,3 +117,9 @@ def test_without_counts_by_seed_the_interval_is_over_the_trainings() -> None:
 
 def _mean_and_error(values: list[float]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values)))
+
+
+def test_claims_of_the_other_assumptions_ask_for_cases_that_there_are() -> None:
+    """A claim of a case that no stage measures would stay undecided for ever."""
+    measured = {case.name for case in [*TRAINED, *weather_cases("isac-padded-parabola")]}
+    assert set(PARABOLA.values()) < measured
