@@ -26,6 +26,7 @@ def reported(what: str, capfd: pytest.CaptureFixture[str]) -> dict[str, object]:
     return result
 
 
+@pytest.mark.slow
 def test_traffic_compares_recording_with_bare_stepping(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -35,6 +35,7 @@ def test_train_extrapolates_epochs_of_every_reading(monkeypatch: pytest.MonkeyPa
     assert result["environment"] == seconds
 
 
+@pytest.mark.slow
 def test_environment_compares_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     step = environment.measured_step({"OMP_NUM_THREADS": "1"}, steps=1)
     assert min(step.elapsed_s, step.cpu_s, step.page_faults) > 0

@@ -65,6 +65,7 @@ def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_pat
     assert on_other["windows"] == 3 * on_own["windows"] / round(0.3 * 8)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_stages_run_one_by_one_leave_the_same_file_and_nothing_is_measured_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -116,6 +116,7 @@ def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     assert 0 < sum(cards[1].values()) < sum(cards[0].values())
 
 
+@pytest.mark.slow
 def test_departures_are_drawn_anew_from_the_command_line(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

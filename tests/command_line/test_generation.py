@@ -54,6 +54,7 @@ def numbers_of(numbers: dict[str, int]) -> list[str]:
     return [str(number) for number in numbers.values()]
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_streams_with_the_same_picture(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

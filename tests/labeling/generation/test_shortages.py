@@ -130,7 +130,7 @@ class SmallDisk(SumoSource):
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("sample_s", [0.01, 0.1])
+@pytest.mark.parametrize("sample_s", [0.01, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_a_simulation_without_room_names_the_folder_for_temporary_files(tmp_path: Path, sample_s: float) -> None:
     """Its states are written by SUMO, which does not say that it cannot, or by the tool itself."""
     cars = "".join(vehicle(f"v{k}", depart=2.5 * k, lane=k % 3, speed=20.0) for k in range(12))
@@ -163,6 +163,7 @@ def test_an_episode_in_which_the_process_crashes_is_lost_with_what_was_printed(t
     assert {entry["seed"]: entry["retries"] for entry in entries} == {1: 0, 2: 2, 3: 0}
 
 
+@pytest.mark.slow
 def test_a_scenario_in_which_the_process_always_crashes_is_bad_input(tmp_path: Path) -> None:
     source = HarmedSource(tmp_path, harm="segmentation_fault", harmed=(1, 2, 3))
     with pytest.raises(InputError, match=r"road, seed 1: the worker process died \(signal 11.* and said: SUMO's last"):

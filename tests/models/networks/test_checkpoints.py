@@ -126,7 +126,9 @@ def score_of(epoch: int) -> float:
     return 0.6 if epoch in (1, 2) else 0.4
 
 
-@pytest.mark.parametrize("interrupted", [0, 1, 2, 3, "end"])
+@pytest.mark.parametrize(
+    "interrupted", [0, pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow), "end"]
+)
 def test_a_training_that_was_interrupted_gives_the_same_bytes(
     interrupted: int | str, records: Records, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,6 +36,7 @@ def test_a_vehicle_that_crosses_the_marking_is_one_excursion_without_a_stop() ->
     assert excursion == AbandonedChange(True, pytest.approx(2.6, abs=0.05), 0.0)
 
 
+@pytest.mark.slow
 def test_whole_lanes_end_the_stops_of_narrow_sublanes() -> None:
     def counts(sublane_m: float) -> tuple[int, int, int]:
         recording = traffic_left_alone("motorway", 7, 60.0, sublane_m)
