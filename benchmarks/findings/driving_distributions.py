@@ -153,7 +153,7 @@ def _middle(motion: RoadMotion) -> Array:
     return middle
 
 
-class Moving(NamedTuple):
+class MovingInLane(NamedTuple):
     """A vehicle that moves in a lane, at one moment.
 
     kind: its class in SUMO. speed: m/s. lane: its id. gap_s: time gap to the vehicle ahead in the lane, s. closing_mps:
@@ -167,7 +167,7 @@ class Moving(NamedTuple):
     closing_mps: float
 
 
-def moving(recording: Recording) -> Iterator[Moving]:
+def moving(recording: Recording) -> Iterator[MovingInLane]:
     """Yield the vehicles that move, every few seconds."""
     every = round(EVERY_S / recording.step_s)
     by_step: dict[int, list[tuple[int, float, float, float, str]]] = {}
@@ -185,7 +185,7 @@ def moving(recording: Recording) -> Iterator[Moving]:
                 gap_s, closing_mps = np.inf, 0.0
                 if ahead is not None and ahead[0] == lane:
                     gap_s, closing_mps = (ahead[1] - ahead[3] - place) / speed, speed - ahead[2]
-                yield Moving(kind, speed, recording.lanes[lane].id, gap_s, closing_mps)
+                yield MovingInLane(kind, speed, recording.lanes[lane].id, gap_s, closing_mps)
 
 
 def time_gaps(recording: Recording) -> Iterator[float]:

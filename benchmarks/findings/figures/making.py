@@ -19,7 +19,7 @@ from isac_cosim.base.files import digests_of
 from isac_cosim.base.settings import read_json
 from isac_cosim.benchmarks.findings.figures import unfinished
 from isac_cosim.benchmarks.findings.figures.pages import claims, printed_tables, rewrite
-from isac_cosim.benchmarks.findings.figures.plan import Plan, Stage
+from isac_cosim.benchmarks.findings.figures.plan import FigureStage, Plan
 from isac_cosim.benchmarks.findings.figures.record import (
     PRESENT,
     WORK,
@@ -78,7 +78,7 @@ class Maker:
                         self.feedback.message(f"{name}: {done[name]}")
         return done
 
-    def _missing(self, plan: Plan, names: list[str]) -> dict[str, Stage]:
+    def _missing(self, plan: Plan, names: list[str]) -> dict[str, FigureStage]:
         """Return the wanted stages, and of those that they need the ones that have to be made first.
 
         Without names, stages are wanted for the documents' sake: what they need is not made for itself.
@@ -86,7 +86,7 @@ class Maker:
         stages = plan.chosen(names)
         wanted = set(names) or {name for name, stage in stages.items() if stage.in_documents}
         order = TopologicalSorter({name: stage.needs for name, stage in stages.items()}).static_order()
-        kept: dict[str, Stage] = {}
+        kept: dict[str, FigureStage] = {}
         read: set[str] = set()
         for name in reversed(list(order)):
             if name in wanted or name in read:
@@ -95,7 +95,7 @@ class Maker:
                     read |= set(stages[name].needs)
         return kept
 
-    def _make_one(self, name: str, stage: Stage) -> str:
+    def _make_one(self, name: str, stage: FigureStage) -> str:
         try:
             if status(name, stage, self.root) != PRESENT:
                 self._run(name, stage)
@@ -107,7 +107,7 @@ class Maker:
             return f"failed: {error}"
         return became
 
-    def _run(self, name: str, stage: Stage) -> None:
+    def _run(self, name: str, stage: FigureStage) -> None:
         """Run the commands of a stage, and write the record of its results.
 
         Raises InputError where the stage was begun with other settings or leaves a result out, RunError where a
@@ -153,7 +153,7 @@ class Maker:
         ):
             raise RunError(f"{changed[0]} was changed meanwhile; run again: what is finished and still holds is kept")
 
-    def rewrite_pages(self, name: str, stage: Stage) -> None:
+    def rewrite_pages(self, name: str, stage: FigureStage) -> None:
         """Rewrite the tables of a stage in its pages. Raises RunError where a command fails that prints them."""
         tables: dict[str, str] = {}
         for command in stage.tables:

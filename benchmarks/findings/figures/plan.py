@@ -31,7 +31,7 @@ Inside = Annotated[str, AfterValidator(_inside)]
 """A path from the top of the checkout."""
 
 
-class Stage(Settings):
+class FigureStage(Settings):
     """A step of the plan.
 
     commands: shell commands, run at the top of the checkout with $FIGURES, the folder of all stages' work, and
@@ -84,7 +84,7 @@ class Stage(Settings):
 class Plan(Settings):
     """All stages, by name."""
 
-    stage: dict[Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")], Stage]
+    stage: dict[Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")], FigureStage]
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -102,7 +102,7 @@ class Plan(Settings):
                     raise ValueError(f"{result}: is the result of {owners[result]} and of {name}")
         return self
 
-    def chosen(self, names: Iterable[str]) -> Mapping[str, Stage]:
+    def chosen(self, names: Iterable[str]) -> Mapping[str, FigureStage]:
         """Return the stages with these names, and those whose results they need; all if there are no names.
 
         Raises InputError for a name that is no stage.

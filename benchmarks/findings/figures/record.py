@@ -12,7 +12,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import content_digest, file_digest
 from isac_cosim.base.settings import Sealed, read_json, write_sealed
 from isac_cosim.base.versions import OF_EPISODES, versions
-from isac_cosim.benchmarks.findings.figures.plan import Stage
+from isac_cosim.benchmarks.findings.figures.plan import FigureStage
 from isac_cosim.studies.world import MEASUREMENT, differing, digests, world_of
 
 WORK = "results/figures"
@@ -57,7 +57,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:MOST_NAMED]) + more
 
 
-def record_now(name: str, stage: Stage, root: Path) -> Record:
+def record_now(name: str, stage: FigureStage, root: Path) -> Record:
     """Return the record that the stage's results would have if they were made now, without results."""
     settings = world_of(stage.settings(root), stage.parts, stage.measurement)
     if files := stage.read_digests(root):
@@ -72,7 +72,7 @@ def record_now(name: str, stage: Stage, root: Path) -> Record:
     )
 
 
-def with_results(record: Record, stage: Stage, root: Path) -> Record:
+def with_results(record: Record, stage: FigureStage, root: Path) -> Record:
     """Return a record with the digests of the results. Raises InputError where one is missing."""
     found = stage.files(root)
     if missing := [pattern for pattern, files in found.items() if not files]:
@@ -84,7 +84,7 @@ def _digests(found: Mapping[str, list[Path]], root: Path) -> dict[str, str]:
     return {path.relative_to(root).as_posix(): file_digest(path) for files in found.values() for path in files}
 
 
-def record_file(name: str, stage: Stage, root: Path) -> Path:
+def record_file(name: str, stage: FigureStage, root: Path) -> Path:
     """Return where the record of a finished stage lies."""
     return root / (RECORDS if stage.in_documents else f"{WORK}/made_by") / f"{name}.json"
 
@@ -100,7 +100,7 @@ def write(path: Path, record: Record) -> None:
     write_sealed(path, record)
 
 
-def status(name: str, stage: Stage, root: Path) -> str:
+def status(name: str, stage: FigureStage, root: Path) -> str:
     """Return `PRESENT`, or why the results of a stage are not those that the present settings would give."""
     found = stage.files(root)
     if missing := [pattern for pattern, files in found.items() if not files]:

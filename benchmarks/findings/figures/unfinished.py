@@ -12,7 +12,7 @@ from pathlib import Path
 from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import file_digest
 from isac_cosim.base.settings import read_json
-from isac_cosim.benchmarks.findings.figures.plan import Stage
+from isac_cosim.benchmarks.findings.figures.plan import FigureStage
 from isac_cosim.benchmarks.findings.figures.record import (
     PRESENT,
     WORK,
@@ -26,14 +26,14 @@ from isac_cosim.benchmarks.findings.figures.record import (
 UNFINISHED = "docs/unfinished"
 
 
-def kept_files(name: str, stage: Stage, root: Path) -> list[Path]:
+def kept_files(name: str, stage: FigureStage, root: Path) -> list[Path]:
     """Return the files that are kept of a stage, the record of what made them first; none where nothing is."""
     folder = root / UNFINISHED / name
     begun = folder / begun_file(name, root).name
     return [begun, *_named(stage, folder)] if begun.is_file() else []
 
 
-def keep(name: str, stage: Stage, root: Path) -> str:
+def keep(name: str, stage: FigureStage, root: Path) -> str:
     """Copy what is finished of an unfinished stage into the documents; return what became of it, empty if nothing is.
 
     Raises InputError where more is kept of the stage than lies in the folder of its work.
@@ -55,7 +55,7 @@ def keep(name: str, stage: Stage, root: Path) -> str:
     return f"{len(finished)} files kept in {folder.relative_to(root)}; commit them"
 
 
-def go_on(name: str, stage: Stage, root: Path) -> str:
+def go_on(name: str, stage: FigureStage, root: Path) -> str:
     """Copy what is kept of a stage into the folder of its work, where that is missing; return what became of it.
 
     What other settings or versions made is left alone, and the text says which. Empty where nothing is kept. Raises
@@ -88,5 +88,5 @@ def discard(name: str, root: Path) -> None:
     shutil.rmtree(root / UNFINISHED / name, ignore_errors=True)
 
 
-def _named(stage: Stage, folder: Path) -> list[Path]:
+def _named(stage: FigureStage, folder: Path) -> list[Path]:
     return sorted({path for pattern in stage.kept for path in folder.glob(pattern) if path.is_file()})

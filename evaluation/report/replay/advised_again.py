@@ -19,7 +19,7 @@ from isac_cosim.evaluation.closed_loop.store import ArmFacts
 from isac_cosim.evaluation.in_traffic.alarms import stream
 from isac_cosim.evaluation.in_traffic.settings import LiveStudy
 from isac_cosim.evaluation.report.replay.again import driven
-from isac_cosim.evaluation.report.replay.content import Alarm, Answers, Moving, Told
+from isac_cosim.evaluation.report.replay.content import AnswersAlong, Moving, ShownAlarm, Told
 from isac_cosim.evaluation.report.replay.moments import AFTER_S, BEFORE_S, LONGEST_S, maneuvers_within
 from isac_cosim.evaluation.report.replay.others import around_path
 from isac_cosim.labeling.detectors.events import label
@@ -141,7 +141,7 @@ class _Moments:
             uv=uv_path,
             sizes=around.sizes,
             others=around.others,
-            answers=Answers(
+            answers=AnswersAlong(
                 float(known_s[rows[0]]) - start_s,
                 self.study.live.streams.decision_s,
                 np.stack([self.watch.probabilities[tv][row] for row in rows]),
@@ -149,7 +149,7 @@ class _Moments:
                 None,
             ),
             alarms=[
-                Alarm(one.intention, one.time_s - start_s, None)
+                ShownAlarm(one.intention, one.time_s - start_s, None)
                 for one in self.arm.alarms
                 if one.tv == tv and start_s <= one.time_s <= end_s
             ],

@@ -53,7 +53,7 @@ Table = Annotated[Array, PlainValidator(_table), PlainSerializer(lambda table: t
 
 
 @dataclass(frozen=True)
-class Vehicle:
+class VehicleNear:
     """Another vehicle near a record.
 
     from_s, step_s: time of its first place, s after the record's start, and from one to the next. places: of its front
@@ -132,7 +132,7 @@ class Inside:
 
 
 @dataclass(frozen=True)
-class Answers:
+class AnswersAlong:
     """What a predictor answers along a record.
 
     from_s, step_s: ends of the windows, s after the record's start. probabilities: (n, G). predicted: the likeliest
@@ -160,7 +160,7 @@ class Maneuver:
 
 
 @dataclass(frozen=True)
-class Alarm:
+class ShownAlarm:
     """An alarm for the TV. time_s: s after the record's start. false: whether it belongs to no maneuver; None where
     that is not judged."""
 
@@ -209,9 +209,9 @@ class Moving:
     sensed: Places
     uv: Places
     sizes: tuple[tuple[float, float], tuple[float, float]] = ((LENGTH_M, WIDTH_M), (LENGTH_M, WIDTH_M))
-    others: Sequence[Vehicle] = ()
-    answers: Answers | None = None
-    alarms: Sequence[Alarm] = ()
+    others: Sequence[VehicleNear] = ()
+    answers: AnswersAlong | None = None
+    alarms: Sequence[ShownAlarm] = ()
     sensed_from_s: float = 0.0
     uv_from_s: float = 0.0
     name: str = ""

@@ -18,11 +18,11 @@ from isac_cosim.evaluation.in_traffic.measurement.summary import TrafficEvaluati
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.streams.store import EpisodeFacts, LiveEpisode
 from isac_cosim.evaluation.report.replay.again import Again, Seen, Wanted
-from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Moving, Replay
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, AnswersAlong, Moving, Replay
 from isac_cosim.evaluation.report.replay.kept import digest_of, read_kept, write_kept
 from isac_cosim.evaluation.report.replay.making import lanes_near
 from isac_cosim.evaluation.report.replay.moments import (
-    Moment,
+    Mistake,
     alarms_within,
     answers_around,
     maneuvers_within,
@@ -52,7 +52,7 @@ def replay_in_traffic(
     default, the one that the study names. folder: of the evaluation, which keeps what was simulated (`kept`).
     """
     result, measured = evaluation.result, next(iter(evaluation.methods.values()), None)
-    by_episode: dict[int, list[Moment]] = {}
+    by_episode: dict[int, list[Mistake]] = {}
     for moment in [] if measured is None else worst_moments(evaluation.truths, measured):
         by_episode.setdefault(moment.episode, []).append(moment)
     if measured is None or not by_episode:
@@ -119,7 +119,7 @@ def _found(
     return found, reasons
 
 
-def _remark(moments: Sequence[Moment], measured: int) -> str:
+def _remark(moments: Sequence[Mistake], measured: int) -> str:
     missed = sum(moment.missed for moment in moments)
     episodes = len({moment.episode for moment in moments})
     return (
@@ -133,7 +133,7 @@ def _name(episode: LiveEpisode) -> str:
     return f"{episode.facts.scenario}-{episode.facts.seed}"
 
 
-def _wanted(episode: LiveEpisode, moment: Moment) -> Wanted:
+def _wanted(episode: LiveEpisode, moment: Mistake) -> Wanted:
     from_s, to_s = moment.span_s
     decided = episode.time_s[rows_of(episode, moment.tv, from_s, to_s)]
     return Wanted(episode.names[moment.tv], from_s, to_s, float(decided[_nearest(decided, moment.time_s)]), decided)
@@ -143,7 +143,7 @@ def _nearest(times: Array, time_s: float) -> int:
     return int(np.abs(times - time_s).argmin())
 
 
-def _moving(moment: Moment, seen: Seen, truth: Truth, alarms: Alarms) -> Moving:
+def _moving(moment: Mistake, seen: Seen, truth: Truth, alarms: Alarms) -> Moving:
     """Return a moment as it is replayed."""
     episode, start_s = truth.episode, seen.start_s
     end_s = start_s + (seen.truth.shape[1] - 1) / RATE_HZ
@@ -172,7 +172,7 @@ def _moving(moment: Moment, seen: Seen, truth: Truth, alarms: Alarms) -> Moving:
         uv=seen.uv_path,
         sizes=seen.around.sizes,
         others=seen.around.others,
-        answers=Answers(first_s - start_s, episode.facts.decision_s, probabilities.astype(np.float64), None, True),
+        answers=AnswersAlong(first_s - start_s, episode.facts.decision_s, probabilities.astype(np.float64), None, True),
         alarms=alarms_within(truth, alarms, moment.tv, start_s, end_s),
         sensed_from_s=seen.sensed_from_s,
         uv_from_s=seen.uv_from_s,

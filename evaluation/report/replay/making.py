@@ -15,7 +15,7 @@ from isac_cosim.base.feedback import SILENT, Feedback
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.evaluation.on_windows.explained import is_explainable
 from isac_cosim.evaluation.on_windows.predictions import check_rates
-from isac_cosim.evaluation.report.replay.content import RATE_HZ, Answers, Maneuver, Moving, Replay, at_rate
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, AnswersAlong, Maneuver, Moving, Replay, at_rate
 from isac_cosim.evaluation.report.replay.inside import REMARK, inside_of
 from isac_cosim.evaluation.report.replay.others import Around, around
 from isac_cosim.evaluation.report.replay.scene import SceneView
@@ -134,7 +134,7 @@ def _moving(
     rates_hz: tuple[float, float],
     beside: Around | None,
     view: SceneView | None,
-    answers: Answers | None,
+    answers: AnswersAlong | None,
 ) -> Moving:
     """Return one record as it is replayed. rates_hz: of the TV's and of the UV's states."""
     columns = (sample.tv_truth, rates_hz[0]), (sample.tv, rates_hz[0]), (sample.uv, rates_hz[1])
@@ -158,7 +158,7 @@ def _moving(
     return moving if beside is None else replace(moving, sizes=beside.sizes, others=beside.others)
 
 
-def _answers(run: Run, records: Records, row: int) -> Answers:
+def _answers(run: Run, records: Records, row: int) -> AnswersAlong:
     """Return what a predictor answers on every window of a record that ends on the replay's grid."""
     windows, rate_hz = run.card.settings.windows, records.uv_rate_hz
     first, last = fitting(records, windows)
@@ -171,7 +171,7 @@ def _answers(run: Run, records: Records, row: int) -> Answers:
     label = int(records.label[row])
     predicted = run.card.classes[int(probabilities[-1].argmax())] if measured else None
     trained = label in KNOWN and run.card.classes[label] != run.card.settings.held_out
-    return Answers(
+    return AnswersAlong(
         from_s=first / rate_hz,
         step_s=every / rate_hz,
         probabilities=probabilities[:-1],

@@ -13,7 +13,7 @@ from isac_cosim.evaluation.in_traffic.alarms.alarms import Alarms
 from isac_cosim.evaluation.in_traffic.measurement.measuring import MeasuredAlarms
 from isac_cosim.evaluation.in_traffic.scores.scoring import Truth
 from isac_cosim.evaluation.in_traffic.streams.store import RUN, LiveEpisode
-from isac_cosim.evaluation.report.replay.content import Alarm, Maneuver
+from isac_cosim.evaluation.report.replay.content import Maneuver, ShownAlarm
 from isac_cosim.labeling.intentions import KNOWN, spoken
 from isac_cosim.labeling.streams.events import LiveEvent
 
@@ -28,7 +28,7 @@ LONGEST_S = 16.0
 
 
 @dataclass(frozen=True)
-class Moment:
+class Mistake:
     """A false alarm, or a maneuver for which no alarm came.
 
     episode: number among the measured ones. tv: number of the vehicle in the episode. intention: the one that the alarm
@@ -55,7 +55,7 @@ class Moment:
         return self.time_s - BEFORE_S, min(self.until_s + AFTER_S, self.time_s - BEFORE_S + LONGEST_S)
 
 
-def worst_moments(truths: Sequence[Truth], measured: MeasuredAlarms) -> list[Moment]:
+def worst_moments(truths: Sequence[Truth], measured: MeasuredAlarms) -> list[Mistake]:
     """Return the worst false alarms and missed maneuvers in turn, at most MOST_MOMENTS from MOST_EPISODES episodes.
 
     A false alarm is the worse the likelier the run held the intention that it names; a miss, the less likely it held
@@ -70,15 +70,15 @@ def worst_moments(truths: Sequence[Truth], measured: MeasuredAlarms) -> list[Mom
     return _apart(in_turn)
 
 
-def _false(number: int, truth: Truth, alarms: Alarms) -> Iterable[Moment]:
+def _false(number: int, truth: Truth, alarms: Alarms) -> Iterable[Mistake]:
     probabilities = truth.episode.answers[RUN].probabilities
     for alarm in truth.table.match(alarms).false.tolist():
         intention, time_s = int(alarms.intention[alarm]), float(alarms.time_s[alarm])
         probability = float(probabilities[alarms.row[alarm], intention])
-        yield Moment(number, int(alarms.vehicle[alarm]), intention, time_s, time_s, probability, False)
+        yield Mistake(number, int(alarms.vehicle[alarm]), intention, time_s, time_s, probability, False)
 
 
-def _missed(number: int, truth: Truth, alarms: Alarms) -> Iterable[Moment]:
+def _missed(number: int, truth: Truth, alarms: Alarms) -> Iterable[Mistake]:
     episode, table = truth.episode, truth.table
     for event in np.flatnonzero(table.match(alarms).event_alarm < 0).tolist():
         vehicle, intention = int(table.vehicle[event]), int(table.intention[event])
@@ -86,11 +86,11 @@ def _missed(number: int, truth: Truth, alarms: Alarms) -> Iterable[Moment]:
         if asked.any():
             probability = float(episode.answers[RUN].probabilities[asked, intention].max())
             onset, commit = float(truth.onset[event]), float(truth.commit[event])
-            yield Moment(number, vehicle, intention, onset, commit, probability, True)
+            yield Mistake(number, vehicle, intention, onset, commit, probability, True)
 
 
-def _apart(moments: Iterable[Moment]) -> list[Moment]:
-    kept, episodes = list[Moment](), set[int]()
+def _apart(moments: Iterable[Mistake]) -> list[Mistake]:
+    kept, episodes = list[Mistake](), set[int]()
     for moment in moments:
         if len(kept) == MOST_MOMENTS:
             break
@@ -103,7 +103,7 @@ def _apart(moments: Iterable[Moment]) -> list[Moment]:
     return kept
 
 
-def _overlap(one: Moment, other: Moment) -> bool:
+def _overlap(one: Mistake, other: Mistake) -> bool:
     (begin, end), (other_begin, other_end) = one.span_s, other.span_s
     return (one.episode, one.tv) == (other.episode, other.tv) and begin < other_end and other_begin < end
 
@@ -123,12 +123,12 @@ def maneuvers_within(events: Iterable[LiveEvent], tv: str, from_s: float, to_s: 
     ]
 
 
-def alarms_within(truth: Truth, alarms: Alarms, tv: int, from_s: float, to_s: float) -> list[Alarm]:
+def alarms_within(truth: Truth, alarms: Alarms, tv: int, from_s: float, to_s: float) -> list[ShownAlarm]:
     """Return the alarms for a vehicle within a span of time, s, by time."""
     false = set(truth.table.match(alarms).false.tolist())
     inside = (alarms.vehicle == tv) & (alarms.time_s >= from_s) & (alarms.time_s <= to_s)
     found = [
-        Alarm(KNOWN[int(alarms.intention[k])].text, float(alarms.time_s[k]) - from_s, k in false)
+        ShownAlarm(KNOWN[int(alarms.intention[k])].text, float(alarms.time_s[k]) - from_s, k in false)
         for k in np.flatnonzero(inside).tolist()
     ]
     return sorted(found, key=lambda alarm: alarm.time_s)

@@ -13,7 +13,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.feedback import Feedback
 from isac_cosim.base.workers.engine import Engine
 from isac_cosim.base.workers.threads import limited
-from isac_cosim.evaluation.report.replay.content import LENGTH_M, NEAR_M, STEP_S, WIDTH_M, Vehicle
+from isac_cosim.evaluation.report.replay.content import LENGTH_M, NEAR_M, STEP_S, WIDTH_M, VehicleNear
 from isac_cosim.evaluation.report.replay.scene import SceneView, scene_views
 from isac_cosim.isacsim.sensing.sensors import SCENE
 from isac_cosim.isacsim.traffic import motion
@@ -33,7 +33,7 @@ class Around:
     """What is around one record: the sizes of its TV and UV, m, and the other vehicles."""
 
     sizes: tuple[Size, Size]
-    others: list[Vehicle]
+    others: list[VehicleNear]
 
 
 Whole = tuple[list[Around], list[SceneView] | None]
@@ -97,7 +97,9 @@ def around_path(
             continue
         places = motion.positions(recording, track, steps[inside], settings)
         from_s = float(steps[inside][0] * step_s - times[0])
-        others.append(Vehicle(track.vehicle, track.kind, track.length_m, track.width_m, from_s, every * step_s, places))
+        others.append(
+            VehicleNear(track.vehicle, track.kind, track.length_m, track.width_m, from_s, every * step_s, places)
+        )
     sizes = [_size(recording.tracks.get(vehicle)) for vehicle in ids]
     return Around((sizes[0], sizes[1]), others)
 

@@ -19,7 +19,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import replace_file
 from isac_cosim.evaluation.report.figures import BACKEND, BLUE, CYCLE, GREEN, GREY, ORANGE, RED, STYLE
 from isac_cosim.evaluation.report.record_view import dense, edges
-from isac_cosim.evaluation.report.replay.content import RATE_HZ, Moving, Replay, Vehicle
+from isac_cosim.evaluation.report.replay.content import RATE_HZ, Moving, Replay, VehicleNear
 
 EVERY = 2
 """Of so many places of a record one is a frame."""
@@ -118,7 +118,7 @@ def _road(axes: Axes, replay: Replay, record: Moving, row: int) -> None:
     axes.set_axis_off()
 
 
-def _place(vehicle: Vehicle, time_s: float) -> Array | None:
+def _place(vehicle: VehicleNear, time_s: float) -> Array | None:
     """Return where a vehicle comes from, goes to and is at an instant, (2, 3), m; None while it is not there."""
     row, last = (time_s - vehicle.from_s) / vehicle.step_s, vehicle.places.shape[1] - 1
     if not 0 <= row <= last:

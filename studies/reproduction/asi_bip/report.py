@@ -27,7 +27,7 @@ from isac_cosim.evaluation.statistics import (
 from isac_cosim.labeling.intentions import KNOWN, spoken
 from isac_cosim.models.scores import open_set
 from isac_cosim.studies.reproduction.asi_bip.claims import asi_bip_claims
-from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
+from isac_cosim.studies.reproduction.asi_bip.results import DatasetResult, TrainingsResult
 from isac_cosim.studies.reproduction.asi_bip.stages import FAST
 from isac_cosim.studies.reproduction.experiments import drawings
 from isac_cosim.studies.reproduction.experiments.counterparts import ASI_BIP, counterparts_part
@@ -93,7 +93,7 @@ def snr_counts(out: Path) -> dict[float, Trainings]:
 
 
 def _data(out: Path) -> Part | None:
-    result = result_of(out, "data", DataResult)
+    result = result_of(out, "data", DatasetResult)
     if result is None:
         return None
     rows: list[Row] = [

@@ -11,7 +11,7 @@ from isac_cosim.studies.reproduction.experiments.stage_results import Count, Dat
 from isac_cosim.studies.reproduction.experiments.trainings import Scores
 
 
-class DataResult(StageResult):
+class DatasetResult(StageResult):
     """The generated dataset. sides: scenario seeds of each side. samples: `known` and `following` of each side."""
 
     datasets: dict[str, DatasetFacts]

@@ -24,7 +24,7 @@ from isac_cosim.models.predictors.protocol import Workload
 from isac_cosim.models.predictors.registry import PREDICTORS
 from isac_cosim.models.runs.settings import TrainSettings
 from isac_cosim.studies.cost_estimate import INSTANTS
-from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
+from isac_cosim.studies.reproduction.asi_bip.results import DatasetResult, TrainingsResult
 from isac_cosim.studies.reproduction.experiments.sensing_cases import (
     GENERATED,
     TRAINED,
@@ -136,7 +136,7 @@ class AsiBipReproduction:
         training_stage = partial(training_stage, makes=data)
         question = "how many samples of each intention"
         return [
-            Stage("data", "data", question, 0.0, 8, self._data, DataResult, makes=data),
+            Stage("data", "data", question, 0.0, 8, self._data, DatasetResult, makes=data),
             *table,
             *weather,
             isac("fig3", "fig3", "Fig. 3: loss, accuracy and confusion", measured_s, run=self._fig3),
@@ -165,7 +165,7 @@ class AsiBipReproduction:
         folder, run = self._dataset_folder(GENERATED), self._run_folder(GENERATED, self.size.training_seeds[0])
         return replay_of_test(folder, run, self.engine, self.feedback)
 
-    def _data(self) -> DataResult:
+    def _data(self) -> DatasetResult:
         generated, sides = self.generated(), self.sides
         table = generated.frame(("scenario", "seed", "intention"))
         group = table["scenario"].astype(str) + "-" + table["seed"].astype(str)
@@ -177,7 +177,7 @@ class AsiBipReproduction:
             }
             for side, names in sides.items()
         }
-        return DataResult(datasets={GENERATED: description(generated)}, sides=sides, samples=counts)
+        return DatasetResult(datasets={GENERATED: description(generated)}, sides=sides, samples=counts)
 
     def _case(self, case: SensingCase) -> TrainingsResult:
         dataset = self.dataset(case)

@@ -22,7 +22,7 @@ from isac_cosim.studies.reproduction.castformer.precision_recall import (
     table_1,
     table_2,
 )
-from isac_cosim.studies.reproduction.castformer.results import DataResult
+from isac_cosim.studies.reproduction.castformer.results import SamplesResult
 from isac_cosim.studies.reproduction.experiments import drawings
 from isac_cosim.studies.reproduction.experiments.counterparts import CASTFORMER, counterparts_part
 from isac_cosim.studies.reproduction.experiments.pages import FIGURES, claims_part
@@ -85,7 +85,7 @@ def castformer_parts(out: Path) -> tuple[list[Part], list[Claim]]:
 
 def _class_names(out: Path, measured: Sequence[MeasuredVariant]) -> list[str]:
     """Return the names of the classes of the confusion matrices: intentions, or the numbers of classes of clips."""
-    data = result_of(out, "data", DataResult)
+    data = result_of(out, "data", SamplesResult)
     if data is None or data.dataset is not None:
         return [intention.text for intention in KNOWN]
     return [f"class {k}" for k in range(len(data.by_class or []))]
@@ -108,7 +108,7 @@ def paper_rows(stage: str) -> Mapping[str, Sequence[float]]:
 
 
 def _data(out: Path) -> Part | None:
-    result = result_of(out, "data", DataResult)
+    result = result_of(out, "data", SamplesResult)
     if result is None:
         return None
     if result.dataset is None:

@@ -12,7 +12,7 @@ from isac_cosim.studies.reproduction.experiments.stage_results import Count, Dat
 from isac_cosim.studies.reproduction.experiments.trainings import Scores
 
 
-class DataResult(StageResult):
+class SamplesResult(StageResult):
     """The dataset of a source, and the scenario seeds that each fold tests; or the clips, and how many of each class.
 
     source: its name. clips, by_class: None where the samples are windows; dataset: where they are clips. background:

@@ -43,7 +43,7 @@ from isac_cosim.studies.reproduction.castformer.motion_clips import (
     driving_count,
     write_clips,
 )
-from isac_cosim.studies.reproduction.castformer.results import DataResult, VariantScores, VariantsResult
+from isac_cosim.studies.reproduction.castformer.results import SamplesResult, VariantScores, VariantsResult
 from isac_cosim.studies.reproduction.castformer.variants import Variant
 from isac_cosim.studies.reproduction.experiments.paper_figures import HORIZONS_S
 from isac_cosim.studies.reproduction.experiments.sensing_cases import description
@@ -104,7 +104,9 @@ class CastformerReproduction:
             rows, motorway = variants.compared(("trees",)), partial(self._windows_data, MOTORWAY)
             made = self._made(MOTORWAY)
             stages += [
-                Stage("motorway-data", MOTORWAY, "windows of the motorway", 0.0, 8, motorway, DataResult, makes=made),
+                Stage(
+                    "motorway-data", MOTORWAY, "windows of the motorway", 0.0, 8, motorway, SamplesResult, makes=made
+                ),
                 self._stage(MOTORWAY, "Table 3 on the motorway", rows, rows, MOTORWAY),
             ]
         return stages
@@ -151,19 +153,19 @@ class CastformerReproduction:
 
     def _data_stage(self) -> Stage:
         if self.clips is not None:
-            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, DataResult)
+            return Stage("data", "data", "the clips", 1.0, 1, self._clips_data, SamplesResult)
         question, work = "windows that reach 6 s before the commit", partial(self._windows_data, KINEMATIC)
-        return Stage("data", "data", question, 0.0, 8, work, DataResult, makes=self._made(KINEMATIC))
+        return Stage("data", "data", question, 0.0, 8, work, SamplesResult, makes=self._made(KINEMATIC))
 
-    def _windows_data(self, source: str) -> DataResult:
-        return DataResult(source=source, dataset=description(self.dataset(source)), folds=self.folds(source))
+    def _windows_data(self, source: str) -> SamplesResult:
+        return SamplesResult(source=source, dataset=description(self.dataset(source)), folds=self.folds(source))
 
-    def _clips_data(self) -> DataResult:
+    def _clips_data(self) -> SamplesResult:
         labels = np.bincount([clip.label for clip in self._clips])
         background = NO_BACKGROUND if self.background is None else self.background
         assert self.clips is not None
         made = extraction_in(self.clips)
-        return DataResult(
+        return SamplesResult(
             source=CLIPS,
             clips=len(self._clips),
             by_class=labels.tolist(),

@@ -17,7 +17,7 @@ from isac_cosim.base.feedback import SILENT
 from isac_cosim.base.workers.engine import LocalEngine
 from isac_cosim.benchmarks.findings.figures.pages import printed_tables
 from isac_cosim.models.predictors.registry import PREDICTORS
-from isac_cosim.studies.reproduction.asi_bip.results import DataResult, TrainingsResult
+from isac_cosim.studies.reproduction.asi_bip.results import DatasetResult, TrainingsResult
 from isac_cosim.studies.reproduction.castformer.results import VariantsResult
 from isac_cosim.studies.reproduction.experiments.sizes import AsiBipSize, CastformerSize
 from isac_cosim.studies.reproduction.experiments.stages import (
@@ -90,7 +90,7 @@ def test_all_stages_of_asi_bip_share_the_predictors_and_their_windows(asi_bip: P
     counts = table.trainings[0].counts["test"]
     assert fig3.trainings[0].counts["test"] == counts
     assert len(list((asi_bip / "work" / "runs" / "isac").iterdir())) == 1
-    data = result_of(asi_bip, "data", DataResult)
+    data = result_of(asi_bip, "data", DatasetResult)
     assert data is not None
     known = {side: part["known"] for side, part in data.samples.items()}
     assert np.sum(list(counts.values())) == known["test"]

@@ -11,7 +11,7 @@ import pytest
 from isac_cosim.benchmarks.findings.figures import record
 from isac_cosim.benchmarks.findings.figures.__main__ import main
 from isac_cosim.benchmarks.findings.figures.making import Maker
-from isac_cosim.benchmarks.findings.figures.plan import Plan, Stage, read_plan
+from isac_cosim.benchmarks.findings.figures.plan import FigureStage, Plan, read_plan
 from isac_cosim.benchmarks.findings.figures.record import PRESENT, UNKNOWN, record_file, status
 from isac_cosim.isacsim.scenarios import demand
 from isac_cosim.studies.study import Study
@@ -241,7 +241,7 @@ def test_a_changed_default_outdates_the_stages_that_rest_on_it(root: Path, monke
     monkeypatch.undo()
     assert state(root) == PRESENT
     changed = Study.model_validate({"dataset": {"labels": {"preset": "mine-1", "hard_brake": {"threshold_mps2": 4.5}}}})
-    monkeypatch.setattr(Stage, "settings", lambda stage, root: changed)
+    monkeypatch.setattr(FigureStage, "settings", lambda stage, root: changed)
     assert state(root) == (
         "made with other settings: labels (dataset.labels.hard_brake.threshold_mps2, dataset.labels.preset)"
     )
@@ -265,7 +265,7 @@ def test_claims_that_do_not_hold_are_withdrawn(
 def test_only_the_parts_of_a_stage_count(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run(root)
     changed = Study.model_validate({"training": {"optimiser": {"epochs": 7}}})
-    monkeypatch.setattr(Stage, "settings", lambda stage, root: changed)
+    monkeypatch.setattr(FigureStage, "settings", lambda stage, root: changed)
     assert state(root) == PRESENT
 
 

@@ -15,7 +15,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.benchmarks.findings import architecture, settings_page
 from isac_cosim.benchmarks.findings.figures import pages
 from isac_cosim.benchmarks.findings.figures.pages import claims, printed_tables, rewritten, tables_of
-from isac_cosim.benchmarks.findings.figures.plan import ROOT, Stage, read_plan
+from isac_cosim.benchmarks.findings.figures.plan import ROOT, FigureStage, read_plan
 from isac_cosim.benchmarks.findings.figures.record import PRESENT, RECORDS, status
 from isac_cosim.benchmarks.findings.figures.unfinished import kept_files
 from isac_cosim.evaluation.report import parts
@@ -161,5 +161,5 @@ def test_the_examples_of_tables_hold() -> None:
 
 
 def test_a_stage_counts_each_part_by_default() -> None:
-    stage = Stage(question="?", commands=("true",), results=("a",), cost_min=1, cost_is="made up")
+    stage = FigureStage(question="?", commands=("true",), results=("a",), cost_min=1, cost_is="made up")
     assert stage.parts == ("traffic", "recordings", "maneuvers", "labels", "sensing", "predictors", "evaluation")

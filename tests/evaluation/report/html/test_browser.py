@@ -17,7 +17,7 @@ from isac_cosim.evaluation.report.figures import draw_figures
 from isac_cosim.evaluation.report.first_screen import confused
 from isac_cosim.evaluation.report.page import write_page as write_parts
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.evaluation.report.replay.content import Alarm, Answers, Maneuver, Moving, Replay
+from isac_cosim.evaluation.report.replay.content import AnswersAlong, Maneuver, Moving, Replay, ShownAlarm
 from isac_cosim.evaluation.report.replay.making import replay_of
 from isac_cosim.evaluation.report.report import write_page
 from isac_cosim.labeling.dataset.finding import find_episode
@@ -192,8 +192,8 @@ def live_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "road-1-tv-5.0", "hard_brake", "natural", "tv", HOSTILE, 10.0,
         [Maneuver("left_lane_change", 0.5, 1.5), Maneuver("evasive_swerve", 6.0, 7.5, "near miss")],
         places, places[:, 50:150] + 0.5, places[:, 100:] + 30.0,
-        answers=Answers(1.0, 0.1, np.tile([0.9, 0.02, 0.02, 0.02, 0.02, 0.02], (60, 1)), None, True),
-        alarms=[Alarm("left_lane_change", 0.8, False), Alarm("hard_brake", 5.0, True)],
+        answers=AnswersAlong(1.0, 0.1, np.tile([0.9, 0.02, 0.02, 0.02, 0.02, 0.02], (60, 1)), None, True),
+        alarms=[ShownAlarm("left_lane_change", 0.8, False), ShownAlarm("hard_brake", 5.0, True)],
         sensed_from_s=2.0, uv_from_s=4.0, name=f"False alarm {HOSTILE}", about=f"TV tv {HOSTILE}.",
     )  # fmt: skip
     classes = [intention.text for intention in KNOWN]

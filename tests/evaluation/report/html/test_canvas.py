@@ -10,15 +10,15 @@ import numpy as np
 from isac_cosim.evaluation.report.page import write_page
 from isac_cosim.evaluation.report.parts import Part
 from isac_cosim.evaluation.report.replay.content import (
-    Alarm,
-    Answers,
+    AnswersAlong,
     Detected,
     Inside,
     Moving,
     Replay,
+    ShownAlarm,
     Told,
     TrackPath,
-    Vehicle,
+    VehicleNear,
 )
 from tests.support.browser import opened, serious_faults, texts_drawn
 
@@ -67,7 +67,7 @@ def test_a_chart_for_each_module_follows_the_time(browser: Any, tmp_path: Path) 
         Inside("CPE: gate", ("in", "out"), np.full((2, 50), 0.5)),
         Inside("RSF: age, s", ("in",), np.full((1, 50), 1.7)),
     ]
-    answers = Answers(1.0, 0.04, np.full((50, 2), 0.5), "overtake", False, modules)
+    answers = AnswersAlong(1.0, 0.04, np.full((50, 2), 0.5), "overtake", False, modules)
     explained = Moving("a", "overtake", "natural", "tv", "uv", 0.0, [], path, path, path + 30.0, answers=answers)
     plain = Moving(
         "b",
@@ -80,7 +80,7 @@ def test_a_chart_for_each_module_follows_the_time(browser: Any, tmp_path: Path) 
         path,
         path,
         path,
-        answers=Answers(1.0, 0.04, answers.probabilities, None, None),
+        answers=AnswersAlong(1.0, 0.04, answers.probabilities, None, None),
     )
     replay = Replay("Explained", [explained, plain], [], [], ["overtake", "following"])
     shown = opened(browser, write_page("Explained", [Part("replay", replay=replay)], "made up", tmp_path))
@@ -104,10 +104,10 @@ def test_instructions_are_drawn_while_they_last(browser: Any, tmp_path: Path) ->
         Told(hostile, "open the gap", "hard brake of tv", 1.0, None, None, "ignored by the driver"),
         Told("elsewhere", "hold the lane", "hard brake of tv", 7.0, 7.5, None, "under way"),
     ]
-    other = Vehicle(hostile, "car", 4.5, 1.8, 0.0, 0.2, path[:, ::5] + 5.0)
+    other = VehicleNear(hostile, "car", 4.5, 1.8, 0.0, 0.2, path[:, ::5] + 5.0)
     record = Moving(
         "a", "hard_brake", "natural", "tv", "uv", 0.0, [], path, path, path - 30.0,
-        others=[other], alarms=[Alarm("hard_brake", 0.5, None)], about=f"On the alarm, vehicle {hostile} is told.",
+        others=[other], alarms=[ShownAlarm("hard_brake", 0.5, None)], about=f"On the alarm, vehicle {hostile} is told.",
         told=told,
     )  # fmt: skip
     replay = Replay("Told", [record], [], [], noun="moment")

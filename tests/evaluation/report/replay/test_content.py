@@ -13,7 +13,15 @@ from hypothesis import strategies as st
 from isac_cosim.base.arrays import Array
 from isac_cosim.evaluation.report.page import PAGE, write_page
 from isac_cosim.evaluation.report.parts import Part
-from isac_cosim.evaluation.report.replay.content import Answers, Maneuver, Moving, Replay, Vehicle, at_rate, pack
+from isac_cosim.evaluation.report.replay.content import (
+    AnswersAlong,
+    Maneuver,
+    Moving,
+    Replay,
+    VehicleNear,
+    at_rate,
+    pack,
+)
 
 HOSTILE = "</script><script>document.title='taken'</script>"
 MANEUVERS = [Maneuver("overtake", 2.6, 4.0)]
@@ -63,7 +71,7 @@ def test_places_come_back_to_the_centimetre(speed: float, shift: float, across: 
 
 def test_a_far_vehicle_coarsens_the_steps_and_is_not_cut_off() -> None:
     far = np.array([[5e4 + 2000.0, 5e4 + 2010.0], [900.0, 900.0]])
-    packed = moving(others=[Vehicle("v", "truck", 12.0, 2.5, 0.0, 0.2, far)]).packed()
+    packed = moving(others=[VehicleNear("v", "truck", 12.0, 2.5, 0.0, 0.2, far)]).packed()
     assert np.abs(unpacked(packed["others"][0]["places"], packed["middle"], packed["step"]) - far).max() < 0.1
 
 
@@ -78,7 +86,7 @@ def test_packed_numbers_are_little_endian() -> None:
 
 
 def test_what_is_on_the_page_is_what_was_given(tmp_path: Path) -> None:
-    answers = Answers(2.2, 0.04, np.full((70, 6), 1 / 6), "overtake", False)
+    answers = AnswersAlong(2.2, 0.04, np.full((70, 6), 1 / 6), "overtake", False)
     shown = replay(moving(answers=answers), classes=["a", "b", "c", "d", "e", "f"])
     write_page("t", [Part("replay", replay=shown)], "o", tmp_path)
     text = (tmp_path / PAGE).read_text()
@@ -91,7 +99,7 @@ def test_what_is_on_the_page_is_what_was_given(tmp_path: Path) -> None:
 def test_no_name_ends_the_data_or_becomes_an_element(field: str, tmp_path: Path) -> None:
     fields = {name: HOSTILE for name in (field,) if name in ("intention", "tv_id", "uv_id", "origin")}
     one = moving(HOSTILE if field == "id" else "toy-1-0")
-    vehicle = Vehicle(HOSTILE, HOSTILE, 4.0, 2.0, 0.0, 0.2, np.full((2, 3), 5e4))
+    vehicle = VehicleNear(HOSTILE, HOSTILE, 4.0, 2.0, 0.0, 0.2, np.full((2, 3), 5e4))
     one = Moving(**{**one.__dict__, **fields, "others": [vehicle] if field == "kind" else []})
     shown = Replay(
         HOSTILE if field == "title" else "t", [one], [], [(HOSTILE, 0.0, 0.0, 0.0)] if field == "site" else [],

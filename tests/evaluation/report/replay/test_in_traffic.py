@@ -21,7 +21,7 @@ from isac_cosim.evaluation.report.replay import moments
 from isac_cosim.evaluation.report.replay.content import RATE_HZ, Replay
 from isac_cosim.evaluation.report.replay.in_traffic import replay_in_traffic
 from isac_cosim.evaluation.report.replay.kept import MOMENTS_FILE, read_kept
-from isac_cosim.evaluation.report.replay.moments import Moment, worst_moments
+from isac_cosim.evaluation.report.replay.moments import Mistake, worst_moments
 from isac_cosim.isacsim.traffic.motion import MotionSettings, states
 from isac_cosim.labeling.intentions import KNOWN
 from isac_cosim.models.runs.run import Run
@@ -101,7 +101,7 @@ def test_moments_of_a_vehicle_do_not_overlap_and_keep_to_the_bounds(
 
 
 def test_a_long_maneuver_is_not_shown_whole() -> None:
-    begin, end = Moment(0, 0, 0, 100.0, 160.0, 0.5, True).span_s
+    begin, end = Mistake(0, 0, 0, 100.0, 160.0, 0.5, True).span_s
     assert end - begin == moments.LONGEST_S
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 from isac_cosim.base.arrays import Array
 from isac_cosim.base.errors import InputError, OutputError
 from isac_cosim.evaluation.report.figures import BLUE, CYCLE, GREY, ORANGE
-from isac_cosim.evaluation.report.replay.content import Answers, Maneuver, Moving, Replay, Vehicle, at_rate
+from isac_cosim.evaluation.report.replay.content import AnswersAlong, Maneuver, Moving, Replay, VehicleNear, at_rate
 from isac_cosim.evaluation.report.roads.animation import animate
 from tests.evaluation.report.replay.test_content import drive
 
@@ -22,8 +22,8 @@ CLASSES = ("hard_brake", "left_lane_change", "right_lane_change", "overtake", "h
 def moving() -> Moving:
     """A TV, a UV 40 m ahead of it in the same lane, and a vehicle that stands aside until 2 s."""
     truth = at_rate(drive(30.0), 400.0)[:, :61]
-    answers = Answers(0.8, 0.04, np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], (41, 1)), "overtake", False)
-    other = Vehicle("o", "car", 4.5, 1.8, 0.0, 0.2, truth[:, :51:5] + [[0.0], [7.0]])
+    answers = AnswersAlong(0.8, 0.04, np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], (41, 1)), "overtake", False)
+    other = VehicleNear("o", "car", 4.5, 1.8, 0.0, 0.2, truth[:, :51:5] + [[0.0], [7.0]])
     uv = truth + np.array([[40.0], [0.0]])
     did = [Maneuver("overtake", 1.0, 2.0)]
     return Moving(
