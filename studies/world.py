@@ -46,7 +46,8 @@ ROOMS: Mapping[str, tuple[str, ...]] = {
     "recordings": ("isacsim.traffic.trajectory_files",),
     "maneuvers": ("isacsim.traffic.drivers",),
     "labels": ("labeling.dataset.shard", "labeling.detectors", "labeling.road", "labeling.samples", "labeling.streams"),
-    "sensing": ("isacsim.radio", "isacsim.scene", "isacsim.sensing", "isacsim.tracking"),
+    "sensing": ("isacsim.radio", "isacsim.sensing", "isacsim.tracking"),
+    "scene": ("isacsim.scene",),
     "predictors": ("models",),
     "evaluation": (
         "evaluation.closed_loop", "evaluation.in_traffic", "evaluation.on_windows", "evaluation.statistics",
@@ -54,6 +55,8 @@ ROOMS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """The modules and packages whose constants belong to a part."""
 PARTS = tuple(ROOMS)
+WITHOUT_SCENES = tuple(part for part in PARTS if part != "scene")
+"""What figures rest on where each vehicle is sensed by itself."""
 MEASUREMENT: Final = "measurement"
 SECTIONS = {
     "maneuvers": "maneuvers",
@@ -98,17 +101,24 @@ def digests(world: Mapping[str, Settings]) -> dict[str, str]:
 def differing(before: Mapping[str, Settings], now: Mapping[str, Settings]) -> dict[str, list[str]]:
     """Return the names of the settings that differ between two worlds, by part; parts that agree are left out.
 
-    Parts that `now` does not rest on do not count.
+    Parts that `now` does not rest on do not count, nor do constants that a record has in another part than they are in
+    now.
     """
     names = {
         part: sorted(
             name
             for name in before.get(part, {}).keys() | settings.keys()
-            if _plain(before.get(part, {}).get(name, ABSENT)) != _plain(settings.get(name, ABSENT))
+            if not _elsewhere(name, part)
+            and _plain(before.get(part, {}).get(name, ABSENT)) != _plain(settings.get(name, ABSENT))
         )
         for part, settings in now.items()
     }
     return {part: changed for part, changed in names.items() if changed}
+
+
+def _elsewhere(name: str, part: str) -> bool:
+    """Return whether a constant belongs to another part."""
+    return any(name.startswith(f"{room}.") for other, rooms in ROOMS.items() if other != part for room in rooms)
 
 
 def constants(rooms: Sequence[str]) -> Settings:

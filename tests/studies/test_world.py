@@ -31,3 +31,12 @@ def test_only_the_parts_that_the_present_rests_on_count() -> None:
     assert not differing(before, {"traffic": {"a.A_M": 1.0}})
     assert differing({"traffic": {"a.A_M": 1.0}}, before) == {"recordings": ["b.B_M"]}
     assert differing(before, {"traffic": {}}) == {"traffic": ["a.A_M"]}
+
+
+def test_figures_of_lone_vehicles_do_not_rest_on_how_scenes_are_sensed() -> None:
+    rolling, gate = "isacsim.scene.rolling.ACROSS_MPS", "isacsim.tracking.kalman.GATE"
+    # Records from before scenes were a part of their own hold their constants among those of sensing.
+    before = {"sensing": {gate: 1.0, rolling: 0.1}}
+    assert not differing(before, {"sensing": {gate: 1.0}})
+    assert differing(before, {"sensing": {gate: 2.0}}) == {"sensing": [gate]}
+    assert differing(before, {"sensing": {gate: 1.0}, "scene": {rolling: 0.2}}) == {"scene": [rolling]}

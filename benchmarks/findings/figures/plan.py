@@ -14,7 +14,7 @@ from isac_cosim.base.files import file_digest
 from isac_cosim.base.registry import nearest
 from isac_cosim.base.settings import Settings, checked, read_toml
 from isac_cosim.studies.study import Study, read_study
-from isac_cosim.studies.world import PARTS
+from isac_cosim.studies.world import PARTS, WITHOUT_SCENES
 
 PLAN = Path(__file__).with_name("plan.toml")
 ROOT = Path(__file__).resolve().parents[3]
@@ -51,7 +51,9 @@ class FigureStage(Settings):
     cost_is: str = Field(min_length=1, description="where the cost comes from")
     needs: tuple[str, ...] = Field((), description="stages whose results the commands read")
     study: Inside | None = Field(None, description="the study file whose settings count; the defaults if absent")
-    parts: tuple[str, ...] = Field(PARTS, min_length=1, description="parts of the settings that the figures rest on")
+    parts: tuple[str, ...] = Field(
+        WITHOUT_SCENES, min_length=1, description="parts of the settings that the figures rest on"
+    )
     reads: tuple[Inside, ...] = Field((), description="files besides, or patterns of them, whose content counts")
     measurement: tuple[str, ...] = Field((), description="modules that measure, whose constants count, too")
 
