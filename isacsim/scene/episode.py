@@ -16,7 +16,7 @@ from isac_cosim.isacsim.scene.background import Background
 from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
 from isac_cosim.isacsim.scene.detection import Detections, detect
 from isac_cosim.isacsim.scene.lifetime import Tracks
-from isac_cosim.isacsim.scene.scores import Scoring
+from isac_cosim.isacsim.scene.scores import SETTLED_S, Scoring
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.tracker import SceneTracker
 from isac_cosim.isacsim.scene.tracks import SceneTracks, TrackedInstant
@@ -27,12 +27,13 @@ LEAST_MASTS = 2
 """Vehicles are scored where at least so many masts see them."""
 
 
-def follow(recording: Recording, sites: Sequence[Site], setup: SceneSetup) -> SceneTracks:
+def follow(recording: Recording, sites: Sequence[Site], setup: SceneSetup, settled_s: float = SETTLED_S) -> SceneTracks:
     """Sense all vehicles of a recording together, once, and follow them.
 
-    Every panel's draws are seeded by the scenario, the seed, the panel and the number of the instant.
+    Every panel's draws are seeded by the scenario, the seed, the panel and the number of the instant. settled_s:
+    after the beginning, from which on tracks are scored.
     """
-    followed = SceneSensing(setup, sites, recording.lanes, recording.scenario, recording.seed)
+    followed = SceneSensing(setup, sites, recording.lanes, recording.scenario, recording.seed, settled_s)
     for fix, present in instants(recording, setup.scene.fixes_hz, setup.motion):
         followed.step(fix, present)
     return followed.tracks
@@ -45,7 +46,13 @@ class SceneSensing:
     """
 
     def __init__(
-        self, setup: SceneSetup, sites: Sequence[Site], lanes: Sequence[Lane], scenario: str, seed: int
+        self,
+        setup: SceneSetup,
+        sites: Sequence[Site],
+        lanes: Sequence[Lane],
+        scenario: str,
+        seed: int,
+        settled_s: float = SETTLED_S,
     ) -> None:
         if not sites:
             raise InputError("no sites to sense with: add POIs of type isac_site to the scenario")
@@ -56,7 +63,7 @@ class SceneSensing:
         self._source = EchoSource(setup, self._panels, scenario, seed)
         self._background = Background(setup, self._panels, self._grid, self._source, scenario)
         self._tracker = SceneTracker(setup, self._panels, lanes)
-        self._scoring = Scoring(1 / setup.scene.fixes_hz)
+        self._scoring = Scoring(1 / setup.scene.fixes_hz, settled_s)
         self._tracks = SceneTracks(setup.scene.fixes_hz)
         self.detections: list[Detections] = []
 

@@ -27,7 +27,7 @@ CUTOFF_M = 2.0
 SLOW_MPS, SLOW_FOR_S = 6.0, 5.0
 """A vehicle is slow that was below this speed at some time in the last seconds."""
 SETTLED_S = 2.0
-"""Nothing is scored before: the network begins without a track."""
+"""Nothing is scored before, by default: the network begins without a track."""
 QUANTILE_BINS = 2000
 """Errors up to `CUTOFF_M` are counted in so many bins: 1 mm each."""
 
@@ -80,10 +80,13 @@ def assign(true: Array, tracked: Array) -> tuple[IntArray, IntArray]:
 
 
 class Scoring:
-    """Adds up the scores of an episode, instant by instant. step_s: between instants."""
+    """Adds up the scores of an episode, instant by instant.
 
-    def __init__(self, step_s: float) -> None:
-        self._step_s = step_s
+    step_s: between instants. settled_s: nothing is scored before.
+    """
+
+    def __init__(self, step_s: float, settled_s: float = SETTLED_S) -> None:
+        self._step_s, self._settled_s = step_s, settled_s
         self._steps = 0
         self._instants = self._vehicles = self._slow = self._missed = self._missed_slow = 0
         self._tracks = self._false = self._switches = 0
@@ -114,7 +117,7 @@ class Scoring:
         speed = np.hypot(true[:, 2], true[:, 3])
         for k in np.flatnonzero(speed < SLOW_MPS).tolist():
             self._slow_until[names[k]] = now + SLOW_FOR_S
-        if now < SETTLED_S:
+        if now < self._settled_s:
             return vehicle, track
         self._instants += 1
         slow = np.array([self._slow_until.get(name, -1.0) >= now for name in names], dtype=bool)

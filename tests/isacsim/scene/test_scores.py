@@ -70,6 +70,15 @@ def test_scores_of_four_instants_by_hand() -> None:
     assert scores.gospa_m == pytest.approx(np.sqrt(1.25), abs=1e-6)
 
 
+def test_nothing_is_scored_before_the_network_has_settled() -> None:
+    late = Scoring(0.5, settled_s=10.0)
+    for _ in range(20):
+        add(late, {"a": 0.0, "b": 50.0}, {})  # who stood there at the beginning, and was not found
+    add(late, {"b": 50.0}, {1: 50.0})
+    scores = late.scores()
+    assert (scores.instants, scores.vehicle_fixes, scores.missed, scores.idf1) == (1, 1, 0.0, 1.0)
+
+
 def test_slow_vehicles_are_missed_by_themselves() -> None:
     scoring = settled()
     add(scoring, {"a": 0.0}, {}, speed=5.0)
