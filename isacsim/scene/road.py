@@ -14,6 +14,8 @@ SPACING_M = 2.0
 """Distance between the points that stand for a lane, m."""
 NEAR_M = 5.0
 """A vehicle is at most this far from the middle of a lane that it drives on, m."""
+LEAST_ALIKE = 0.5
+"""A lane leads the way of a vehicle where the cosine between its direction and the heading is not less."""
 MOST_LANES = 12
 """Points near a place that are considered."""
 
@@ -42,6 +44,21 @@ class RoadMap:
         distance, number = self._tree.query(position, k=MOST_LANES)
         near = np.atleast_1d(number)[np.atleast_1d(distance) <= NEAR_M]
         return np.asarray(self._direction[near])
+
+    def along(self, position: Array, ahead: Array) -> Array:
+        """Return the direction of a lane near each place that is nearest to a heading, NaN where none is, (N, 2).
+
+        position: m, (N, 2). ahead: unit vectors of the headings, (N, 2).
+        """
+        if self._tree is None:
+            return np.full(position.shape, np.nan)
+        distance, number = self._tree.query(position, k=MOST_LANES)
+        near = distance <= NEAR_M
+        direction = self._direction[np.where(near, number, 0)]
+        cosine = np.where(near, (direction * ahead[:, None]).sum(axis=-1), -np.inf)
+        best = cosine.argmax(axis=1)[:, None]
+        leads = np.take_along_axis(cosine, best, axis=1) >= LEAST_ALIKE
+        return np.where(leads, np.take_along_axis(direction, best[..., None], axis=1)[:, 0], np.nan)
 
     def distance_m(self, position: Array) -> Array:
         """Return how far places are from the nearest lane's middle, m, (N, 2) -> (N,)."""

@@ -42,6 +42,7 @@ from isac_cosim.isacsim.scene.extent import (
 )
 from isac_cosim.isacsim.scene.lifetime import STANDING_MPS, WITHIN_FOR, Tracks, births, without_doubles
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
+from isac_cosim.isacsim.scene.rolling import rolled
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.vehicles import seen
 from isac_cosim.isacsim.tracking.fusion import jacobian
@@ -234,6 +235,7 @@ class SceneTracker:
             covariance = covariance - gain @ information @ of_motion.transpose(0, 2, 1)
             covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
             if self._bodies:
+                state, covariance = rolled(state, covariance, self._road.along(state[:, :2], tracks.ahead))
                 ends_put_right(state, covariance, tracks.ahead, off)
                 longest = np.where(tracks.state[:, 6] > LONG_M, LONGEST_M, LONG_M)
                 state[:, 6] = np.clip(state[:, 6], SHORTEST_M, longest)
