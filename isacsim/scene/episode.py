@@ -15,7 +15,7 @@ from isac_cosim.isacsim.scenarios.scenario import Site
 from isac_cosim.isacsim.scene.background import Background
 from isac_cosim.isacsim.scene.cells import CellGrid, Echoes, draw
 from isac_cosim.isacsim.scene.detection import Detections, detect
-from isac_cosim.isacsim.scene.lifetime import Tracks
+from isac_cosim.isacsim.scene.lifetime import Tracks, followed
 from isac_cosim.isacsim.scene.scores import SETTLED_S, Scoring
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.tracker import SceneTracker
@@ -76,6 +76,8 @@ class SceneSensing:
     def step(self, fix: int, present: Present) -> TrackedInstant:
         """Sense the vehicles that are there at an instant, and return the tracks that count. Instants come in order."""
         self.detections, measured, view = self.sensed(fix, present)
+        if not self._tracks.instants and self._setup.scene.begin == "followed":
+            self._begin(present, self._covered(view))
         true = (present.names, measured, view) if self._setup.scene.association == "truth" else None
         tracks = self._tracker.step(self.detections, true)
         counted = tracks.take(tracks.confirmed)
@@ -99,6 +101,14 @@ class SceneSensing:
         """
         echoes, measured, view = self._source.echoes(present)
         return [self._detected(fix, panel, of) for panel, of in enumerate(echoes)], measured, view
+
+    def _begin(self, present: Present, covered: BoolArray) -> None:
+        """Let the network know the vehicles that two masts see, as if it had followed them before."""
+        bodies = self._setup.scene.bodies == "bodies"
+        length = present.size[covered, 0] * bodies
+        rng = stream("scene", *self._key, "followed")
+        known = followed(present.state[covered], length, present.ahead[covered], rng)
+        self._tracker.begin([name for name, of in zip(present.names, covered, strict=True) if of], known)
 
     def _detected(self, fix: int, panel: int, echoes: Echoes) -> Detections:
         rng = stream("scene", *self._key, panel, fix)

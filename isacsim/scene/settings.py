@@ -41,6 +41,12 @@ class SceneSettings(Settings):
         description="How detections find their vehicles: by the network's own tracks, or, to compare with, by the "
         "vehicles' true motion.",
     )
+    begin: Literal["found", "followed"] = Field(
+        "found",
+        description="How the network knows who is there when the episode begins. found: it begins without a track. "
+        "followed: it has followed them before, and has a track of each that two masts see, with errors as large as "
+        "is usual.",
+    )
     bodies: Literal["points", "bodies"] = Field(
         "points",
         description="What echoes of a vehicle. points: one at its front bumper, with nothing else around. bodies: "

@@ -40,7 +40,15 @@ from isac_cosim.isacsim.scene.extent import (
     off_point,
     rows_at,
 )
-from isac_cosim.isacsim.scene.lifetime import STANDING_MPS, WITHIN_FOR, Tracks, births, without_doubles
+from isac_cosim.isacsim.scene.lifetime import (
+    STANDING_MPS,
+    WITHIN_FOR,
+    YOUNG_HITS,
+    Birth,
+    Tracks,
+    births,
+    without_doubles,
+)
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
 from isac_cosim.isacsim.scene.rolling import rolled
 from isac_cosim.isacsim.scene.settings import SceneSetup
@@ -97,6 +105,15 @@ class SceneTracker:
         self._steps = 0
         self._of_vehicle: dict[str, int] = {}
         self.tracks = Tracks.none()
+
+    def begin(self, names: Sequence[str], of_each: Sequence[Birth]) -> None:
+        """Begin with tracks of vehicles that have long been followed. They are as at the first instant to come."""
+        tracks = Tracks.none().with_born(of_each, 0)
+        before = tracks.state @ np.linalg.inv(self._move).T
+        certain = np.ones(len(tracks), dtype=bool)
+        self.tracks = replace(tracks, state=before, hits=tracks.hits + YOUNG_HITS, confirmed=certain)
+        self._of_vehicle = {name: k for k, name in enumerate(names)}
+        self._born = len(names)
 
     def step(
         self, detections: Sequence[Detections], true: tuple[Sequence[str], Array, BoolArray] | None = None

@@ -49,6 +49,24 @@ def test_a_vehicle_that_stands_is_known() -> None:
     assert tracks.scores.false == 0.0
 
 
+QUEUE = {f"{lane}-{k}": (400.0 - 7.0 * k - 2.0 * lane, 0.0, lane) for lane in (0, 1) for k in range(4)}
+
+
+@pytest.mark.parametrize("association", ["tracks", "truth"])
+def test_a_queue_of_bodies_that_was_followed_before_is_known_from_the_first_instant(association: str) -> None:
+    scene = {"bodies": "bodies", "association": association}
+    cars = {**QUEUE, "past": (300.0, 25.0, 2)}
+    known = follow(recording(cars, 2.0), SITES, setup(**scene, begin="followed"), settled_s=0.0)
+    assert (known.scores.missed, known.scores.missed_slow, known.scores.switches) == (0.0, 0.0, 0)
+    assert {name for name in known.instants[0].vehicle if name} == set(cars)
+    found = follow(recording(cars, 2.0), SITES, setup(**scene), settled_s=0.0)
+    assert found.scores.missed_slow is not None
+    assert found.scores.missed_slow > 0.1
+    # The errors that tracks begin with are drawn, the same for everybody who asks.
+    again = follow(recording(cars, 0.2), SITES, setup(**scene, begin="followed"))
+    assert np.array_equal(again.instants[0].state, known.instants[0].state)
+
+
 def test_radial_velocities_beyond_the_ambiguity_are_resolved_by_the_track() -> None:
     """At 50 m/s the numerology sees 42.8 m/s at most: along the road, the radial velocity comes out reversed."""
     scene = setup()
