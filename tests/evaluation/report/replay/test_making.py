@@ -107,7 +107,7 @@ def test_a_page_that_is_full_leaves_vehicles_out_and_says_so(
     from isac_cosim.evaluation.report.replay import making
 
     shard = find_episode(dataset, "toy-1")
-    near = others.Vehicle("v", "truck", 9.0, 2.5, 0.0, 0.2, np.zeros((2, 26)))
+    near = others.VehicleNear("v", "truck", 9.0, 2.5, 0.0, 0.2, np.zeros((2, 26)))
     beside = others.Around(((4.0, 2.0), (4.0, 2.0)), [near])
     track = TrackPath("1", 0.0, 0.2, np.zeros((2, 5)), np.ones((3, 5)))
     view = SceneView([track], Detected(0.0, 0.2, [np.zeros((3, 2))] * 5))
