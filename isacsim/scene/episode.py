@@ -33,10 +33,10 @@ def follow(recording: Recording, sites: Sequence[Site], setup: SceneSetup, settl
     Every panel's draws are seeded by the scenario, the seed, the panel and the number of the instant. settled_s:
     after the beginning, from which on tracks are scored.
     """
-    followed = SceneSensing(setup, sites, recording.lanes, recording.scenario, recording.seed, settled_s)
+    sensing = SceneSensing(setup, sites, recording.lanes, recording.scenario, recording.seed, settled_s)
     for fix, present in instants(recording, setup.scene.fixes_hz, setup.motion):
-        followed.step(fix, present)
-    return followed.tracks
+        sensing.step(fix, present)
+    return sensing.tracks
 
 
 class SceneSensing:
