@@ -15,6 +15,13 @@ GATE = 20.0
 three degrees of freedom."""
 TRUE_GATE_CELLS = 1.5
 """Where vehicles' true motion associates, a detection is of one at most so far away along each axis, cells."""
+EACH, FURTHER = 3, 0.5
+"""A body may give so many detections to a panel before one goes rather to another track, and what each further one
+costs, as a normalised squared distance: the several points of a body answer nearly as often as one does, while whoever
+is beside it may be hidden."""
+UNSURE = 5.0
+"""What a detection costs a body's track that does not count yet, as a normalised squared distance: it may be of
+nothing, as where the echoes of a truck's roof or of two of its sides in one cell seem to be beside it."""
 _REFUSED = 1e9
 
 
@@ -36,19 +43,24 @@ def associate(
     predicted: Array,
     variance: Array,
     view: BoolArray,
+    counts: BoolArray,
     ambiguity_mps: float,
 ) -> Pairs:
-    """Assign the detections of all panels to tracks: one of each panel to each track, and further ones of its body.
+    """Assign the detections of all panels to tracks: one of each panel to each point, and several to each body.
 
     predicted: sine, range (m), radial velocity (m/s) of T tracks' J points at I panels, (T, I, J, 3). variance: of a
-    detection about the nearest, (T, I, 3). view: which tracks are looked for where, (T, I). ambiguity_mps: radial
-    velocities that differ by whole multiples of it look the same.
+    detection about the nearest, (T, I, 3). view: which tracks are looked for where, (T, I). counts: which of them
+    count, (T,). ambiguity_mps: radial velocities that differ by whole multiples of it look the same.
     """
     cost = [
         np.where(view[:, panel], _distance(of.measured, predicted[:, panel], variance[:, panel], ambiguity_mps), np.inf)
         for panel, of in enumerate(detections)
     ]
-    return _assigned([np.where(part < GATE, part, _REFUSED) for part in cost], predicted.shape[2] > 1)
+    bodies = predicted.shape[2] > 1
+    unsure = np.where(counts | (not bodies), 0.0, UNSURE)
+    return _assigned(
+        [np.where(part < GATE, part + unsure, _REFUSED) for part in cost], bodies, each=EACH if bodies else 1
+    )
 
 
 def associate_truly(
@@ -80,10 +92,11 @@ def _distance(measured: Array, predicted: Array, variance: Array, ambiguity_mps:
     return np.asarray((apart**2 / variance[:, None]).sum(axis=-1).min(axis=-1))
 
 
-def _assigned(costs: Sequence[Array], several: bool) -> Pairs:
+def _assigned(costs: Sequence[Array], several: bool, each: int = 1) -> Pairs:
     """Assign the rows of each panel's costs, (D, T), to the columns where the cost is not refused.
 
-    several: whether rows that are left go to the columns where they cost least.
+    several: whether rows that are left go to the columns where they cost least. each: rows that a column may have
+    before that.
     """
     from scipy.optimize import linear_sum_assignment  # loaded only here, because few commands track scenes
 
@@ -94,9 +107,12 @@ def _assigned(costs: Sequence[Array], several: bool) -> Pairs:
             continue
         possible = (cost < _REFUSED).any(axis=0)
         columns = np.flatnonzero(possible)
-        rows, chosen = linear_sum_assignment(cost[:, columns])
-        good = cost[rows, columns[chosen]] < _REFUSED
-        rows, chosen = rows[good], columns[chosen[good]]
+        copies = np.tile(columns, each)
+        further = np.repeat(FURTHER * np.arange(each), len(columns))
+        rows, chosen = linear_sum_assignment(cost[:, copies] + further)
+        chosen = copies[chosen]
+        good = cost[rows, chosen] < _REFUSED
+        rows, chosen = rows[good], chosen[good]
         if several and cost.shape[1]:
             more = np.setdiff1d(np.flatnonzero(cost.min(axis=1) < _REFUSED), rows)
             rows = np.concatenate([rows, more])

@@ -1,7 +1,7 @@
 """How tracks begin and end.
 
 A detection without a track, put on the road's map, is taken for a vehicle that drives along. Of two tracks of one
-vehicle, the younger ends.
+vehicle, one ends.
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ YOUNG_HITS, CLEARANCE_M = 50, 0.6
 """A track with fewer hits is on top of an older one wherever their bodies would be nearer to each other across than
 this, m: nobody passes as close."""
 TWIN_STEPS, TENTATIVE_TWIN_STEPS = 6, 1
-"""Instants after which the younger of two such tracks ends, where it counts already, and where it does not."""
+"""Instants after which one of two such tracks ends, where it counts already, and where it does not."""
+ANSWERED_FOR, ANSWERED_LESS = 25.0, 0.3
+"""It is the younger one, unless fewer of the panels that look for the older one find it, by this share, on average over
+so many instants: then the older one has lost its vehicle and has run into another's."""
 ALIKE_MPS, FOLLOWER_M, FOLLOWER_S, FARTHEST_END_M, END_STEPS = 0.7, CAR_M, 0.45, 16.0, 10
 """Two tracks in a lane whose speeds differ by less, and whose middles are nearer than those of cars that people drive
 at so short a headway, m and s, are the two ends of one body; so they are not if they are farther apart than a body is
@@ -99,7 +102,8 @@ class Tracks:
     (T, 7). covariance: (T, 7, 7). ahead: unit vector in which it drives or last drove, (T, 2).
     hits, misses: instants with a detection in all, and without one in a row. confirmed: whether it counts. twin:
     instants for which it has been on top of an older one. looked, found: how many panels look for it, and found it at
-    the latest instant. level: mean power of what they found over the noise after processing, NaN without.
+    the latest instant. answered: which share found it, on average. level: mean power of what they found over the noise
+    after processing, NaN without.
     joined_m: length when two ends were joined to one body, m, 0 if they were not; joined_for: instants since.
     beside, other: instants for which it has seemed to be one end of the same body as the track of that number.
     astray_m: average distance of its two ends from where their echoes come from, m, (T, 2). within: average share of
@@ -115,6 +119,7 @@ class Tracks:
     twin: IntArray
     looked: IntArray
     found: IntArray
+    answered: Array
     level: Array
     ahead: Array
     joined_m: Array
@@ -130,7 +135,7 @@ class Tracks:
         whole = np.empty(0, np.int64)
         return Tracks(
             whole, np.empty((0, 7)), np.empty((0, 7, 7)), whole, whole, np.empty(0, bool), whole, whole, whole,
-            np.empty(0), np.empty((0, 2)), np.empty(0), whole, whole, whole, np.empty((0, 2)),
+            np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0), whole, whole, whole, np.empty((0, 2)),
             np.empty(0),
         )  # fmt: skip
 
@@ -176,8 +181,8 @@ class Tracks:
         fresh = Tracks(
             first_number + np.arange(count), np.stack([of.state for of in born]),
             np.stack([of.covariance for of in born]), zeros + 1, zeros, np.zeros(count, bool), zeros, zeros + 1,
-            zeros + 1, np.array([of.power for of in born]), np.stack([of.ahead for of in born]), np.zeros(count), zeros,
-            zeros, zeros - 1, np.zeros((count, 2)), np.zeros(count),
+            zeros + 1, np.ones(count), np.array([of.power for of in born]), np.stack([of.ahead for of in born]),
+            np.zeros(count), zeros, zeros, zeros - 1, np.zeros((count, 2)), np.zeros(count),
         )  # fmt: skip
         return Tracks(
             **{name: np.concatenate([getattr(self, name), getattr(fresh, name)]) for name in self.__dataclass_fields__}
@@ -295,11 +300,11 @@ def _taken(birth: Birth, states: Sequence[Array], distance: float) -> tuple[bool
 
 
 def without_doubles(tracks: Tracks, bodies: bool) -> Tracks:
-    """Return the tracks without those that are of the same vehicle as an older one.
+    """Return the tracks without those that are of the same vehicle as another one.
 
-    One that lies on an older one ends. So does one that looks like the other end of an older one's vehicle, whose
-    length then reaches from end to end; if it later turns out that the length is not constant, they were two vehicles,
-    and the length is a car's again.
+    Of two that lie on each other, one ends: the younger, or the older if far fewer panels find that. So does one that
+    looks like the other end of an older one's vehicle, whose length then reaches from end to end; if it later
+    turns out that the length is not constant, they were two vehicles, and the length is a car's again.
     """
     if not len(tracks):
         return tracks
@@ -325,9 +330,11 @@ def without_doubles(tracks: Tracks, bodies: bool) -> Tracks:
             continue
         on_top = abs(along) < (length[one] / 2 + 1.0 if bodies else TWIN_ALONG_M)
         if on_top:
-            twin[two] = tracks.twin[two] + 1
-            ended[two] = twin[two] > (TWIN_STEPS if tracks.confirmed[two] else TENTATIVE_TWIN_STEPS)
-        if not bodies or ended[two]:
+            better = tracks.confirmed[two] and tracks.answered[two] > tracks.answered[one] + ANSWERED_LESS
+            worse = one if better else two
+            twin[worse] = tracks.twin[worse] + 1
+            ended[worse] = twin[worse] > (TWIN_STEPS if tracks.confirmed[worse] else TENTATIVE_TWIN_STEPS)
+        if not bodies or ended[one] or ended[two]:
             continue
         speed = float(np.hypot(*velocity[one]))
         alike = abs(float((velocity[two] - velocity[one]) @ ahead)) < ALIKE_MPS

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from isac_cosim.base.arrays import Array
+from isac_cosim.base.arrays import Array, BoolArray
 from isac_cosim.isacsim.scenarios.lane import Lane
 
 SPACING_M = 2.0
 """Distance between the points that stand for a lane, m."""
 NEAR_M = 5.0
 """A vehicle is at most this far from the middle of a lane that it drives on, m."""
+LEFT_M = 30.0
+"""Who has left the road is at most this far from the end of his lane, m: nobody is followed for so long."""
 LEAST_ALIKE = 0.5
 """A lane leads the way of a vehicle where the cosine between its direction and the heading is not less."""
 MOST_LANES = 12
@@ -36,6 +38,22 @@ class RoadMap:
                 directions.append(np.broadcast_to(step / length, (len(along), 2)))
         self._direction = np.concatenate(directions) if directions else np.empty((0, 2))
         self._tree = cKDTree(np.concatenate(places)) if places else None
+        ends = [lane.shape[-2:] for lane in lanes if not lane.successors and self._leads_nowhere(lane.shape[-2:])]
+        self._ends = np.array([end[1] for end in ends]).reshape(-1, 2)
+        self._out = np.array([_unit(end) for end in ends]).reshape(-1, 2)
+
+    def _leads_nowhere(self, end: Array) -> bool:
+        """Return whether there is no lane beyond a lane's last step, beside which others may go on, (2, 2)."""
+        if self._tree is None or not np.ptp(end, axis=0).any():
+            return False
+        beyond = end[1] + 2 * NEAR_M * _unit(end)
+        return bool(self._tree.query(beyond)[0] > NEAR_M)
+
+    def left(self, position: Array) -> BoolArray:
+        """Return which places are past an end of the road, m, (N, 2) -> (N,)."""
+        apart = position[:, None] - self._ends
+        past = (apart * self._out).sum(axis=-1) > 0.0
+        return np.asarray((past & (np.hypot(*np.moveaxis(apart, -1, 0)) <= LEFT_M)).any(axis=1))
 
     def directions(self, position: Array) -> Array:
         """Return the directions of lanes near a place, m, (2,), the nearest first, unit vectors, (n, 2)."""
@@ -65,3 +83,9 @@ class RoadMap:
         if self._tree is None:
             return np.full(len(position), np.inf)
         return np.asarray(self._tree.query(position)[0])
+
+
+def _unit(step: Array) -> Array:
+    """Return the direction of a step from one place to another, (2, 2) -> (2,)."""
+    along = step[1] - step[0]
+    return np.asarray(along / np.hypot(*along))

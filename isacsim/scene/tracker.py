@@ -41,6 +41,7 @@ from isac_cosim.isacsim.scene.extent import (
     rows_at,
 )
 from isac_cosim.isacsim.scene.lifetime import (
+    ANSWERED_FOR,
     STANDING_MPS,
     WITHIN_FOR,
     YOUNG_HITS,
@@ -61,10 +62,11 @@ CONFIRMED_HITS = 6
 LEAST_FOUND = 0.5
 """A body is found where at least this share of the panels that look for it find it: an echo of a roof or of two points
 in one cell lies, on the road, in another place for every panel."""
-TENTATIVE_MISSES, LONGEST_GAP_S = 2, 0.6
+TENTATIVE_MISSES, LONGEST_GAP_S = 2, 1.2
 """A track that does not count yet ends after more instants without a detection; one that counts, after this time, s."""
-LONGEST_HOLD_S = 120.0
-"""One that counts and stands ends after this time, s."""
+LONGEST_HOLD_S, LOOSE_S = 120.0, 2.0
+"""One that counts and stands ends after this time, s. At first, so long, s, its uncertainty grows as that of others: it
+may have pulled off meanwhile, and its next detection is then elsewhere and of another velocity."""
 WIDEST_M = 8.0
 """A track that counts and whose position is less certain than this has lost its vehicle, m."""
 APART_CELLS = np.array([0.0, 1.35, 1.75, 2.25, 2.75, 3.5, 5.0, 8.0])
@@ -100,7 +102,7 @@ class SceneTracker:
         self._noise[:6, :6] = process_noise(step_s, setup.tracking.jerk_density)
         self._noise[6, 6] = step_s * LENGTH_SD_M**2 * self._bodies
         self._longest_gap = max(1, round(LONGEST_GAP_S * setup.scene.fixes_hz))
-        self._longest_hold = round(LONGEST_HOLD_S * setup.scene.fixes_hz)
+        self._longest_hold, self._loose = (round(time * setup.scene.fixes_hz) for time in (LONGEST_HOLD_S, LOOSE_S))
         self._born = 0
         self._steps = 0
         self._of_vehicle: dict[str, int] = {}
@@ -128,7 +130,8 @@ class SceneTracker:
         spread = self._spread(tracks, of.measured)
         view = seen(tracks.state[:, :2], self._panels, self._setup.range_m, self._setup.half_width_deg)
         if true is None:
-            pairs = associate(detections, of.measured, self._variance(tracks, of, spread), view, self._ambiguity_mps)
+            variance = self._variance(tracks, of, spread)
+            pairs = associate(detections, of.measured, variance, view, tracks.confirmed, self._ambiguity_mps)
             owners: list[str | None] = [None] * len(pairs.free)
         else:
             pairs, owners = self._truly(detections, tracks, true)
@@ -153,6 +156,7 @@ class SceneTracker:
         held = tracks.standing & tracks.confirmed & (tracks.misses > 0)
         if held.any():
             state[held, 2:6] = 0.0
+            held &= tracks.misses > self._loose
             covariance[held] = tracks.covariance[held]
         return replace(tracks, state=state, covariance=covariance)
 
@@ -261,6 +265,7 @@ class SceneTracker:
                 level = np.bincount(pairs.track, power, count) / np.where(total > 0, total, np.nan)
         hit = (found > 0) & ((not self._bodies) | (found >= LEAST_FOUND * looked))
         hits = tracks.hits + hit
+        answered = np.divide(found, looked, out=np.zeros(count), where=looked > 0)
         speed = np.hypot(state[:, 2], state[:, 3])[:, None]
         return replace(
             tracks,
@@ -272,6 +277,7 @@ class SceneTracker:
             confirmed=tracks.confirmed | (hits >= CONFIRMED_HITS),
             looked=looked,
             found=found,
+            answered=tracks.answered + (answered - tracks.answered) / ANSWERED_FOR,
             level=level,
             astray_m=off,
         )
@@ -285,6 +291,7 @@ class SceneTracker:
         gone = tracks.misses > np.where(tracks.confirmed, self._longest_gap, TENTATIVE_MISSES)
         # Who stands is lost among what stands beside the road, and has not gone.
         kept = ~(uncertain | gone) | (tracks.confirmed & tracks.standing & (tracks.misses < self._longest_hold))
+        kept &= (tracks.misses == 0) | ~self._road.left(tracks.state[:, :2])
         if self._steps % OFF_ROAD_EVERY == 0:
             kept &= self._road.distance_m(tracks.state[:, :2]) <= NEAR_M + 1.0
         return without_doubles(tracks.take(kept), self._bodies)
