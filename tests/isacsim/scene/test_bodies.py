@@ -125,3 +125,38 @@ def test_a_vehicle_that_stands_is_held_where_nothing_finds_it() -> None:
         after = sensing.step(fix + later, nobody)
     assert before.number.tolist() == after.number.tolist()
     assert after.state[0, :2] == pytest.approx(before.state[0, :2], abs=0.5)
+
+
+def test_who_stood_unseen_is_known_again_when_it_has_pulled_off() -> None:
+    """Hidden for 1.2 s, it has come 2 m farther meanwhile, and drives at 3.5 m/s."""
+    scene = setup(bodies="bodies")
+    sensing = SceneSensing(scene, SITES, LANES, "road", 1)
+    nobody = Present([], np.empty((0, 6)), np.empty(0), np.empty((0, 3)))
+    stood = recording({"first": (300.0, 0.2, 1)}, 3.0)
+    x, t = stood.tracks["first"].x, stood.times(stood.tracks["first"])
+    pulled_off = np.maximum(t - 1.5, 0.0)
+    driven = replace(stood.tracks["first"], x=x + 1.5 * pulled_off**2, speed=0.2 + 3.0 * pulled_off)
+    seen_from = []
+    for fix, present in instants(replace(stood, tracks={"first": driven}), 25.0, scene.motion):
+        hidden = 37 <= fix < 67
+        known = sensing.step(fix, nobody if hidden else present)
+        if not hidden and fix > 10:
+            seen_from.append(known.number.tolist())
+    assert seen_from[-1] == seen_from[0] != []
+    assert known.state[0, 2] == pytest.approx(4.7, abs=0.5)
+
+
+def test_who_has_driven_off_the_end_of_the_road_is_not_followed() -> None:
+    """On the road, a track is predicted for a second where nothing finds it any more."""
+    ends = LANES[0].shape[-1, 0]
+    scene = setup(bodies="bodies")
+    nobody = Present([], np.empty((0, 6)), np.empty(0), np.empty((0, 3)))
+    left = {}
+    for start in (ends - 31.0 * 3.0, 300.0):
+        sensing = SceneSensing(scene, SITES, LANES, "road", 1)
+        for fix, present in instants(recording({"a": (start, 30.0, 1)}, 3.0), 25.0, scene.motion):
+            assert len(sensing.step(fix, present).number) == (fix >= 5)
+        left[start] = [len(sensing.step(fix + k, nobody).number) for k in range(1, 40)]
+    at_the_end, on_the_way = left.values()
+    assert sum(at_the_end) <= 6
+    assert 25 <= sum(on_the_way) < 39

@@ -47,6 +47,13 @@ def test_who_has_long_been_there_may_be_as_close() -> None:
     assert len(after(tracks((100.0, 0.0, 25.0, 14.0), (97.0, 2.6, 27.0, 4.6), hits=500), TWIN_STEPS + 2)) == 2
 
 
+@pytest.mark.parametrize(("answered", "left"), [((0.2, 0.9), 1), ((0.8, 0.9), 0), ((0.9, 0.2), 0)])
+def test_who_has_lost_his_vehicle_does_not_end_the_track_of_another(answered: tuple[float, float], left: int) -> None:
+    """Of two tracks in one place, few panels still find what the older one, number 0, expects."""
+    pair = replace(tracks((100.0, 0.0, 25.0, 4.6), (100.5, 0.2, 20.0, 4.6)), answered=np.array(answered))
+    assert after(pair, TWIN_STEPS + 2).number.tolist() == [left]
+
+
 @pytest.mark.parametrize(
     ("speed_mps", "apart_m", "left"),
     # The ends of a slow truck; cars that follow at a second and 2 m; the ends of a long truck at full speed.
