@@ -222,6 +222,7 @@ def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.Ca
     assert (run / "evaluation" / "metrics.json").is_file()
 
 
+@pytest.mark.slow
 def test_runs_compared_by_hand_one_with_an_intention_held_out(
     tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,6 +16,7 @@ NOTEBOOK = Path(cosim.__file__).parent / "docs" / "first_steps.ipynb"
 TRAFFIC = "straight_road --source kinematic --seeds 1:3 --snr 0:10"
 
 
+@pytest.mark.slow
 def test_it_goes_from_nothing_to_scores_and_to_a_predictor_of_ones_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

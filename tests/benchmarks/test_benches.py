@@ -46,6 +46,7 @@ def test_traffic_compares_recording_with_bare_stepping(
     assert result["vehicles"] > 5  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_generate_adds_its_stages_up(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     long_enough = TrafficSettings(run_in_s=45.0, duration_s=40.0)
     monkeypatch.setattr(isac_cosim.benchmarks.generate, "DatasetStudy", partial(DatasetStudy, traffic=long_enough))

@@ -37,6 +37,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench, "draw_figures", lambda *_: None)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_predictors_stand_side_by_side_on_seeds_that_none_was_trained_on(tmp_path: Path) -> None:
     first, second = write_dataset(tmp_path / "own", "north", 8), write_dataset(tmp_path / "other", "south", 3)

@@ -88,6 +88,7 @@ def steps(said: list[str]) -> list[str]:
     return [line.partition(":")[0] for line in said if " of 3: " in line and "; about " in line]
 
 
+@pytest.mark.slow
 def test_a_study_says_once_that_its_seeds_depend_and_how_to_part_them(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

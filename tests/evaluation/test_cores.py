@@ -39,6 +39,7 @@ def digests(out: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="needs two cores")
 def test_the_same_bytes_whatever_the_cores(tmp_path: Path) -> None:
     """Of a network with attention, whose sums a second thread splits, and of trees, which noted their threads."""

@@ -85,6 +85,7 @@ def test_the_same_command_again_scores_the_same(out: Path, frozen: Frozen) -> No
     assert again == before
 
 
+@pytest.mark.slow
 def test_samples_of_other_bytes_are_told(out: Path, tmp_path: Path) -> None:
     same = freeze(TINY, out, tmp_path / "same.json")
     assert same.samples

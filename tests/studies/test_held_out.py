@@ -21,6 +21,7 @@ from tests.support.made_up import MADE_OF, SMALL_RUN
 TREES = SMALL_RUN.model_copy(update={"model": "trees"})
 
 
+@pytest.mark.slow
 def test_each_known_intention_is_unknown_in_turn(records: Records, tmp_path: Path) -> None:
     some = records.take(np.isin(records.label, [0, 2, 3, 4, 6]))
     result = hold_out_each(some, MADE_OF, tmp_path / "out", TREES, EvaluateSettings(ends_per_record=1))

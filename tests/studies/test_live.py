@@ -30,6 +30,7 @@ stress = true
 """
 
 
+@pytest.mark.slow
 def test_one_command_generates_trains_and_evaluates_live(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "small.toml", tmp_path / "out"
     file.write_text(SMALL)

@@ -230,6 +230,7 @@ def test_a_sweep_written_under_the_former_name_of_a_key_is_finished(
     assert messages == ""
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_on_where_it_was_interrupted(
     swept: tuple[SweepResult, Path, Makers, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -254,6 +255,7 @@ def test_a_sweep_goes_on_where_it_was_interrupted(
     assert {path: contents(tmp_path / "out")[path] for path in before} == before
 
 
+@pytest.mark.slow
 def test_what_fails_is_reported_and_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A network without samples, and a training that breaks; all else is in the table."""
     train = cell_tasks.train_records

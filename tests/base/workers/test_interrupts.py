@@ -50,7 +50,13 @@ def is_at_work(process: psutil.Process) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("number", "group"), [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGTERM, False), (signal.SIGHUP, True)]
+    ("number", "group"),
+    [
+        (signal.SIGINT, True),
+        pytest.param(signal.SIGTERM, True, marks=pytest.mark.slow),
+        (signal.SIGTERM, False),
+        pytest.param(signal.SIGHUP, True, marks=pytest.mark.slow),
+    ],
 )
 def test_generate_shows_progress_and_one_line(folder: Path, number: int, group: bool) -> None:
     process = started(folder, "generate road -o data --seeds 1:4 --jobs 2 --verbose")
@@ -65,6 +71,7 @@ def test_generate_shows_progress_and_one_line(folder: Path, number: int, group: 
     assert list((folder / "temporary").glob("cosim-*")) == []
 
 
+@pytest.mark.slow
 def test_sense_shows_progress_and_one_line(folder: Path) -> None:
     study = small_study(seeds={"first": 1, "last": 3})
     generate(study, folder / "made", InlineEngine(), source=ScriptedSource(folder / "road"))
@@ -92,6 +99,7 @@ def test_a_signal_while_workers_start_shows_the_same(folder: Path, number: int) 
     assert list((folder / "temporary").glob("cosim-*")) == []
 
 
+@pytest.mark.slow
 def test_a_hangup_that_is_ignored_ends_nothing(folder: Path) -> None:
     process = started(folder, "generate road -o data --seeds 1:3 --jobs 2 --quiet", "nohup")
     wait_until_held(process, folder)

@@ -25,7 +25,9 @@ print(torch.get_num_threads(), os.environ.get("OMP_NUM_THREADS"), 3 in left)
 """
 
 
-@pytest.mark.parametrize("before", ["", "import torch", "import sklearn.ensemble"])
+@pytest.mark.parametrize(
+    "before", ["", "import torch", pytest.param("import sklearn.ensemble", marks=pytest.mark.slow)]
+)
 def test_torch_keeps_to_the_limit_whenever_it_is_imported(before: str) -> None:
     """And afterwards to what the user told it."""
     done = subprocess.run(

@@ -34,6 +34,7 @@ def test_sidelobes_of_a_strong_point_are_no_detections() -> None:
     assert len(detect(tensor(echoes, grid, rng), grid, 1e-6, rng)) == 1
 
 
+@pytest.mark.slow
 def test_noise_alone_is_found_as_often_as_the_settings_say() -> None:
     """Both where nothing is drawn, and in an echo that is noise throughout."""
     waveform = Waveform(subcarriers=32, symbols=8, antennas=8, cyclic_prefix_s=None)

@@ -230,6 +230,7 @@ def test_a_site_on_top_of_the_road_sees_what_it_sees(tmp_path: Path) -> None:
     assert max(read_episode(dataset.shard_path(dataset.meta.shards[0])).state_error_m) < 0.5
 
 
+@pytest.mark.slow
 def test_records_of_vehicles_that_leave_meanwhile_are_left_out_and_counted(tmp_path: Path) -> None:
     """The first of them reach the end of the road, at 3 km, while they are recorded."""
     dataset = on_road(tmp_path, convoy(0, position=1490.0), 1, first=(2160, 80), seeds=8)
@@ -297,6 +298,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_clock_that_goes_backwards_changes_nothing(tmp_path: Path) -> None:
     """In the command and the workers alike."""
     (tmp_path / "sitecustomize.py").write_text(BACKWARDS)

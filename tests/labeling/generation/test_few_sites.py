@@ -79,6 +79,7 @@ def test_where_the_view_holds_fewer_than_the_cap_nothing_is_beyond_it(tmp_path: 
         assert shard.episode.left_out == {"too_few_sites": PAIRS - shard.samples}
 
 
+@pytest.mark.slow
 def test_the_same_bytes_whatever_the_jobs(dataset: Dataset, tmp_path: Path) -> None:
     again = made(tmp_path, LocalEngine(2))
     assert again.digest == dataset.digest

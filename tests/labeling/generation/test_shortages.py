@@ -93,7 +93,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     ("harm", "kind", "line"),
     [
         ("no_memory", ShortageError, "no memory is left; give fewer --jobs"),
-        ("no_memory_in_a_library", ShortageError, r"no memory is left \(.*bad_alloc.*\)"),
+        pytest.param(
+            "no_memory_in_a_library", ShortageError, r"no memory is left \(.*bad_alloc.*\)", marks=pytest.mark.slow
+        ),
         ("out_of_memory_killer", ShortageError, r"killed in each of 3 tries \(signal 9, Killed\)"),
         ("too_many_files", ShortageError, r"too many files are open .*ulimit -n"),
         ("full_disk", OutputError, r"the folder for temporary files cannot be written \(.*No space left on device\)"),
@@ -148,6 +150,7 @@ def test_a_simulation_without_room_names_the_folder_for_temporary_files(tmp_path
     assert dataset.digest == generate(study, tmp_path / "other", LocalEngine(1), source=source).digest
 
 
+@pytest.mark.slow
 def test_an_episode_in_which_the_process_crashes_is_lost_with_what_was_printed(tmp_path: Path) -> None:
     """Twice more it is tried; the others stand."""
     dataset = generate(
@@ -204,6 +207,7 @@ def test_a_file_that_makes_sumo_crash_is_named_in_one_line(tmp_path: Path) -> No
     assert str(scenario) in line
 
 
+@pytest.mark.slow
 def test_a_failure_that_is_no_shortage_costs_one_episode(tmp_path: Path) -> None:
     dataset = generate(STUDY, tmp_path / "data", LocalEngine(1), source=ScriptedSource(tmp_path, broken=(HARMED,)))
     assert [lost.seed for lost in dataset.meta.lost] == [HARMED]

@@ -306,6 +306,7 @@ def test_an_evaluation_names_what_it_read(network_run: Run, records: Records, tm
     assert stored["runs"][0]["files"] == dict(result.made_by.runs[0].files)
 
 
+@pytest.mark.slow
 def test_the_command_line_says_once_that_a_run_has_no_digests(
     trees: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -87,6 +87,7 @@ def test_an_episode_is_repeatable_and_an_advisory_changes_it(environment: Adviso
     assert min(with_cost) < min(rewards)
 
 
+@pytest.mark.slow
 def test_a_second_environment_is_the_same_in_a_process_of_its_own(
     environment: AdvisoryEnv, settings: dict[str, Any]
 ) -> None:
@@ -106,6 +107,7 @@ def test_a_second_environment_is_the_same_in_a_process_of_its_own(
     assert not process.is_running()
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_ends_the_episode_and_not_the_environment(
     environment: AdvisoryEnv, settings: dict[str, Any]
 ) -> None:
@@ -165,6 +167,7 @@ def test_other_code_that_takes_the_simulation_away_is_noticed(
     environment.reset(seed=1)
 
 
+@pytest.mark.slow
 def test_beside_the_users_own_simulation_it_gets_a_process_of_its_own(environment: AdvisoryEnv, road: Path) -> None:
     expected = environment.reset(seed=1)[0]
     environment.close()
@@ -199,7 +202,7 @@ def own_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the system does not list what is open there")
 @pytest.mark.usefixtures("own_temporary_folder")
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("end", ["closed", "truncated", "forgotten"])
+@pytest.mark.parametrize("end", ["closed", pytest.param("truncated", marks=pytest.mark.slow), "forgotten"])
 def test_nothing_stays_open(settings: dict[str, Any], end: str) -> None:
     AdvisoryEnv(**settings).reset(seed=1)  # imports what it needs
     gc.collect()
@@ -235,6 +238,7 @@ print("both run")
 """
 
 
+@pytest.mark.slow
 def test_a_script_that_closes_nothing_ends_quietly(settings: dict[str, Any], tmp_path: Path) -> None:
     script, temporary = tmp_path / "script.py", tmp_path / "temporary"
     script.write_text(LEFT_OPEN)

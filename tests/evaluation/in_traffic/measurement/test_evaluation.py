@@ -87,6 +87,7 @@ def test_coverage_adds_up(evaluation: TrafficEvaluation) -> None:
     assert coverage.km / coverage.vehicle_hours == pytest.approx(20 * 3.6, rel=0.15)
 
 
+@pytest.mark.slow
 def test_another_engine_and_a_resumed_folder_give_the_same_bytes(
     evaluation: TrafficEvaluation,
     trees_run: Run,
@@ -127,6 +128,7 @@ def tv_alone(records: Records, tmp_path_factory: pytest.TempPathFactory) -> Run:
     return train_records(records, MADE_OF, tmp_path_factory.mktemp("runs") / "tv_alone", settings)
 
 
+@pytest.mark.slow
 def test_truth_and_driving_without_a_uv_are_measured_beside(
     evaluation: TrafficEvaluation,
     trees_run: Run,
@@ -221,6 +223,7 @@ def test_a_reader_is_warned_where_scores_say_little(evaluation: TrafficEvaluatio
     assert "no event counts" in line
 
 
+@pytest.mark.slow
 def test_without_development_seeds_as_many_are_run_as_it_takes(
     evaluation: TrafficEvaluation, trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
 ) -> None:
@@ -298,6 +301,7 @@ def test_a_folder_of_another_evaluation_is_refused(
         evaluate_traffic(trees_run, other, folder, InlineEngine(), source=source)
 
 
+@pytest.mark.slow
 def test_more_seeds_and_another_choice_of_alarms_keep_the_episodes(
     trees_run: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
 ) -> None:
@@ -358,6 +362,7 @@ def test_an_evaluation_does_not_go_on_with_other_versions(
         evaluate_traffic(trees_run, study, tmp_path, InlineEngine(), source=source)
 
 
+@pytest.mark.slow
 def test_a_run_alone_and_a_run_compared_are_different_evaluations(
     trees_run: Run, tv_alone: Run, study: LiveStudy, source: ScriptedSource, tmp_path: Path
 ) -> None:

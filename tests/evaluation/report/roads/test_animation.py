@@ -80,6 +80,7 @@ def test_answers_appear_as_they_are_given(picture: Image.Image) -> None:
     assert drawn(20) > drawn(10) + 50
 
 
+@pytest.mark.slow
 def test_a_webp_is_written_as_well(shown: Replay, tmp_path: Path) -> None:
     path = tmp_path / "moving.webp"
     animate(shown, shown.records, path)

@@ -303,6 +303,7 @@ def test_a_file_that_ends_early_with_a_whole_row_is_refused(tmp_path: Path) -> N
     assert read(study_of(write_csv(tmp_path / "all.csv", plain()[0][:-3]))).tracks
 
 
+@pytest.mark.slow
 def test_the_last_vehicle_is_told_over_several_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("isac_cosim.isacsim.traffic.trajectory_files.ngsim_table.CHUNK", 7)
     assert read(study_of(write_txt(tmp_path / "trajectories.txt", plain()[0]))).tracks
