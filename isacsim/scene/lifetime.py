@@ -101,7 +101,7 @@ class Tracks:
     number: unlike for every track. state: x, y, vx, vy, ax, ay of the front bumper, m, m/s, m/s2, and the length, m,
     (T, 7). covariance: (T, 7, 7). ahead: unit vector in which it drives or last drove, (T, 2).
     hits, misses: instants with a detection in all, and without one in a row. confirmed: whether it counts. twin:
-    instants for which it has been on top of an older one. looked, found: how many panels look for it, and found it at
+    instants for which it has lain on another one. looked, found: how many panels look for it, and found it at
     the latest instant. answered: which share found it, on average. level: mean power of what they found over the noise
     after processing, NaN without.
     joined_m: length when two ends were joined to one body, m, 0 if they were not; joined_for: instants since.

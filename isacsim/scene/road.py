@@ -14,8 +14,6 @@ SPACING_M = 2.0
 """Distance between the points that stand for a lane, m."""
 NEAR_M = 5.0
 """A vehicle is at most this far from the middle of a lane that it drives on, m."""
-LEFT_M = 30.0
-"""Who has left the road is at most this far from the end of his lane, m: nobody is followed for so long."""
 LEAST_ALIKE = 0.5
 """A lane leads the way of a vehicle where the cosine between its direction and the heading is not less."""
 MOST_LANES = 12
@@ -26,7 +24,7 @@ class RoadMap:
     """Points along all lanes with their directions."""
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
-        places, directions = [], []
+        places, directions, dead_ends = [], [], []
         for lane in lanes:
             steps = np.diff(lane.shape, axis=0)
             for begin, step in zip(lane.shape[:-1], steps, strict=True):
@@ -36,24 +34,27 @@ class RoadMap:
                 along = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SPACING_M)) + 1))
                 places.append(begin + along[:, None] * step)
                 directions.append(np.broadcast_to(step / length, (len(along), 2)))
+            if places and not lane.successors:
+                dead_ends.append(len(places) - 1)
         self._direction = np.concatenate(directions) if directions else np.empty((0, 2))
         self._tree = cKDTree(np.concatenate(places)) if places else None
-        ends = [lane.shape[-2:] for lane in lanes if not lane.successors and self._leads_nowhere(lane.shape[-2:])]
-        self._ends = np.array([end[1] for end in ends]).reshape(-1, 2)
-        self._out = np.array([_unit(end) for end in ends]).reshape(-1, 2)
+        last = np.cumsum([len(of) for of in places], dtype=np.int64) - 1
+        self._is_end = np.zeros(last[-1] + 1 if places else 0, dtype=bool)
+        self._is_end[last[[number for number in dead_ends if self._leads_nowhere(last[number])]]] = True
 
-    def _leads_nowhere(self, end: Array) -> bool:
-        """Return whether there is no lane beyond a lane's last step, beside which others may go on, (2, 2)."""
-        if self._tree is None or not np.ptp(end, axis=0).any():
-            return False
-        beyond = end[1] + 2 * NEAR_M * _unit(end)
+    def _leads_nowhere(self, point: int) -> bool:
+        """Return whether there is no lane beyond the last point of a lane, beside which others may go on."""
+        assert self._tree is not None
+        beyond = self._tree.data[point] + 2 * NEAR_M * self._direction[point]
         return bool(self._tree.query(beyond)[0] > NEAR_M)
 
     def left(self, position: Array) -> BoolArray:
-        """Return which places are past an end of the road, m, (N, 2) -> (N,)."""
-        apart = position[:, None] - self._ends
-        past = (apart * self._out).sum(axis=-1) > 0.0
-        return np.asarray((past & (np.hypot(*np.moveaxis(apart, -1, 0)) <= LEFT_M)).any(axis=1))
+        """Return which places are past an end of the road, and nearer to it than to other lanes, m, (N, 2) -> (N,)."""
+        if self._tree is None:
+            return np.zeros(len(position), dtype=bool)
+        _, number = self._tree.query(position)
+        past = ((position - self._tree.data[number]) * self._direction[number]).sum(axis=-1) > 0.0
+        return np.asarray(self._is_end[number] & past)
 
     def directions(self, position: Array) -> Array:
         """Return the directions of lanes near a place, m, (2,), the nearest first, unit vectors, (n, 2)."""
@@ -83,9 +84,3 @@ class RoadMap:
         if self._tree is None:
             return np.full(len(position), np.inf)
         return np.asarray(self._tree.query(position)[0])
-
-
-def _unit(step: Array) -> Array:
-    """Return the direction of a step from one place to another, (2, 2) -> (2,)."""
-    along = step[1] - step[0]
-    return np.asarray(along / np.hypot(*along))

@@ -67,7 +67,8 @@ def test_of_crossing_lanes_the_one_counts_that_leads_the_way() -> None:
 def test_the_road_is_left_where_no_lane_goes_on() -> None:
     """The middle lane of three ends where the outer ones go on; a crossing road is left at its own ends."""
     across = lane("across", (20.0, -60.0), (20.0, 60.0))
-    road = RoadMap([lane("one", (0.0, 0.0), (50.0, 0.0)), lane("two", (0.0, 3.2), (90.0, 3.2)), across])
-    place = np.array([[50.5, 0.0], [89.5, 3.2], [90.5, 3.2], [91.0, 6.0], [20.0, 61.0], [20.0, -61.0], [90.5, 60.0]])
+    beyond = lane("beyond", (110.0, -60.0), (110.0, 60.0))
+    road = RoadMap([lane("one", (0.0, 0.0), (50.0, 0.0)), lane("two", (0.0, 3.2), (90.0, 3.2)), across, beyond])
+    place = np.array([[50.5, 0.0], [89.5, 3.2], [90.5, 3.2], [91.0, 6.0], [20.0, 61.0], [20.0, -61.0], [109.0, 3.2]])
     assert road.left(place).tolist() == [False, False, True, True, True, False, False]
     assert not RoadMap([]).left(place).any()
