@@ -25,10 +25,13 @@ CAR_WIDTH_M, LONG_WIDTH_M = 1.8, 2.5
 LENGTH_SD_M = 0.02
 """How much the length's deviation grows in a second, m: it is constant, but the points are not exactly where they are
 taken to be."""
-FLOOR = np.array([0.15, 0.3, 0.1])
-"""How far a detection is off its point: across the line of sight and along it, m, and in radial velocity, m/s."""
+OFF_ACROSS_M, OFF_ALONG_M, OFF_MPS = 0.15, 0.3, 0.02
+"""How far what answers is off its point: across the line of sight and along it, m, and in radial velocity, m/s, beside
+what the first one changes of it."""
 ASTRAY = np.array([0.5, 0.5, 0.15])
-"""The same where points are told apart: a detection may lie between two of them."""
+"""The same, with all of the velocity, where it is not known whose a detection is: it may lie between two points."""
+HEAVY_TAILS = 4.0
+"""Degrees of freedom of detections' Student's t distribution: some are far off, as two echoes in one cell."""
 LASTS, SLOW_MPS, SLOWEST_MPS = 10.0, 10.0, 0.1
 """Number of instants for which the same point answers; below the first speed, inversely proportional to the speed,
 which is taken for the second one at least."""
@@ -83,6 +86,30 @@ def off_point(distance: Array, deviation: Array) -> Array:
     return np.stack(
         [deviation[0] / distance, np.full(distance.shape, deviation[1]), np.full(distance.shape, deviation[2])], axis=-1
     )
+
+
+def off_its_point(rows: Array) -> Array:
+    """Return the covariance of detections because what answers is off its point, but for `OFF_MPS`, (n, 3, 3).
+
+    Abreast of a panel, a point farther ahead changes the sine and the radial velocity together; along the line of
+    sight, none of the two. rows: of `rows_at`, (n, 3, 5).
+    """
+    of_place = rows[:, :, :2]
+    sight = of_place[:, 1]
+    along = sight[:, :, None] * sight[:, None]
+    off = OFF_ACROSS_M**2 * np.eye(2) + (OFF_ALONG_M**2 - OFF_ACROSS_M**2) * along
+    return np.asarray(of_place @ off @ of_place.transpose(0, 2, 1))
+
+
+def trust(surprise: Array, covariance: Array) -> Array:
+    """Return the weight of n detections among such as are not far off, at most 1, (n,).
+
+    It is that of the expectation maximisation for Student's t distribution. surprise: (n, 3). covariance: of it,
+    (n, 3, 3). Source: Roth, Özkan and Gustafsson, A Student's t filter for heavy tailed process and measurement noise,
+    ICASSP 2013.
+    """
+    distance = (surprise * np.linalg.solve(covariance, surprise[..., None])[..., 0]).sum(axis=1)
+    return np.asarray(np.minimum(1.0, (HEAVY_TAILS + surprise.shape[1]) / (HEAVY_TAILS + distance)))
 
 
 def matched(surprise: Array, variance: Array, points: Array, share: Array, behind: Array) -> tuple[Array, Array, Array]:

@@ -24,11 +24,11 @@ from isac_cosim.isacsim.scene.association import Pairs, associate, associate_tru
 from isac_cosim.isacsim.scene.detection import Detections
 from isac_cosim.isacsim.scene.extent import (
     ASTRAY,
-    FLOOR,
     LASTS,
     LENGTH_SD_M,
     LONG_M,
     LONGEST_M,
+    OFF_MPS,
     SHORTEST_M,
     SLOW_MPS,
     SLOWEST_MPS,
@@ -37,8 +37,10 @@ from isac_cosim.isacsim.scene.extent import (
     ends_put_right,
     expected,
     matched,
+    off_its_point,
     off_point,
     rows_at,
+    trust,
 )
 from isac_cosim.isacsim.scene.lifetime import (
     ANSWERED_FOR,
@@ -51,7 +53,7 @@ from isac_cosim.isacsim.scene.lifetime import (
     without_doubles,
 )
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
-from isac_cosim.isacsim.scene.rolling import rolled
+from isac_cosim.isacsim.scene.rolling import jolts, rolled
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.vehicles import seen
 from isac_cosim.isacsim.tracking.fusion import jacobian
@@ -152,7 +154,8 @@ class SceneTracker:
     def _predicted(self) -> Tracks:
         tracks = self.tracks
         state = tracks.state @ self._move.T
-        covariance = self._move @ tracks.covariance @ self._move.T + self._noise
+        noise = jolts(self._noise, tracks.ahead) if self._bodies else self._noise
+        covariance = self._move @ tracks.covariance @ self._move.T + noise
         held = tracks.standing & tracks.confirmed & (tracks.misses > 0)
         if held.any():
             state[held, 2:6] = 0.0
@@ -231,21 +234,23 @@ class SceneTracker:
             if self._bodies:
                 variance = self._variance(tracks, of, spread)[at]
                 mean, apart, behind = matched(surprise, variance, of.measured[at], of.share[at], of.behind)
-                floor = off_point(mean[:, 1], FLOOR)
                 clear = spread[at][:, 1] < CLEAR_CELLS / self._per_unit[1]
                 ends = pairs.track[clear], pairs.panel[clear]
                 off = astray(surprise[clear], power[clear], of.share[ends], ends, of, self._panels, tracks.middle, off)
                 speed = np.hypot(tracks.state[pairs.track, 2], tracks.state[pairs.track, 3])
                 lasts = LASTS * np.maximum(1.0, SLOW_MPS / np.maximum(speed, SLOWEST_MPS))[:, None]
-                # Whatever answers, the velocity of a vehicle that stands is zero.
-                floor = np.concatenate([lasts * floor[:, :2] ** 2, LASTS * floor[:, 2:] ** 2], axis=1)
-                uncertain = lasts[..., None] * apart + (floor + plain)[..., None] * np.eye(3)
-                weight = np.linalg.inv(uncertain)
+                row = rows_at(mean, behind, *at, tracks.state, of, self._panels)
+                plain[:, 2] += LASTS * OFF_MPS**2
+                uncertain = lasts[..., None] * (apart + off_its_point(row)) + plain[..., None] * np.eye(3)
+                surprise = wrapped(measured - mean, self._ambiguity_mps)
+                of_track = covariance[pairs.track][:, MEASURED][:, :, MEASURED]
+                trusted = trust(surprise, uncertain + row @ of_track @ row.transpose(0, 2, 1))
+                weight = np.linalg.inv(uncertain) * trusted[:, None, None]
             else:
                 mean, behind = of.middle[at], np.zeros(len(measured))
+                row = rows_at(mean, behind, *at, tracks.state, of, self._panels)
+                surprise = wrapped(measured - mean, self._ambiguity_mps)
                 weight = np.eye(3) / plain[..., None]
-            surprise = wrapped(measured - mean, self._ambiguity_mps)
-            row = rows_at(mean, behind, *at, tracks.state, of, self._panels)
             weighted = row.transpose(0, 2, 1) @ weight
             information, gradient = np.zeros((count, 5, 5)), np.zeros((count, 5))
             np.add.at(information, pairs.track, weighted @ row)
