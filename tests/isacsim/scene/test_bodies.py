@@ -99,6 +99,16 @@ def test_cars_are_known_to_some_decimetres() -> None:
     assert 0.01 < scores.rms_m < 0.35
 
 
+def test_who_drives_straight_on_hardly_seems_to_move_across() -> None:
+    """Which of a car's points answers changes as it passes a mast; what moves across is what predictors go by."""
+    scene = setup(bodies="bodies")
+    sensing = SceneSensing(scene, SITES, LANES, "road", 1)
+    known = [sensing.step(fix, present).state for fix, present in instants(recording(FEW, 6.0), 25.0, scene.motion)]
+    velocity, acceleration = np.concatenate(known[25:])[:, [3, 5]].T
+    assert np.sqrt((velocity**2).mean()) < 0.07
+    assert np.sqrt((acceleration**2).mean()) < 0.2
+
+
 def test_the_two_ends_of_a_truck_are_one_track_of_its_length() -> None:
     driven = trucks(recording({"truck": (150.0, 24.0, 1), "car": (230.0, 30.0, 0)}, 6.0), "truck")
     scene = setup(bodies="bodies")

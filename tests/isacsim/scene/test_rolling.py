@@ -11,13 +11,29 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scene.extent import LASTS
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
-from isac_cosim.isacsim.scene.rolling import ACROSS_MPS, ACROSS_SHARE, rolled
+from isac_cosim.isacsim.scene.rolling import ACROSS_JERK, ACROSS_MPS, ACROSS_SHARE, jolts, rolled
+from isac_cosim.isacsim.tracking.kalman import process_noise
 
 
 def tracks(seed: int, count: int = 3) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(count, 7, 7))
     return rng.normal(size=(count, 7)) * 10, root @ root.transpose(0, 2, 1)
+
+
+@given(st.floats(-np.pi, np.pi))
+def test_the_jerk_is_less_across_the_heading_wherever_that_points(heading: float) -> None:
+    noise = np.zeros((7, 7))
+    noise[:6, :6], noise[6, 6] = process_noise(0.04, 10.0), 1.0
+    found = jolts(noise, np.array([[np.cos(heading), np.sin(heading)]]))[0]
+    turn = np.eye(7)
+    for k in (0, 2, 4):
+        turn[k : k + 2, k : k + 2] = [[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]
+    ahead, across = noise.copy(), np.zeros((7, 7))
+    ahead[1:6:2] = ahead[:, 1:6:2] = 0.0
+    across[:6, :6] = process_noise(0.04, 10.0 * ACROSS_JERK)
+    across[0:6:2] = across[:, 0:6:2] = 0.0
+    assert found == pytest.approx(turn @ (ahead + across) @ turn.T, abs=1e-12)
 
 
 @given(st.integers(0, 1000), st.floats(-np.pi, np.pi))
