@@ -141,7 +141,7 @@ def _with_intervals(
             value=_number(value),
             interval=_interval(value, float(widths[0]), seeds),
             relative=_number(relative),
-            relative_interval=_interval(relative, float(widths[1]), seeds),
+            relative_interval=_interval(relative, float(widths[1]), seeds, least=-1.0),
         )
     return result
 
@@ -155,10 +155,11 @@ def _difference(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str,
     }
 
 
-def _interval(value: float, half_width: float, seeds: int) -> Interval | None:
+def _interval(value: float, half_width: float, seeds: int, least: float = -np.inf) -> Interval | None:
+    """Return an interval. least: value that is possible; no figure falls by more than all of itself."""
     if not np.isfinite(value) or not np.isfinite(half_width):
         return None
-    return Interval(low=value - half_width, high=value + half_width, seeds=seeds)
+    return Interval(low=max(value - half_width, least), high=value + half_width, seeds=seeds)
 
 
 def _number(value: float) -> float | None:

@@ -94,6 +94,10 @@ def test_collisions_differ_as_in_a_paired_t_test() -> None:
     assert (difference.interval.low, difference.interval.high) == pytest.approx((expected.low, expected.high))
     assert collisions(collided(1), collided(2)).interval is None
     assert collisions(collided(1, 0), collided(0, 0)).relative is None
+    few = collisions(collided(0, 1, 0), collided(1, 0, 4)).relative_interval
+    assert few is not None
+    assert few.low == -1.0, "collisions do not fall by more than all of them"
+    assert few.high > 0.0
 
 
 def test_a_single_seed_has_no_interval_and_no_danger_no_relative_difference() -> None:
