@@ -48,7 +48,7 @@ class SceneSettings(Settings):
         "is usual.",
     )
     bodies: Literal["points", "bodies"] = Field(
-        "points",
+        "bodies",
         description="What echoes of a vehicle. points: one at its front bumper, with nothing else around. bodies: "
         "five of its body (3GPP TR 38.901), which hide what is behind them and stand before a background.",
     )

@@ -41,7 +41,10 @@ def recording(driven: Mapping[str, tuple[float, float, int]], seconds: float, fi
 
 
 def setup(**scene: object) -> SceneSetup:
-    """Return what a scene depends on, with some of its settings."""
+    """Return what a scene depends on, with some of its settings; vehicles are points unless these say otherwise."""
     return SceneSetup(
-        SceneSettings.model_validate(scene), ChannelSettings(kind="link"), TrackingSettings(), MotionSettings()
+        SceneSettings.model_validate({"bodies": "points", **scene}),
+        ChannelSettings(kind="link"),
+        TrackingSettings(),
+        MotionSettings(),
     )

@@ -10,7 +10,8 @@ The same command goes on where it was interrupted.
 
 Run: python -m isac_cosim.benchmarks.findings.sensing.loss_split FOLDER [FIRST:LAST] [SECONDS] [WAY ...]
 
-With some of the ways (the scene's: `points, truth` and so on), only those are sensed and compared.
+With some of the ways (the scene's: `points, truth` and so on), only those are sensed and compared. `WAY: PART` is the
+truth with a part of the state (position, velocity, acceleration) as that way knows it: which part costs.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,6 +60,8 @@ SCENES: Mapping[str, Mapping[str, str]] = {
     for association in ("truth", "tracks")
 }
 TRUTH, SINGLE = "truth", "single"
+PARTS = {"position": [0, 1], "velocity": [2, 3], "acceleration": [4, 5]}
+"""Components of the state."""
 TRAINING: Mapping[str, Mapping[str, Any]] = {"trees": {}, "rule": {"rule": {"fit": True}}}
 """The predictors, and their own settings. The rule of the road learns no more than the scale of its thresholds."""
 TITLES = {"trees": "Boosted trees", "rule": "Rule of the road"}
@@ -86,6 +89,8 @@ class Split:
     study: Mapping[str, Any]
     scenes: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: SCENES)
     engine: Engine = field(default_factory=lambda: LocalEngine(1))
+    parts: Sequence[str] = ()
+    """Ways that are the truth but for a part of the state, `WAY: PART`."""
 
     def sense(self) -> dict[str, list[Dataset]]:
         """Return the datasets of each way, one a seed, made now unless an earlier command made them."""
@@ -111,12 +116,16 @@ class Split:
         ]
         columns: dict[str, tuple[str, Literal["tv", "tv_truth"]]] = {TRUTH: (SINGLE, "tv_truth")}
         columns |= {way: (way, "tv") for way in datasets}
-        return {
+        result = {
             way: _together(
                 [_only(Records.of(of, column), ids) for of, ids in zip(datasets[source], kept, strict=True) if len(of)]
             )
             for way, (source, column) in columns.items()
         }
+        for of in self.parts:
+            way, part = of.split(": ")
+            result[of] = _with_part(result[TRUTH], result[way], part)
+        return result
 
     def answers(self, records: Mapping[str, Records]) -> dict[str, dict[str, Counts]]:
         """Return the counts of each predictor and way, trained now unless the file has them of the same records."""
@@ -238,13 +247,25 @@ def _together(parts: Sequence[Records]) -> Records:
     return Records(tv, uv, first.tv_rate_hz, first.uv_rate_hz, whole, first.lane_maps)
 
 
+def _with_part(truth: Records, known: Records, part: str) -> Records:
+    """Return the records of the truth with a part of the state as it is known."""
+    tv = np.array(truth.tv)
+    tv[:, PARTS[part]] = np.array(known.tv)[:, PARTS[part]]
+    return replace(truth, tv=tv)
+
+
 def main() -> None:
     folder = Path(sys.argv[1])
     first, last = number_range(sys.argv[2] if len(sys.argv) > 2 else "1:20", "seeds", int, "1:20")
     seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 120.0
-    ways = sys.argv[4:] or list(SCENES)
+    asked = sys.argv[4:] or list(SCENES)
+    ways = [way for way in asked if way in SCENES]
+    parts = [way for way in asked if way not in ways]
+    possible = {f"{way}: {part}" for way in (SINGLE, *ways) for part in PARTS}
+    if wrong := sorted(set(parts) - possible):
+        raise InputError(f"{wrong[0]}: not sensed; give {', '.join(SCENES)}, or WAY: PART of one that is given before")
     study = {**STUDY, "traffic": {"duration_s": seconds}}
-    split = Split(folder, range(first, last + 1), study, {way: SCENES[way] for way in ways})
+    split = Split(folder, range(first, last + 1), study, {way: SCENES[way] for way in ways}, parts=parts)
     datasets = split.sense()
     records = split.records(datasets)
     kept, whole = len(records[TRUTH]), sum(map(len, datasets[SINGLE]))

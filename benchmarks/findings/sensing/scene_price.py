@@ -43,10 +43,10 @@ class Case:
         return settings.fixes_hz * NUMEROLOGIES[settings.numerology].waveform.symbols / SYMBOLS_PER_S
 
 
-BODIES = {"bodies": "bodies"}
+POINTS, BODIES = {"bodies": "points"}, {"bodies": "bodies"}
 CASES = {
-    "points, truth": Case({"association": "truth"}),
-    "points": Case(),
+    "points, truth": Case({**POINTS, "association": "truth"}),
+    "points": Case(POINTS),
     "bodies, truth": Case({**BODIES, "association": "truth"}),
     "bodies": Case(BODIES),
     **{f"bodies, {hz} Hz": Case({**BODIES, "fixes_hz": hz}) for hz in ("12.5", "5")},

@@ -22,7 +22,7 @@ from isac_cosim.labeling.generation.recorded_again import Recorder
 from tests.support.scene_road import SITES
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
-SCENE = {"scene": {"fixes_hz": 5.0}, "channel": {"kind": "link"}}
+SCENE = {"scene": {"bodies": "points", "fixes_hz": 5.0}, "channel": {"kind": "link"}}
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from tests.support.scene_road import SITES, recording
 
 RATE_HZ = 400.0
 DRIVEN = recording({"tv": (120.0, 28.0, 0), "uv": (180.0, 33.0, 1), "late": (0.0, 30.0, 2)}, 4.0)
-SETTINGS = SensorSettings.model_validate({"sensing": {"scene": {}}})
+SETTINGS = SensorSettings.model_validate({"sensing": {"scene": {"bodies": "points"}}})
 
 
 def watched(driven: Recording | None = DRIVEN) -> Watch:
