@@ -29,7 +29,7 @@ OFF_ACROSS_M, OFF_ALONG_M, OFF_MPS = 0.15, 0.3, 0.02
 """How far what answers is off its point: across the line of sight and along it, m, and in radial velocity, m/s, beside
 what the first one changes of it."""
 ASTRAY = np.array([0.5, 0.5, 0.15])
-"""The same, with all of the velocity, where it is not known whose a detection is: it may lie between two points."""
+"""The same where it is not known whose a detection is: it may lie between two points."""
 HEAVY_TAILS = 4.0
 """Degrees of freedom of detections' Student's t distribution: some are far off, as two echoes in one cell."""
 LASTS, SLOW_MPS, SLOWEST_MPS = 10.0, 10.0, 0.1
@@ -81,11 +81,14 @@ def expected(state: Array, ahead: Array, panels: Panels, bodies: bool) -> Expect
     return Expected(points.measured, share, middle, BEHIND, ahead)
 
 
-def off_point(distance: Array, deviation: Array) -> Array:
-    """Return a deviation across and along the line of sight, m, and of the velocity, as one of what is measured."""
-    return np.stack(
-        [deviation[0] / distance, np.full(distance.shape, deviation[1]), np.full(distance.shape, deviation[2])], axis=-1
-    )
+def between_points(middle: Array, speed: Array) -> Array:
+    """Return the variance of panels' detections about tracks' points that they may lie between, (T, I, 3).
+
+    middle: what the panels should measure, (T, I, 3). speed: of the tracks, m/s, (T,).
+    """
+    sine = (ASTRAY[0] / middle[..., 1]) ** 2
+    turning = np.maximum(speed[:, None] ** 2 - middle[..., 2] ** 2, 0.0)
+    return np.stack([sine, np.full(sine.shape, ASTRAY[1] ** 2), ASTRAY[2] ** 2 + sine * turning], axis=-1)
 
 
 def off_its_point(rows: Array) -> Array:

@@ -23,7 +23,6 @@ from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scene.association import Pairs, associate, associate_truly, wrapped
 from isac_cosim.isacsim.scene.detection import Detections
 from isac_cosim.isacsim.scene.extent import (
-    ASTRAY,
     LASTS,
     LENGTH_SD_M,
     LONG_M,
@@ -34,11 +33,11 @@ from isac_cosim.isacsim.scene.extent import (
     SLOWEST_MPS,
     Expected,
     astray,
+    between_points,
     ends_put_right,
     expected,
     matched,
     off_its_point,
-    off_point,
     rows_at,
     trust,
 )
@@ -171,7 +170,7 @@ class SceneTracker:
         covariance[:, :, :2, :2] = tracks.middle_covariance()[:, None]
         variance = (rows @ covariance * rows).sum(axis=-1) + spread**2
         if self._bodies:
-            variance += off_point(of.middle[..., 1], ASTRAY) ** 2
+            variance += between_points(of.middle, np.hypot(tracks.state[:, 2], tracks.state[:, 3]))
         return np.asarray(variance)
 
     def _spread(self, tracks: Tracks, points: Array) -> Array:
