@@ -15,9 +15,11 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.panels import Panels
 from isac_cosim.isacsim.scene.bodies import BEHIND, look
 from isac_cosim.isacsim.scene.extent import (
+    ASTRAY,
     HEAVY_TAILS,
     OFF_ACROSS_M,
     OFF_ALONG_M,
+    between_points,
     expected,
     off_its_point,
     rows_at,
@@ -77,3 +79,11 @@ def test_detections_are_weighed_as_those_of_students_t(seed: int) -> None:
     weights = (HEAVY_TAILS + 3) / (HEAVY_TAILS + distance)
     assert capped == pytest.approx(np.minimum(weights, 1.0))
     assert (weights[:, None] * (seen - best)).sum(axis=0) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_whose_a_detection_is_may_be_open_in_velocity_where_its_point_is() -> None:
+    middle = np.array([[[0.0, 30.0, 0.0], [0.0, 300.0, -35.0]]])
+    abreast, ahead = np.sqrt(between_points(middle, np.array([35.0])))[0]
+    across_m, along_m, radial_mps = ASTRAY
+    assert abreast == pytest.approx([across_m / 30.0, along_m, np.hypot(radial_mps, 35.0 * across_m / 30.0)])
+    assert ahead == pytest.approx([across_m / 300.0, along_m, radial_mps])
