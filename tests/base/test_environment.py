@@ -33,6 +33,7 @@ def test_a_variable_is_set_unless_the_user_has_set_it(name: str) -> None:
     assert output_of(code, **{name: "another"}).strip() == "another"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not MODE.is_file() or "[madvise]" not in MODE.read_text(), reason="the system gives huge pages to all or to none"
 )

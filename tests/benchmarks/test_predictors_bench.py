@@ -123,6 +123,7 @@ def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
         bench.run(dataset, tmp_path / "out", 2, stages=["truth"], engine=InlineEngine())
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_the_tables_of_the_page_hold_what_was_measured(tmp_path: Path) -> None:
     dataset = write_dataset(tmp_path / "own", "north", 8)

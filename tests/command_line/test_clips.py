@@ -24,6 +24,7 @@ def videos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "videos"
 
 
+@pytest.mark.slow
 def test_a_folder_of_videos_becomes_clips_of_the_papers_size(
     videos: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -128,7 +128,7 @@ def test_the_traffic_is_natural_unless_the_loop_is_closed(run: Run, monkeypatch:
     with pytest.raises(InputError, match="stop"):
         live.evaluate_and_show(run.path, "motorway", LiveArguments(scene=True), None, (), shown)
     assert scenes[-1]
-    assert "about 6 min of processor time an episode" in printed.getvalue()
+    assert "about 10 min of processor time an episode" in printed.getvalue()
     assert (folders[0], folders[-1]) == ("traffic-motorway", "traffic-motorway-scene")
     with pytest.raises(InputError, match="leave out --stress"):
         source_of(None, "motorway", LiveArguments(advisories=True, stress=True))

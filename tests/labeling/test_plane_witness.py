@@ -138,17 +138,20 @@ def check_motion(result: Witnessed) -> None:
             assert np.abs(np.diff(np.hypot(*arrays[row, 2:4])) * 400.0).max() < 2.6, row
 
 
+@pytest.mark.slow
 def test_changes_in_the_city_go_to_their_side(city: Witnessed) -> None:
     assert city.network.lefthand
     assert {city.intentions[row] for row in city.verdicts} >= {"left_lane_change", "right_lane_change"}
     check_sides(city, least=10)
 
 
+@pytest.mark.slow
 def test_motion_in_the_city_is_that_of_drivers(city: Witnessed) -> None:
     check_motion(city)
     assert city.dataset.meta.lost == ()
 
 
+@pytest.mark.slow
 def test_a_mirrored_record_would_be_noticed(city: Witnessed) -> None:
     """The witness can fail: with left and right exchanged, no clear verdict agrees."""
     names = {"left_lane_change": "right", "right_lane_change": "left"}
@@ -157,6 +160,7 @@ def test_a_mirrored_record_would_be_noticed(city: Witnessed) -> None:
     assert agreeing == []
 
 
+@pytest.mark.slow
 def test_nobody_follows_the_citys_parked_vehicles(city: Witnessed) -> None:
     """Cars stand parked all the time, buses stop for a while. Without the note of it, they would be leaders."""
     (recording,) = city.recordings

@@ -28,6 +28,7 @@ def compared(scenario: str, seed: int, traffic: TrafficSettings, maneuvers: Mane
     return match_events(labels, others), conditioned_rms(full, sampled)[0]
 
 
+@pytest.mark.slow
 def test_the_labels_are_the_same() -> None:
     match, rms_m = compared("motorway", 2, TrafficSettings(run_in_s=40.0, duration_s=20.0), BUSY)
     assert len(match.events) >= 4

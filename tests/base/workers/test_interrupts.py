@@ -110,6 +110,7 @@ def test_a_hangup_that_is_ignored_ends_nothing(folder: Path) -> None:
     assert len(list((folder / "data/shards").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_workers_end_with_a_command_that_is_killed_and_the_next_one_cleans_up(folder: Path) -> None:
     process = started(folder, "generate road -o data --seeds 1:3 --jobs 2 --quiet")
     wait_until_held(process, folder)

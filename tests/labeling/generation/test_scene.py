@@ -22,7 +22,7 @@ from isac_cosim.labeling.generation.resense import ResenseSettings, resense
 from isac_cosim.labeling.generation.watching import watch_episode
 from tests.support.scripted import InlineEngine, ScriptedSource, small_study
 
-SCENE = {"scene": {"fixes_hz": 5.0}, "channel": {"kind": "link"}}
+SCENE = {"scene": {"bodies": "points", "fixes_hz": 5.0}, "channel": {"kind": "link"}}
 ANEW = ResenseSettings.model_validate({"sensor": "scene", "sensing": SCENE})
 Recorded = Callable[[MotionSource], None]
 

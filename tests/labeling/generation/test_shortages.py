@@ -96,7 +96,12 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         pytest.param(
             "no_memory_in_a_library", ShortageError, r"no memory is left \(.*bad_alloc.*\)", marks=pytest.mark.slow
         ),
-        ("out_of_memory_killer", ShortageError, r"killed in each of 3 tries \(signal 9, Killed\)"),
+        pytest.param(
+            "out_of_memory_killer",
+            ShortageError,
+            r"killed in each of 3 tries \(signal 9, Killed\)",
+            marks=pytest.mark.slow,
+        ),
         ("too_many_files", ShortageError, r"too many files are open .*ulimit -n"),
         ("full_disk", OutputError, r"the folder for temporary files cannot be written \(.*No space left on device\)"),
     ],

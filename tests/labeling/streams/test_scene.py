@@ -36,7 +36,11 @@ from tests.support.scripted import InlineEngine, ScriptedSource
 
 HZ = 5.0
 STUDY = DatasetStudy.model_validate(
-    {"scenarios": ["road"], "seeds": {"first": 1, "last": 1}, "sensing": {"scene": {"fixes_hz": HZ}}}
+    {
+        "scenarios": ["road"],
+        "seeds": {"first": 1, "last": 1},
+        "sensing": {"scene": {"bodies": "points", "fixes_hz": HZ}},
+    }
 )
 
 

@@ -89,6 +89,7 @@ def test_turning_an_absolute_frame_is_refused() -> None:
     assert TrainSettings(windows=WindowSettings(frame="absolute"), augment=AugmentSettings(noise_m=0.1)).augment.noise_m
 
 
+@pytest.mark.slow
 def test_training_sees_varied_windows_and_repeats_itself(records: Records, tmp_path) -> None:  # type: ignore[no-untyped-def]
     one = SMALL_RUN.optimiser.model_copy(update={"epochs": 1})
     plain = SMALL_RUN.model_copy(update={"optimiser": one})

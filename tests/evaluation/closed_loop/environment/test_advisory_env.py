@@ -56,6 +56,7 @@ def environment(settings: dict[str, Any]) -> Iterator[AdvisoryEnv]:
     wrapped.close()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_gymnasiums_checker_passes_without_a_warning(environment: AdvisoryEnv) -> None:
     """It renders a second environment while the first is open."""

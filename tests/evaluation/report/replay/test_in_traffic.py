@@ -197,6 +197,7 @@ def test_only_what_no_longer_fits_is_simulated_again(
     assert {record.id.split("-")[1] for record in again.records} == {"12"}
 
 
+@pytest.mark.slow
 def test_moments_that_lack_a_tv_are_made_anew(
     evaluation: TrafficEvaluation, shown: Replay, source: ScriptedSource, folder: Path, tmp_path: Path
 ) -> None:

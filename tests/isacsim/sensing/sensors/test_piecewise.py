@@ -94,6 +94,7 @@ def test_without_noise_pieces_give_what_the_record_gives(
     assert difference[2:4].max() <= within[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["isac", "radar"])
 def test_with_noise_pieces_are_as_accurate_as_records(name: str) -> None:
     vehicles = pair(25.0, -3.0, 0.5, snapshots=2400)
