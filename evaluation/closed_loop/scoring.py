@@ -156,7 +156,7 @@ def _difference(arm: Sequence[Totals], reference: Sequence[Totals]) -> dict[str,
 
 
 def _interval(value: float, half_width: float, seeds: int, least: float = -np.inf) -> Interval | None:
-    """Return an interval. least: value that is possible; no figure falls by more than all of itself."""
+    """Return the interval about a value; None where it is undefined. least: the smallest possible value."""
     if not np.isfinite(value) or not np.isfinite(half_width):
         return None
     return Interval(low=max(value - half_width, least), high=value + half_width, seeds=seeds)

@@ -104,7 +104,7 @@ def off_its_point(rows: Array) -> Array:
     return np.asarray(of_place @ off @ of_place.transpose(0, 2, 1))
 
 
-def trust(surprise: Array, covariance: Array) -> Array:
+def robust_weight(surprise: Array, covariance: Array) -> Array:
     """Return the weight of n detections among such as are not far off, at most 1, (n,).
 
     It is that of the expectation maximisation for Student's t distribution. surprise: (n, 3). covariance: of it,

@@ -15,14 +15,13 @@ from isac_cosim.isacsim.scene.extent import LASTS
 ACROSS_SHARE, ACROSS_MPS = 0.05, 0.1
 """Standard deviation of the velocity across a lane: a share of the speed, 3 degrees of heading, and m/s. It is that of
 `LASTS` instants, because a lane change lasts."""
-
 ACROSS_JERK = 0.1
 """Spectral density of the jerk across a vehicle's heading, as a share of that along it: brakes bite within a few tenths
 of a second, and a lane change takes one or two to reach its largest acceleration."""
 
 
-def jolts(noise: Array, ahead: Array) -> Array:
-    """Return what the jerk adds to tracks' covariances in a step, less across their heading, (T, 7, 7).
+def rolling_noise(noise: Array, ahead: Array) -> Array:
+    """Return the process noise of tracks, less across their heading than along it, (T, 7, 7).
 
     noise: with the same jerk along either axis, of x, y, vx, vy, ax, ay and the length, (7, 7). ahead: unit vectors of
     the heading, (T, 2).

@@ -38,8 +38,8 @@ from isac_cosim.isacsim.scene.extent import (
     expected,
     matched,
     off_its_point,
+    robust_weight,
     rows_at,
-    trust,
 )
 from isac_cosim.isacsim.scene.lifetime import (
     ANSWERED_FOR,
@@ -52,7 +52,7 @@ from isac_cosim.isacsim.scene.lifetime import (
     without_doubles,
 )
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
-from isac_cosim.isacsim.scene.rolling import jolts, rolled
+from isac_cosim.isacsim.scene.rolling import rolled, rolling_noise
 from isac_cosim.isacsim.scene.settings import SceneSetup
 from isac_cosim.isacsim.scene.vehicles import seen
 from isac_cosim.isacsim.tracking.fusion import jacobian
@@ -130,13 +130,13 @@ class SceneTracker:
         of = expected(tracks.state, tracks.ahead, self._panels, self._bodies)
         spread = self._spread(tracks, of.measured)
         view = seen(tracks.state[:, :2], self._panels, self._setup.range_m, self._setup.half_width_deg)
+        variance = self._variance(tracks, of, spread)
         if true is None:
-            variance = self._variance(tracks, of, spread)
             pairs = associate(detections, of.measured, variance, view, tracks.confirmed, self._ambiguity_mps)
             owners: list[str | None] = [None] * len(pairs.free)
         else:
             pairs, owners = self._truly(detections, tracks, true)
-        tracks = self._updated(tracks, pairs, detections, of, spread, view)
+        tracks = self._updated(tracks, pairs, detections, of, spread, variance, view)
         born, within = births(
             pairs.free, owners, detections, tracks, self._panels, self._road, self._ambiguity_mps, self._per_unit,
             self._bodies,
@@ -153,7 +153,7 @@ class SceneTracker:
     def _predicted(self) -> Tracks:
         tracks = self.tracks
         state = tracks.state @ self._move.T
-        noise = jolts(self._noise, tracks.ahead) if self._bodies else self._noise
+        noise = rolling_noise(self._noise, tracks.ahead) if self._bodies else self._noise
         covariance = self._move @ tracks.covariance @ self._move.T + noise
         held = tracks.standing & tracks.confirmed & (tracks.misses > 0)
         if held.any():
@@ -211,6 +211,7 @@ class SceneTracker:
         detections: Sequence[Detections],
         of: Expected,
         spread: Array,
+        variance: Array,
         view: BoolArray,
     ) -> Tracks:
         """Return the tracks with their detections."""
@@ -231,8 +232,7 @@ class SceneTracker:
             plain = noise**2 + spread[at] ** 2
             surprise = wrapped(measured[:, None] - of.measured[at], self._ambiguity_mps)
             if self._bodies:
-                variance = self._variance(tracks, of, spread)[at]
-                mean, apart, behind = matched(surprise, variance, of.measured[at], of.share[at], of.behind)
+                mean, apart, behind = matched(surprise, variance[at], of.measured[at], of.share[at], of.behind)
                 clear = spread[at][:, 1] < CLEAR_CELLS / self._per_unit[1]
                 ends = pairs.track[clear], pairs.panel[clear]
                 off = astray(surprise[clear], power[clear], of.share[ends], ends, of, self._panels, tracks.middle, off)
@@ -243,8 +243,8 @@ class SceneTracker:
                 uncertain = lasts[..., None] * (apart + off_its_point(row)) + plain[..., None] * np.eye(3)
                 surprise = wrapped(measured - mean, self._ambiguity_mps)
                 of_track = covariance[pairs.track][:, MEASURED][:, :, MEASURED]
-                trusted = trust(surprise, uncertain + row @ of_track @ row.transpose(0, 2, 1))
-                weight = np.linalg.inv(uncertain) * trusted[:, None, None]
+                share = robust_weight(surprise, uncertain + row @ of_track @ row.transpose(0, 2, 1))
+                weight = np.linalg.inv(uncertain) * share[:, None, None]
             else:
                 mean, behind = of.middle[at], np.zeros(len(measured))
                 row = rows_at(mean, behind, *at, tracks.state, of, self._panels)

@@ -22,8 +22,8 @@ from isac_cosim.isacsim.scene.extent import (
     between_points,
     expected,
     off_its_point,
+    robust_weight,
     rows_at,
-    trust,
 )
 from tests.support.scene_road import SITES
 
@@ -74,7 +74,7 @@ def test_detections_are_weighed_as_those_of_students_t(seed: int) -> None:
         return -float(multivariate_t(mean, spread, HEAVY_TAILS).logpdf(seen).sum())
 
     best = minimize(likeliness, np.median(seen, axis=0), tol=1e-10).x
-    capped = trust(seen - best, np.tile(spread, (12, 1, 1)))
+    capped = robust_weight(seen - best, np.tile(spread, (12, 1, 1)))
     distance = ((seen - best) * np.linalg.solve(spread, (seen - best).T).T).sum(axis=1)
     weights = (HEAVY_TAILS + 3) / (HEAVY_TAILS + distance)
     assert capped == pytest.approx(np.minimum(weights, 1.0))

@@ -11,7 +11,7 @@ from isac_cosim.base.arrays import Array
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scene.extent import LASTS
 from isac_cosim.isacsim.scene.road import NEAR_M, RoadMap
-from isac_cosim.isacsim.scene.rolling import ACROSS_JERK, ACROSS_MPS, ACROSS_SHARE, jolts, rolled
+from isac_cosim.isacsim.scene.rolling import ACROSS_JERK, ACROSS_MPS, ACROSS_SHARE, rolled, rolling_noise
 from isac_cosim.isacsim.tracking.kalman import process_noise
 
 
@@ -25,7 +25,7 @@ def tracks(seed: int, count: int = 3) -> tuple[Array, Array]:
 def test_the_jerk_is_less_across_the_heading_wherever_that_points(heading: float) -> None:
     noise = np.zeros((7, 7))
     noise[:6, :6], noise[6, 6] = process_noise(0.04, 10.0), 1.0
-    found = jolts(noise, np.array([[np.cos(heading), np.sin(heading)]]))[0]
+    found = rolling_noise(noise, np.array([[np.cos(heading), np.sin(heading)]]))[0]
     turn = np.eye(7)
     for k in (0, 2, 4):
         turn[k : k + 2, k : k + 2] = [[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]]
