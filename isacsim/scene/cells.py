@@ -18,11 +18,12 @@ their rate. Ranges do not change during a snapshot here; `benchmarks.scene_cube`
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from isac_cosim.base.arrays import Array, ComplexArray, Float32Array, IntArray
+from isac_cosim.base.arrays import Array, ComplexArray, IntArray
 from isac_cosim.isacsim.radio.waveform import Waveform
 
 HALF_RANGE, HALF_DOPPLER = 3, 2
@@ -38,7 +39,7 @@ class Tapers:
     range: tuple[float, float] = HANN
     doppler: tuple[float, float] = HANN
 
-    @property
+    @cached_property
     def noise(self) -> float:
         """Variance of the noise of a tapered cell, where that of a plain one is 1."""
         return float(np.prod([t0**2 + 2 * t1**2 for t0, t1 in (self.angle, self.range, self.doppler)]))
@@ -61,7 +62,7 @@ class CellGrid:
         reach = int(np.ceil(range_m * abs(waveform.cells_per_unit[1]))) + 2
         return cls(waveform, min(reach, waveform.subcarriers), tapers or Tapers())
 
-    @property
+    @cached_property
     def per_unit(self) -> Array:
         """Cells per unit of sine, per m and per m/s, all positive, (3,)."""
         return np.abs(self.waveform.cells_per_unit)
@@ -149,20 +150,40 @@ def _signal(
     """Return the sum of the points' responses in pairs of a Doppler and a range cell, (n, P). cells: (Q, 3)."""
     waveform, tapers = grid.waveform, grid.tapers
     count, ranges, antennas = grid.shape
-    along = _kernels(0, ranges, cells[:, 1], waveform.subcarriers, tapers.range)
+    along = responses(0, ranges, cells[:, 1], waveform.subcarriers, tapers.range)
     # A tone beyond half the axis is seen as if it came from the other side.
-    shift = _kernels(-(count // 2), count, cells[:, 2], count, tapers.doppler)
-    angle = _kernels(-(antennas // 2), antennas, cells[:, 0], antennas, tapers.angle).T
+    shift = responses(-(count // 2), count, cells[:, 2], count, tapers.doppler)
+    angle = responses(-(antennas // 2), antennas, cells[:, 0], antennas, tapers.angle).T
     weighted = (np.sqrt(waveform.size) * amplitude[:, None] * angle).astype(np.complex64)
     separate = np.ascontiguousarray(weighted).view(np.float32)
-    both = shift.astype(np.float32)[at_doppler] * along.astype(np.float32)[at_range]
+    both = shift.astype(np.float32).take(at_doppler, axis=0)
+    both *= along.astype(np.float32).take(at_range, axis=0)
     return np.asarray((both @ separate).view(np.complex64))
 
 
-def _kernels(first: int, cells: int, place: Array, count: int, taper: tuple[float, float]) -> Array:
-    """Return the responses of so many tapered cells, from the first one on, to tones at Q places, (cells, Q)."""
-    plain = dirichlet(np.arange(first - 1, first + cells + 1)[:, None] - place, count)
-    return taper[0] * plain[1:-1] + taper[1] * (plain[:-2] + plain[2:])
+def responses(first: int, cells: int, place: Array, count: int, taper: tuple[float, float]) -> Array:
+    """Return the responses of so many tapered cells, from the first one on, to tones at Q places, (cells, Q).
+
+    Equal to `kernel`, by the sine of a difference: a tone's cell is a whole number, so that its sines are known.
+    """
+    whole = np.rint(place).astype(np.int64)
+    rest = place - whole
+    # Where a tone is in the middle of its cell, the response is a limit, which is equal to rounding so near to it.
+    rest = np.where(np.abs(rest) < 1e-9, 1e-9, rest)
+    sine, cosine, sign = _turns(count)
+    apart = (np.arange(first - 1, first + cells + 1)[:, None] - whole) % (2 * count)
+    below = sine[apart] * np.cos(np.pi * rest / count) - cosine[apart] * np.sin(np.pi * rest / count)
+    plain = sign[apart] * (-np.sin(np.pi * rest) / count) / below
+    return np.asarray(taper[0] * plain[1:-1] + taper[1] * (plain[:-2] + plain[2:]))
+
+
+@lru_cache(maxsize=8)
+def _turns(count: int) -> tuple[Array, Array, Array]:
+    """Return the sine and cosine of the first 2 count whole multiples of pi / count, and the sign of pi times them."""
+    whole = np.arange(2 * count)
+    sine, cosine = np.sin(np.pi * whole / count), np.cos(np.pi * whole / count)
+    sine[[0, count]] = 0.0
+    return sine, cosine, np.where(whole % 2, -1.0, 1.0)
 
 
 def _noise(
@@ -177,29 +198,37 @@ def _noise(
     rim = column.copy()
     rim[:, 1:] |= column[:, :-1]
     rim[:, :-1] |= column[:, 1:]
+    # Real and imaginary parts side by side, because weights are real.
     white = rng.standard_normal((int(rim.sum()), 2 * antennas), np.float32)
     white *= np.float32(np.sqrt(0.5))
-    values = white.view(np.complex64)
     t0, t1 = map(np.float32, grid.tapers.angle)
     turn = np.float32(-1.0 if antennas % 2 == 0 else 1.0)
-    tapered = t0 * values
-    tapered[:, 1:] += t1 * values[:, :-1]
-    tapered[:, :-1] += t1 * values[:, 1:]
-    tapered[:, 0] += turn * t1 * values[:, -1]
-    tapered[:, -1] += turn * t1 * values[:, 0]
-    number = np.zeros(wanted.shape, np.int32)
-    number[rim] = np.arange(len(tapered), dtype=np.int32)
+    beside = t1 * white
+    tapered = t0 * white
+    tapered[:, 2:] += beside[:, :-2]
+    tapered[:, :-2] += beside[:, 2:]
+    tapered[:, :2] += turn * beside[:, -2:]
+    tapered[:, -2:] += turn * beside[:, :2]
+    number = np.zeros(wanted.shape, np.int64)
+    number[rim] = np.arange(len(tapered))
     t0, t1 = map(np.float32, grid.tapers.range)
-    of_column = np.nonzero(column)
-    left, right = (number[of_column[0], of_column[1] + step] for step in (-1, 1))
-    tapered = t0 * tapered[number[of_column]] + t1 * (tapered[left] + tapered[right])
-    number[of_column] = np.arange(len(tapered), dtype=np.int32)
+    # Cells of one Doppler shift follow one another, so that neighbours along the range are the rows beside a column.
+    middle = number[column]
+    beside = tapered.take(middle - 1, axis=0)
+    beside += tapered.take(middle + 1, axis=0)
+    beside *= t1
+    tapered = tapered.take(middle, axis=0)
+    tapered *= t0
+    tapered += beside
+    number[column] = np.arange(len(tapered))
     t0, t1 = map(np.float32, grid.tapers.doppler)
     doppler, at_range = rows
     turn = np.float32(-1.0 if count % 2 == 0 else 1.0)
-    total = t0 * tapered[number[doppler, at_range]]
+    total = tapered.take(number[rows], axis=0)
+    total *= t0
     for step in (-1, 1):
-        beyond = (doppler + step < 0) | (doppler + step >= count)
-        sign: Float32Array = np.where(beyond, turn, np.float32(1.0)).astype(np.float32)
-        total += (t1 * sign)[:, None] * tapered[number[(doppler + step) % count, at_range]]
-    return np.asarray(total)
+        beside = tapered.take(number[(doppler + step) % count, at_range], axis=0)
+        beside *= t1
+        beside[(doppler + step < 0) | (doppler + step >= count)] *= turn
+        total += beside
+    return np.asarray(total.view(np.complex64))

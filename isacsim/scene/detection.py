@@ -126,18 +126,28 @@ def detect(
 def _peaks(drawn: DrawnCells, grid: CellGrid, level: float) -> tuple[IntArray, Array]:
     """Return the peaks above a level: Doppler, range and angle cell, (K, 3), and power over the noise, (K,)."""
     count, ranges, antennas = grid.shape
-    power = _power(drawn.values) / grid.tapers.noise
-    row, angle = np.nonzero(power > level)
-    here = power[row, angle]
-    # Most cells are weaker than one of their neighbours along the angle, which are at hand.
-    highest = (here >= power[row, (angle + 1) % antennas]) & (here >= power[row, angle - 1])
-    row, angle, here = row[highest], angle[highest], here[highest]
+    # An angle's cells follow one another: comparisons of long rows are quick.
+    power = np.ascontiguousarray(_power(drawn.values).T)
+    power /= np.float32(grid.tapers.noise)
+    # Most cells are weaker than a neighbour along the angle or the range, which are at hand.
+    highest = power > level
+    rises, falls = power[1:] > power[:-1], power[1:] < power[:-1]
+    highest[:-1] &= ~rises
+    highest[1:] &= ~falls
+    highest[0] &= power[0] >= power[-1]
+    highest[-1] &= power[-1] >= power[0]
+    beside = (drawn.doppler[1:] == drawn.doppler[:-1]) & (drawn.range[1:] == drawn.range[:-1] + 1)
+    rises, falls = power[:, 1:] > power[:, :-1], power[:, 1:] < power[:, :-1]
+    highest[:, :-1] &= ~(rises & beside)
+    highest[:, 1:] &= ~(falls & beside)
+    angle, row = np.nonzero(highest)
+    here = power[angle, row]
     place = np.stack([drawn.doppler[row], drawn.range[row], angle], axis=1)
     highest = (place[:, 1] > 0) & (place[:, 1] < ranges - 1)
     for shift, reach, turn in _NEIGHBOURS:
         place, here = place[highest], here[highest]
         other = drawn.place[(place[:, 0] + shift) % count, place[:, 1] + reach]
-        highest = (other < 0) | (here >= power[other, (place[:, 2] + turn) % antennas])
+        highest = (other < 0) | (here >= power[(place[:, 2] + turn) % antennas, other])
     return place[highest], here[highest].astype(np.float64)
 
 

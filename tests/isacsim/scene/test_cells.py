@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import ks_2samp, kstest
 
 from isac_cosim.benchmarks.scene_cube import cube, tensor
 from isac_cosim.isacsim.radio.echo import draw_bins
 from isac_cosim.isacsim.radio.waveform import Waveform, steering
-from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Echoes, Tapers, dirichlet, draw
+from isac_cosim.isacsim.scene.cells import CellGrid, DrawnCells, Echoes, Tapers, dirichlet, draw, kernel, responses
 from isac_cosim.isacsim.scene.detection import Detections, detect
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES
 
@@ -103,6 +105,17 @@ def test_the_dirichlet_kernel_is_the_response_to_a_tone() -> None:
             response = (tone * np.conj(steering(np.array([0.0]), count)[0])).mean()
             assert dirichlet(np.array([offset]), count)[0] == pytest.approx(response.real, abs=1e-9)
             assert response.imag == pytest.approx(0.0, abs=1e-9)
+
+
+@given(
+    st.integers(2, 80),
+    st.lists(st.one_of(st.floats(-200, 200), st.integers(-200, 200).map(float)), min_size=1, max_size=6),
+)
+def test_the_responses_of_an_axis_are_those_of_its_kernel(count: int, places: list[float]) -> None:
+    place, taper = np.array(places), (0.54, 0.23)
+    first = -(count // 2)
+    expected = kernel(np.arange(first, first + count)[:, None] - place, count, taper)
+    np.testing.assert_allclose(responses(first, count, place, count, taper), expected, atol=1e-7)
 
 
 def moving(speed: float) -> tuple[np.ndarray, np.ndarray]:
