@@ -107,6 +107,7 @@ def test_a_finished_study_answers_again(
     ] == []
 
 
+@pytest.mark.slow
 def test_the_replay_of_a_run_shows_the_other_vehicles_and_what_it_answers(
     tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,7 @@ from tests.support.forged import as_former_run, forge_dataset, forge_run
 from tests.support.forking import Ended, WarmedProcess
 from tests.support.made_up_dataset import write_dataset
 
-QUICK = range(24)
+QUICK = range(12)
 SLOW = range(*map(int, os.environ.get("COSIM_CASES", "0:10000").split(":")))
 RUNS = ("asi-bip", "trees", "rule")
 OF_DATASET = (

@@ -253,6 +253,7 @@ def test_a_source_of_an_installed_package_is_evaluated_in_its_traffic(printed: t
     assert (study["study"]["dataset"]["source"], set(study["inputs"])) == ("drone", {"tracks.csv"})
 
 
+@pytest.mark.slow
 def test_what_a_source_of_an_installed_package_cannot_do_is_one_line(
     parts: dict[str, str], printed: tuple[Path, dict[str, str]]
 ) -> None:

@@ -90,6 +90,7 @@ def test_stages_run_one_by_one_leave_the_same_file_and_nothing_is_measured_twice
         bench.run(dataset, tmp_path / "whole", 1, engine=InlineEngine())
 
 
+@pytest.mark.slow
 def test_predictors_with_the_same_network_train_it_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = write_dataset(tmp_path / "own", "north", 8).path
     training = SMALL.model_copy(update={"model": "ensemble"})

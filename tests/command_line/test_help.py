@@ -29,6 +29,7 @@ def test_help_answers_without_the_heavy_packages() -> None:
     assert "--windows" not in done.stdout
 
 
+@pytest.mark.slow
 def test_a_study_says_what_will_happen_before_it_loads_what_measures() -> None:
     code = (
         "import sys, isac_cosim.command_line.study, isac_cosim.studies.single, isac_cosim.studies.cost_estimate; "

@@ -84,6 +84,7 @@ def test_the_command_measures_draws_and_prints(run: Run, tmp_path: Path, capfd: 
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("scripted")
 def test_stress_adds_the_stimulated_world_on_the_same_seeds(
     run: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -179,6 +180,7 @@ def drive(tmp_path: Path) -> Path:
     return write_fcd(tmp_path / "drive.fcd.parquet", halves)
 
 
+@pytest.mark.slow
 def test_a_file_is_evaluated_in_the_open_loop(
     run: Run, drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

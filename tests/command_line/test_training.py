@@ -103,6 +103,7 @@ def test_every_epoch_says_what_it_has_taught(folder: Path, capfd: pytest.Capture
         assert f", best {best[k]:.3f}; training loss {history['train_loss'][k]:.3g}" in line
 
 
+@pytest.mark.slow
 def test_curves_are_logged_for_tensorboard(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """They are those of the history, and the training is the same as without."""
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")

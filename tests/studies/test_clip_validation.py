@@ -60,6 +60,7 @@ def test_features_are_scaled_by_the_training_clips_alone() -> None:
     np.testing.assert_allclose(apart, np.broadcast_to(100 / scale, apart.shape), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_castformer_is_measured_on_clips_it_was_not_trained_on() -> None:
     result = cross_validate(clips(), SMALL)
     assert [fold.n for fold in result.folds] == [10] * 5

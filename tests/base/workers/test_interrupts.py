@@ -54,7 +54,7 @@ def is_at_work(process: psutil.Process) -> bool:
     [
         (signal.SIGINT, True),
         pytest.param(signal.SIGTERM, True, marks=pytest.mark.slow),
-        (signal.SIGTERM, False),
+        pytest.param(signal.SIGTERM, False, marks=pytest.mark.slow),
         pytest.param(signal.SIGHUP, True, marks=pytest.mark.slow),
     ],
 )

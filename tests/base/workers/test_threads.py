@@ -26,7 +26,7 @@ print(torch.get_num_threads(), os.environ.get("OMP_NUM_THREADS"), 3 in left)
 
 
 @pytest.mark.parametrize(
-    "before", ["", "import torch", pytest.param("import sklearn.ensemble", marks=pytest.mark.slow)]
+    "before", ["", *(pytest.param(f"import {of}", marks=pytest.mark.slow) for of in ("torch", "sklearn.ensemble"))]
 )
 def test_torch_keeps_to_the_limit_whenever_it_is_imported(before: str) -> None:
     """And afterwards to what the user told it."""

@@ -77,6 +77,7 @@ def test_a_network_without_modules_is_refused(records: Records, tmp_path: Path) 
         evaluate_records(run, records, MADE_OF, tmp_path / "out", ONCE, explains=True)
 
 
+@pytest.mark.slow
 def test_a_user_explains_a_run(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     dataset, run = tmp_path / "data", tmp_path / "run"
     write_dataset(dataset)

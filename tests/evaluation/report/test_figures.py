@@ -38,7 +38,7 @@ def test_settings_of_the_process_have_no_part_in_it_and_hold_afterwards(tmp_path
     assert (tmp_path / "restyled.png").read_bytes() == plain
 
 
-@pytest.mark.parametrize("backend", [ABSENT, pytest.param("svg", marks=pytest.mark.slow), ""])
+@pytest.mark.parametrize("backend", [ABSENT, *(pytest.param(of, marks=pytest.mark.slow) for of in ("svg", ""))])
 def test_what_the_user_has_set_outside_does_not_reach_it(tmp_path: Path, plain: bytes, backend: str) -> None:
     """A matplotlibrc that asks for LaTeX, which is not installed, and a backend that is not there, or another one."""
     (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: yellow\n")

@@ -143,7 +143,7 @@ def run_in_a_group(study: DatasetStudy, folder: Path, source: ScriptedSource) ->
 
 
 @needs_posix
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGINT"])
+@pytest.mark.parametrize("name", ["SIGINT", pytest.param("SIGKILL", marks=pytest.mark.slow)])
 def test_an_interrupted_command_is_resumed(
     undisturbed: Dataset, source: ScriptedSource, study: DatasetStudy, tmp_path: Path, name: str
 ) -> None:

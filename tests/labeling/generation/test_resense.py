@@ -171,6 +171,7 @@ def test_a_plan_gives_the_number_of_records_wanted(records: int) -> None:
     assert counts.max() - counts.min() <= 1
 
 
+@pytest.mark.slow
 def test_more_jobs_make_the_same_bytes_and_what_stands_is_kept(
     dataset: Dataset, anew: Anew, tmp_path: Path, two_workers: KeptWorkers
 ) -> None:

@@ -90,6 +90,7 @@ def test_inspect_shows_the_scores(scene: Dataset, plain: Dataset) -> None:
     assert (plain.frame()["track_id"] == "").all()
 
 
+@pytest.mark.slow
 def test_sensed_anew_a_dataset_is_as_if_it_had_been_generated_so(
     source: ScriptedSource, scene: Dataset, plain: Dataset, recorded_by: Recorded, tmp_path: Path
 ) -> None:

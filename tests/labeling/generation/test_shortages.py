@@ -92,7 +92,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.mark.parametrize(
     ("harm", "kind", "line"),
     [
-        ("no_memory", ShortageError, "no memory is left; give fewer --jobs"),
+        pytest.param("no_memory", ShortageError, "no memory is left; give fewer --jobs", marks=pytest.mark.slow),
         pytest.param(
             "no_memory_in_a_library", ShortageError, r"no memory is left \(.*bad_alloc.*\)", marks=pytest.mark.slow
         ),
@@ -102,7 +102,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
             r"killed in each of 3 tries \(signal 9, Killed\)",
             marks=pytest.mark.slow,
         ),
-        ("too_many_files", ShortageError, r"too many files are open .*ulimit -n"),
+        pytest.param("too_many_files", ShortageError, r"too many files are open .*ulimit -n", marks=pytest.mark.slow),
         ("full_disk", OutputError, r"the folder for temporary files cannot be written \(.*No space left on device\)"),
     ],
 )
@@ -137,7 +137,8 @@ class SmallDisk(SumoSource):
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("sample_s", [0.01, pytest.param(0.1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("sample_s", [0.01, 0.1])
 def test_a_simulation_without_room_names_the_folder_for_temporary_files(tmp_path: Path, sample_s: float) -> None:
     """Its states are written by SUMO, which does not say that it cannot, or by the tool itself."""
     cars = "".join(vehicle(f"v{k}", depart=2.5 * k, lane=k % 3, speed=20.0) for k in range(12))

@@ -207,7 +207,9 @@ def test_the_card_says_what_was_asked_and_that_nothing_is_held_back(runs: dict[s
     assert card["split"]["test"] == []
 
 
-@pytest.mark.parametrize(("model", "sees"), [("asi-bip", True), ("castformer", True), ("asi-bip", False)])
+@pytest.mark.parametrize(
+    ("model", "sees"), [("asi-bip", True), ("castformer", True), pytest.param("asi-bip", False, marks=pytest.mark.slow)]
+)
 def test_the_papers_networks_train_on_streams(model: str, sees: bool, streams: Streams, tmp_path: Path) -> None:
     """One epoch is enough to see that the network is theirs, and that what is stored answers as what was trained."""
     one = settings(model, lanes=sees, uv=sees).model_dump(mode="json") | {"optimiser": {"epochs": 1, "batch": 64}}

@@ -95,7 +95,7 @@ def test_without_noise_pieces_give_what_the_record_gives(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["isac", "radar"])
+@pytest.mark.parametrize("name", ["isac", pytest.param("radar", marks=pytest.mark.slow)])
 def test_with_noise_pieces_are_as_accurate_as_records(name: str) -> None:
     vehicles = pair(25.0, -3.0, 0.5, snapshots=2400)
     errors: dict[str, list[np.ndarray]] = {"whole": [], "pieces": []}

@@ -26,7 +26,7 @@ from tests.support.recording_damage import damage_recording
 from tests.support.sumo_recording import motorway_recording
 from tests.support.trajectory_writers import states, write_fcd
 
-QUICK = range(14)
+QUICK = range(8)
 SLOW = range(*map(int, os.environ.get("COSIM_CASES", "0:10000").split(":")))
 FORMATS = {
     "xml": "fcd --network motorway", "csv": "fcd --network motorway", "parquet": "fcd --network motorway",
