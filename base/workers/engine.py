@@ -14,7 +14,7 @@ from typing import Protocol
 
 import joblib
 
-from isac_cosim.base.workers.attempts import Item, Outcome, Result
+from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
 from isac_cosim.base.workers.pool import WorkerPool, worker_pool
 
 
@@ -68,6 +68,21 @@ class LocalEngine:
     def started(self) -> AbstractContextManager[WorkerPool]:
         """Return worker processes that end with the block."""
         return worker_pool(self.output)
+
+
+class InlineEngine:
+    """Runs tasks in this process, one after another, and does not retry."""
+
+    workers = cores = 1
+
+    def run(
+        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
+    ) -> Generator[Outcome[Item, Result]]:
+        for item in items:
+            attempt = try_task(task, item)
+            if attempt.stop is not None:
+                raise attempt.stop
+            yield Outcome(item, attempt.result, attempt.error, attempt.seconds)
 
 
 def cpu_count() -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import digests_of
 from isac_cosim.base.seeding import stream
 from isac_cosim.base.settings import checked
-from isac_cosim.base.workers.attempts import Item, Outcome, Result, try_task
+from isac_cosim.base.workers.engine import InlineEngine as InlineEngine
 from isac_cosim.isacsim.scenarios.lane import Lane
 from isac_cosim.isacsim.scenarios.scenario import Scenario, Site
 from isac_cosim.isacsim.traffic.recordings.recording import Incidents, Recording, Track
@@ -142,21 +142,6 @@ def _pair(seed: int, number: int) -> list[Track]:
 def _track(vehicle: str, x: np.ndarray, speed: np.ndarray, aside: np.ndarray) -> Track:
     lane = (aside > LANE_M / 2).astype(np.int32)
     return Track(vehicle, "passenger", 4.5, 1.8, 0, x, LANE_M / 2 + aside, speed, lane, x.copy(), aside - LANE_M * lane)
-
-
-class InlineEngine:
-    """Runs tasks in this process and does not retry."""
-
-    workers = cores = 1
-
-    def run(
-        self, task: Callable[[Item], Result], items: Iterable[Item], threads: int = 1
-    ) -> Generator[Outcome[Item, Result]]:
-        for item in items:
-            attempt = try_task(task, item)
-            if attempt.stop is not None:
-                raise attempt.stop
-            yield Outcome(item, attempt.result, attempt.error, attempt.seconds)
 
 
 def small_study(**content: object) -> DatasetStudy:

@@ -34,10 +34,11 @@ from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.base.workers.engine import Engine, LocalEngine
+from isac_cosim.base.workers.engine import Engine, InlineEngine, LocalEngine
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD
 from isac_cosim.evaluation.on_windows.predictions import predict
 from isac_cosim.evaluation.statistics import jackknife_half_width
+from isac_cosim.isacsim.scene.episode import detections_kept
 from isac_cosim.labeling.dataset.dataset import Dataset
 from isac_cosim.labeling.generation.generate import generate
 from isac_cosim.labeling.generation.resense import ResenseSettings, resense
@@ -99,13 +100,13 @@ class Split:
             study = checked(DatasetStudy, {**self.study, "seeds": {"first": seed, "last": seed}}, "loss_split")
             alone = generate(study, self.folder / SINGLE / str(seed), self.engine)
             result[SINGLE].append(alone)
-            for way, scene in self.scenes.items():
-                content = {"sensor": "scene", "sensing": {**LINK, "scene": scene}}
-                settings = checked(ResenseSettings, content, "loss_split")
-                result[way].append(resense(alone, settings, self.folder / _slug(way) / str(seed), self.engine))
-                print(
-                    f"seed {seed}, {way}: {len(result[way][-1])} of {len(alone)} records", file=sys.stderr, flush=True
-                )
+            with detections_kept():
+                for way, scene in self.scenes.items():
+                    content = {"sensor": "scene", "sensing": {**LINK, "scene": scene}}
+                    settings = checked(ResenseSettings, content, "loss_split")
+                    known = resense(alone, settings, self.folder / _slug(way) / str(seed), InlineEngine())
+                    result[way].append(known)
+                    print(f"seed {seed}, {way}: {len(known)} of {len(alone)} records", file=sys.stderr, flush=True)
         return result
 
     def records(self, datasets: Mapping[str, Sequence[Dataset]]) -> dict[str, Records]:

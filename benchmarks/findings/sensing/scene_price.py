@@ -20,6 +20,7 @@ from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD, scored
 from isac_cosim.evaluation.report.parts import markdown
+from isac_cosim.isacsim.scene.episode import detections_kept
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
 
@@ -68,13 +69,14 @@ def main() -> None:
     names = sys.argv[4:] or list(CASES)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     for seed in range(first, last + 1):
-        for name in names:
-            stage = f"{name}; seed {seed}; {seconds:g} s"
-            if stage not in known:
-                case = CASES[name]
-                scores, cpu_s = scored(seed, seconds, case.scene, case.sites_of)
-                known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
-                write_json(path, known)
+        with detections_kept():
+            for name in names:
+                stage = f"{name}; seed {seed}; {seconds:g} s"
+                if stage not in known:
+                    case = CASES[name]
+                    scores, cpu_s = scored(seed, seconds, case.scene, case.sites_of)
+                    known[stage] = {"scores": scores.model_dump(mode="json"), "cpu_s": round(cpu_s)}
+                    write_json(path, known)
     scores_of = {
         name: [
             SceneScores.model_validate(known[f"{name}; seed {seed}; {seconds:g} s"]["scores"])

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from isac_cosim.base.errors import InputError
-from isac_cosim.isacsim.scene.episode import SceneSensing, follow
+from isac_cosim.isacsim.scene import episode
+from isac_cosim.isacsim.scene.detection import Detections, detect
+from isac_cosim.isacsim.scene.episode import SceneSensing, detections_kept, follow
 from isac_cosim.isacsim.scene.tracks import SceneTracks
 from isac_cosim.isacsim.scene.vehicles import instants
 from tests.support.scene_road import LANES, SITES, recording, setup
@@ -98,6 +101,29 @@ def test_an_episode_is_the_same_instant_by_instant() -> None:
         assert np.array_equal(now.state, whole.instants[fix].state)
         assert now.vehicle == whole.instants[fix].vehicle
     assert sensing.tracks.scores == whole.scores
+
+
+def test_an_episode_whose_detections_are_kept_is_sensed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    cars = recording(FEW, 1.0)
+    alone = [follow(cars, SITES, setup(association=of)) for of in ("truth", "tracks")]
+    calls: list[int] = []
+
+    def counted(*given: Any) -> Detections:
+        calls.append(1)
+        return detect(*given)
+
+    monkeypatch.setattr(episode, "detect", counted)
+    with detections_kept():
+        for association, expected in zip(("truth", "tracks"), alone, strict=True):
+            same = follow(cars, SITES, setup(association=association))
+            for fix, of in expected.instants.items():
+                assert np.array_equal(same.instants[fix].state, of.state)
+        once = len(calls)
+        assert once == len(SITES) * len(alone[0].instants)
+        follow(cars, SITES, setup(bodies="bodies"))
+        assert len(calls) == 2 * once
+    follow(cars, SITES, setup())
+    assert len(calls) == 3 * once
 
 
 def test_the_paper_numerology_mixes_up_who_is_near() -> None:
