@@ -76,7 +76,9 @@ def associate_truly(
         apart = wrapped(of.measured[:, None, None] - true[:, panel], ambiguity_mps) * per_unit
         near = view[:, panel, None] & (np.abs(apart) < TRUE_GATE_CELLS).all(axis=-1)
         parts.append(np.where(near, (apart**2).sum(axis=-1), _REFUSED).min(axis=-1))
-    return _assigned(parts, true.shape[2] > 1)
+    bodies = true.shape[2] > 1
+    # A further detection costs nothing: the truth says whose point is the nearest.
+    return _assigned(parts, bodies, each=EACH if bodies else 1, further=0.0)
 
 
 def wrapped(difference: Array, ambiguity_mps: float) -> Array:
@@ -92,11 +94,11 @@ def _distance(measured: Array, predicted: Array, variance: Array, ambiguity_mps:
     return np.asarray((apart**2 / variance[:, None]).sum(axis=-1).min(axis=-1))
 
 
-def _assigned(costs: Sequence[Array], several: bool, each: int = 1) -> Pairs:
+def _assigned(costs: Sequence[Array], several: bool, each: int = 1, further: float = FURTHER) -> Pairs:
     """Assign the rows of each panel's costs, (D, T), to the columns where the cost is not refused.
 
     several: whether rows that are left go to the columns where they cost least. each: rows that a column may have
-    before that.
+    before that. further: what each further one costs.
     """
     from scipy.optimize import linear_sum_assignment  # loaded only here, because few commands track scenes
 
@@ -108,8 +110,8 @@ def _assigned(costs: Sequence[Array], several: bool, each: int = 1) -> Pairs:
         possible = (cost < _REFUSED).any(axis=0)
         columns = np.flatnonzero(possible)
         copies = np.tile(columns, each)
-        further = np.repeat(FURTHER * np.arange(each), len(columns))
-        rows, chosen = linear_sum_assignment(cost[:, copies] + further)
+        added = np.repeat(further * np.arange(each), len(columns))
+        rows, chosen = linear_sum_assignment(cost[:, copies] + added)
         chosen = copies[chosen]
         good = cost[rows, chosen] < _REFUSED
         rows, chosen = rows[good], chosen[good]

@@ -261,9 +261,9 @@ class SceneTracker:
             covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
             if self._bodies:
                 state, covariance = rolled(state, covariance, self._road.along(state[:, :2], tracks.ahead))
-                ends_put_right(state, covariance, tracks.ahead, off)
                 longest = np.where(tracks.state[:, 6] > LONG_M, LONGEST_M, LONG_M)
                 state[:, 6] = np.clip(state[:, 6], SHORTEST_M, longest)
+                ends_put_right(state, covariance, tracks.ahead, off)
             with np.errstate(invalid="ignore"):
                 total = np.bincount(pairs.track, minlength=count)
                 level = np.bincount(pairs.track, power, count) / np.where(total > 0, total, np.nan)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isac_cosim.base.arrays import Array
-from isac_cosim.isacsim.scene.association import EACH, FURTHER, GATE, UNSURE, Pairs, associate
+from isac_cosim.isacsim.scene.association import EACH, FURTHER, GATE, UNSURE, Pairs, associate, associate_truly
 from isac_cosim.isacsim.scene.detection import Detections
 
 RANGES = st.lists(st.floats(90.0, 130.0), min_size=1, max_size=4)
@@ -62,6 +62,16 @@ def test_a_cars_second_detection_does_not_go_to_the_hidden_one_behind_it() -> No
     """Front and back of the car in front are found; of the one behind, at 107 m, nothing is."""
     assert paired([100.0, 104.0], [102.0, 107.0], points=5).track.tolist() == [0, 0]
     assert sorted(paired([100.0, 104.0], [102.0, 107.0], points=1).track.tolist()) == [0, 1]
+
+
+def test_the_truth_gives_both_detections_of_a_car_to_it_though_a_hidden_one_is_near() -> None:
+    """Front and back of one car are found, and nothing of another one whose front is within the gate of that back."""
+    lengths = np.array([0.0, 4.0, 2.0, 2.0, 2.0])
+    true = np.zeros((2, 1, 5, 3))
+    true[..., 0, :, 1] = np.array([[100.0], [105.2]]) + lengths
+    found = Detections(np.array([[0.0, 100.1, 0.0], [0.0, 103.9, 0.0]]), np.full((2, 3), 0.1), np.full(2, 100.0))
+    pairs = associate_truly([found], true, np.ones((2, 1), bool), np.ones(3), UNAMBIGUOUS_MPS)
+    assert (pairs.track.tolist(), pairs.detection.tolist()) == ([0, 0], [0, 1])
 
 
 @pytest.mark.parametrize("points", [1, 5])

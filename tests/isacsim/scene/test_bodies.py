@@ -109,9 +109,10 @@ def test_who_drives_straight_on_hardly_seems_to_move_across() -> None:
     assert np.sqrt((acceleration**2).mean()) < 0.2
 
 
-def test_the_two_ends_of_a_truck_are_one_track_of_its_length() -> None:
+@pytest.mark.parametrize("association", ["tracks", "truth"])
+def test_the_two_ends_of_a_truck_are_one_track_of_its_length(association: str) -> None:
     driven = trucks(recording({"truck": (150.0, 24.0, 1), "car": (230.0, 30.0, 0)}, 6.0), "truck")
-    scene = setup(bodies="bodies")
+    scene = setup(bodies="bodies", association=association)
     sensing = SceneSensing(scene, SITES, LANES, "road", 1)
     for fix, present in instants(driven, scene.scene.fixes_hz, scene.motion):
         last = sensing.step(fix, present)
