@@ -4,25 +4,34 @@ The same seeds of the bundled motorway are sensed as points and as bodies, with 
 own tracks, and with fewer instants, less power and masts every 500 m. Each case and seed is a stage, whose
 scores are kept in a file of JSON: the same command goes on where it was interrupted. Differences are paired by seed.
 
-Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [CASE ...]
+With the name of a PNG file, GOSPA is drawn against what is spent.
+
+Run: python -m isac_cosim.benchmarks.findings.sensing.scene_price FILE [FIRST:LAST] [SECONDS] [PNG] [CASE ...]
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD, scored
+from isac_cosim.benchmarks.findings.sensing.sensing_figures import COLOURS, plain
+from isac_cosim.evaluation.report.figures import figure
 from isac_cosim.evaluation.report.parts import markdown
 from isac_cosim.isacsim.scene.episode import detections_kept
 from isac_cosim.isacsim.scene.scores import SceneScores
 from isac_cosim.isacsim.scene.settings import NUMEROLOGIES, SceneSettings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 BASE = "bodies"
 """The case that the others are compared with."""
@@ -57,16 +66,90 @@ CASES = {
 
 
 HEAD = (
-    "case", "share of symbols", "rms, m", "missed", "false", "switches a km", "IDF1", "GOSPA, m",
-    "less than bodies by, m",
+    "case", "share of symbols", "Mbit/s that they would carry", "rms, m", "missed, %", "false, %", "switches a km",
+    "IDF1", "GOSPA a vehicle, m", "less than bodies by, m",
 )  # fmt: skip
+SPENT: Mapping[str, Mapping[str, float]] = {
+    "share of symbols, %": {"bodies, 5 Hz": 0.7, "bodies, 12.5 Hz": 1.8, BASE: 3.6},
+    "power, dBm": {"bodies, 26 dBm": 26.0, "bodies, 36 dBm": 36.0, BASE: 46.0},
+    "distance of masts, m": {BASE: 150.0, "bodies, masts every 500 m": 500.0},
+}
+"""What is spent on sensing along each axis of the figure, by case."""
+
+
+def carried_mbps(share: float) -> float:
+    """Return what a share of the symbols would carry at most on one layer of a panel, Mbit/s.
+
+    By 3GPP TS 38.306, 4.1.2: 256-QAM, a code rate of 948/1024, and 14 % of overhead, in 3,276 subcarriers.
+    """
+    return share * SYMBOLS_PER_S * 3276 * 8 * 948 / 1024 * (1 - 0.14) / 1e6
+
+
+def of_a_vehicle_m(scores: SceneScores) -> float:
+    """Return the root mean square GOSPA as if each vehicle had its own, m: it does not grow with their number."""
+    if scores.gospa_m is None or not scores.vehicle_fixes:
+        return float("nan")
+    return float(scores.gospa_m * np.sqrt(scores.instants / scores.vehicle_fixes))
+
+
+def rows(scores_of: Mapping[str, Sequence[SceneScores]]) -> list[list[str]]:
+    """Return the rows of the table, one for each case: means over the seeds, and the paired difference to `BASE`."""
+    result = []
+    base = [of_a_vehicle_m(one) for one in scores_of.get(BASE, ())]
+    for name, of_case in scores_of.items():
+
+        def mean(column: str, of_case: Sequence[SceneScores] = of_case) -> float:
+            return float(np.mean([getattr(one, column) for one in of_case]))
+
+        gospa = [of_a_vehicle_m(one) for one in of_case]
+        less = [of - other for of, other in zip(base, gospa, strict=True)] if base and name != BASE else []
+        result.append(
+            [
+                name,
+                f"{CASES[name].share:.3f}",
+                f"{carried_mbps(CASES[name].share):.1f}",
+                f"{mean('rms_m'):.2f}",
+                *(f"{100 * mean(column):.2g}" for column in ("missed", "false")),
+                f"{mean('switches_per_km'):.2g}",
+                f"{mean('idf1'):.3f}",
+                f"{np.mean(gospa):.3f}",
+                f"{np.mean(less):.3f} ({min(less):.3f} to {max(less):.3f})" if less else "",
+            ]
+        )
+    return result
+
+
+def draw(scores_of: Mapping[str, Sequence[SceneScores]], drawn: Figure) -> None:
+    """Draw the price of knowing: GOSPA a vehicle against what is spent, a point for each seed, a line for means."""
+    reference = {"bodies, truth": "true association", "points": "points"}
+    for axes, (label, spent) in zip(drawn.subplots(1, len(SPENT), sharey=True), SPENT.items(), strict=True):
+        for colour, (name, title) in zip(COLOURS[1:], reference.items(), strict=False):
+            level = np.mean([of_a_vehicle_m(one) for one in scores_of[name]])
+            axes.axhline(level, color=colour, linestyle="--", linewidth=1, label=title)
+        of_each = {place: [of_a_vehicle_m(one) for one in scores_of[name]] for name, place in spent.items()}
+        for place, values in of_each.items():
+            axes.plot([place] * len(values), values, "o", color=COLOURS[0], markersize=4, markerfacecolor="white")
+        axes.plot(list(of_each), [np.mean(values) for values in of_each.values()], color=COLOURS[0], label="bodies")
+        axes.set(xlabel=label, ylim=(0, None))
+        plain(axes)
+    first = drawn.axes[0]
+    first.set_ylabel("GOSPA a vehicle, m")
+    first.legend(frameon=False, fontsize=8)
+    whole = carried_mbps(0.01)
+    carried = first.secondary_xaxis(
+        "top",
+        functions=(lambda percent: np.asarray(percent, float) * whole, lambda mbps: np.asarray(mbps, float) / whole),
+    )
+    carried.set_xlabel("Mbit/s that they would carry")
 
 
 def main() -> None:
     path = Path(sys.argv[1])
     first, last = number_range(sys.argv[2] if len(sys.argv) > 2 else "1:3", "seeds", int, "1:3")
-    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 60.0
-    names = sys.argv[4:] or list(CASES)
+    seconds = float(sys.argv[3]) if len(sys.argv) > 3 else 40.0
+    rest = sys.argv[4:]
+    pictures = [Path(name) for name in rest if name.endswith(".png")]
+    names = [name for name in rest if not name.endswith(".png")] or list(CASES)
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     for seed in range(first, last + 1):
         with detections_kept():
@@ -84,17 +167,10 @@ def main() -> None:
         ]
         for name in names
     }
-    rows = []
-    for name, of_case in scores_of.items():
-        columns = ("rms_m", "missed", "false", "switches_per_km", "idf1", "gospa_m")
-        means = [np.mean([getattr(one, column) for one in of_case]) for column in columns]
-        apart = ""
-        if BASE in scores_of and name != BASE:
-            pairs = zip(scores_of[BASE], of_case, strict=True)
-            less = [(base.gospa_m or 0.0) - (other.gospa_m or 0.0) for base, other in pairs]
-            apart = f"{np.mean(less):.2f} ({min(less):.2f} to {max(less):.2f})"
-        rows.append([name, f"{CASES[name].share:.3f}", *(f"{mean:.3g}" for mean in means), apart])
-    print(markdown(HEAD, rows))
+    print(markdown(HEAD, rows(scores_of)))
+    for picture in pictures:
+        with figure(picture, 9, 3.4, style={}, dpi=130) as drawn:
+            draw(scores_of, drawn)
 
 
 if __name__ == "__main__":

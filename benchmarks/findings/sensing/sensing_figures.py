@@ -71,7 +71,7 @@ def draw_estimators(drawn: Figure) -> None:
     axes.axhline(1, color="0.6", linewidth=0.8)
     axes.set(xlabel="per-element SNR, dB", ylabel="RMSE / Cramér-Rao bound", xlim=(-34, 20), ylim=(0.8, 3000))
     axes.legend(frameon=False)
-    _plain(axes)
+    plain(axes)
 
 
 def draw_fusions(drawn: Figure) -> None:
@@ -85,12 +85,13 @@ def draw_fusions(drawn: Figure) -> None:
         bound = [np.sqrt(np.mean(position_errors("information", n, snr_db)[1] ** 2)) for n in counts]
         axes.semilogy(counts, bound, "_", color="black", markersize=22, label="bound")
         axes.set(xlabel="sites", xticks=counts, title=f"{snr_db:g} dB")
-        _plain(axes)
+        plain(axes)
     drawn.axes[0].set_ylabel("position error, m")
     drawn.axes[0].legend(frameon=False, fontsize=8, title="solid: RMS, dotted: median", title_fontsize=8)
 
 
-def _plain(axes: Axes) -> None:
+def plain(axes: Axes) -> None:
+    """Leave out what of a frame says nothing."""
     axes.grid(visible=True, which="major", color="0.9")
     axes.spines[["top", "right"]].set_visible(False)
 
