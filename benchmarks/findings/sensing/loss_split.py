@@ -34,7 +34,7 @@ from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.base.settings import checked
 from isac_cosim.base.versions import OF_RUNS, versions
-from isac_cosim.base.workers.engine import Engine, InlineEngine, LocalEngine
+from isac_cosim.base.workers.engine import InlineEngine
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD
 from isac_cosim.evaluation.on_windows.predictions import predict
 from isac_cosim.evaluation.statistics import jackknife_half_width
@@ -89,22 +89,22 @@ class Split:
     seeds: Sequence[int]
     study: Mapping[str, Any]
     scenes: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: SCENES)
-    engine: Engine = field(default_factory=lambda: LocalEngine(1))
     parts: Sequence[str] = ()
     """Ways that are the truth but for a part of the state, `WAY: PART`."""
 
     def sense(self) -> dict[str, list[Dataset]]:
         """Return the datasets of each way, one a seed, made now unless an earlier command made them."""
         result: dict[str, list[Dataset]] = {way: [] for way in (SINGLE, *self.scenes)}
+        engine = InlineEngine()
         for seed in self.seeds:
             study = checked(DatasetStudy, {**self.study, "seeds": {"first": seed, "last": seed}}, "loss_split")
-            alone = generate(study, self.folder / SINGLE / str(seed), self.engine)
+            alone = generate(study, self.folder / SINGLE / str(seed), engine)
             result[SINGLE].append(alone)
             with detections_kept():
                 for way, scene in self.scenes.items():
                     content = {"sensor": "scene", "sensing": {**LINK, "scene": scene}}
                     settings = checked(ResenseSettings, content, "loss_split")
-                    known = resense(alone, settings, self.folder / _slug(way) / str(seed), InlineEngine())
+                    known = resense(alone, settings, self.folder / _slug(way) / str(seed), engine)
                     result[way].append(known)
                     print(f"seed {seed}, {way}: {len(known)} of {len(alone)} records", file=sys.stderr, flush=True)
         return result

@@ -11,7 +11,6 @@ import pytest
 from isac_cosim.benchmarks.findings.figures.pages import printed_tables
 from isac_cosim.benchmarks.findings.sensing import loss_split
 from isac_cosim.benchmarks.findings.sensing.loss_split import ENDS, SINGLE, TRUTH, Counts, Split, accuracy, table
-from tests.support.scripted import InlineEngine
 
 STUDY = {
     "scenarios": ["straight_road"],
@@ -27,7 +26,7 @@ SCENES = {"points, tracks": {"bodies": "points", "fixes_hz": "5"}}
 @pytest.mark.slow
 def test_every_way_answers_the_same_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(loss_split, "TRAINING", {"rule": {}})
-    split = Split(tmp_path, (1, 2, 3), STUDY, SCENES, InlineEngine(), parts=("single: velocity",))
+    split = Split(tmp_path, (1, 2, 3), STUDY, SCENES, parts=("single: velocity",))
     records = split.records(split.sense())
     assert list(records) == [TRUTH, SINGLE, "points, tracks", "single: velocity"]
     first = records[TRUTH]
