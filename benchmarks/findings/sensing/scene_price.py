@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.base.files import write_json
 from isac_cosim.base.parsing import number_range
 from isac_cosim.benchmarks.findings.sensing.scene_scores import ROAD, scored
@@ -47,10 +48,20 @@ class Case:
     sites_of: str = ROAD
 
     @property
+    def settings(self) -> SceneSettings:
+        """The settings, checked."""
+        return SceneSettings.model_validate(self.scene)
+
+    @property
     def share(self) -> float:
         """Share of all symbols that sensing takes."""
-        settings = SceneSettings.model_validate(self.scene)
-        return settings.fixes_hz * NUMEROLOGIES[settings.numerology].waveform.symbols / SYMBOLS_PER_S
+        return self.settings.fixes_hz * NUMEROLOGIES[self.settings.numerology].waveform.symbols / SYMBOLS_PER_S
+
+    @property
+    def power_dbm(self) -> float:
+        """Transmit power over the bandwidth, dBm."""
+        own, numerology = self.settings.power_dbm, NUMEROLOGIES[self.settings.numerology]
+        return numerology.power_dbm if own is None else own
 
 
 POINTS, BODIES = {"bodies": "points"}, {"bodies": "bodies"}
@@ -70,8 +81,8 @@ HEAD = (
     "IDF1", "GOSPA a vehicle, m", "less than bodies by, m",
 )  # fmt: skip
 SPENT: Mapping[str, Mapping[str, float]] = {
-    "share of symbols, %": {"bodies, 5 Hz": 0.7, "bodies, 12.5 Hz": 1.8, BASE: 3.6},
-    "power, dBm": {"bodies, 26 dBm": 26.0, "bodies, 36 dBm": 36.0, BASE: 46.0},
+    "share of symbols, %": {name: 100 * CASES[name].share for name in ("bodies, 5 Hz", "bodies, 12.5 Hz", BASE)},
+    "power, dBm": {name: CASES[name].power_dbm for name in ("bodies, 26 dBm", "bodies, 36 dBm", BASE)},
     "distance of masts, m": {BASE: 150.0, "bodies, masts every 500 m": 500.0},
 }
 """What is spent on sensing along each axis of the figure, by case."""
@@ -150,6 +161,10 @@ def main() -> None:
     rest = sys.argv[4:]
     pictures = [Path(name) for name in rest if name.endswith(".png")]
     names = [name for name in rest if not name.endswith(".png")] or list(CASES)
+    if pictures and (lacking := sorted(set(CASES) - set(names))):
+        raise InputError(
+            f"{pictures[0]}: the figure shows all cases; add {', '.join(lacking)}, or leave out the others"
+        )
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     for seed in range(first, last + 1):
         with detections_kept():

@@ -122,8 +122,10 @@ def test_an_episode_whose_detections_are_kept_is_sensed_once(monkeypatch: pytest
         assert once == len(SITES) * len(alone[0].instants)
         follow(cars, SITES, setup(bodies="bodies"))
         assert len(calls) == 2 * once
+        follow(recording({**FEW, "a": (121.0, 28.0, 0)}, 1.0), SITES, setup())  # other traffic of the same seed
+        assert len(calls) == 3 * once
     follow(cars, SITES, setup())
-    assert len(calls) == 3 * once
+    assert len(calls) == 4 * once
 
 
 def test_the_paper_numerology_mixes_up_who_is_near() -> None:

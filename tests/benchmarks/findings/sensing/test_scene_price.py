@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from isac_cosim.base.errors import InputError
 from isac_cosim.benchmarks.findings.sensing import scene_price
 from isac_cosim.benchmarks.findings.sensing.scene_price import CASES, SPENT, carried_mbps, main, of_a_vehicle_m, rows
 from isac_cosim.isacsim.scene.scores import SceneScores
@@ -55,4 +56,7 @@ def test_the_command_draws_what_it_has_and_senses_nothing_twice(
     assert len(sensed) == 2 * len(CASES) == len(json.loads((tmp_path / "cases.json").read_text()))
     assert (tmp_path / "price.png").stat().st_size > 10_000
     assert "| bodies, masts every 500 m |" in capsys.readouterr().out
-    assert {name for spent in SPENT.values() for name in spent} <= set(CASES)
+    assert SPENT["power, dBm"] == {"bodies, 26 dBm": 26.0, "bodies, 36 dBm": 36.0, "bodies": 46.0}
+    monkeypatch.setattr("sys.argv", [*command, "bodies"])
+    with pytest.raises(InputError, match="the figure shows all cases"):
+        main()
