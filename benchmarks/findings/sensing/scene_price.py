@@ -141,10 +141,11 @@ def draw(scores_of: Mapping[str, Sequence[SceneScores]], drawn: Figure) -> None:
         for place, values in of_each.items():
             axes.plot([place] * len(values), values, "o", color=COLOURS[0], markersize=4, markerfacecolor="white")
         axes.plot(list(of_each), [np.mean(values) for values in of_each.values()], color=COLOURS[0], label="bodies")
-        axes.set(xlabel=label, ylim=(0, None))
+        axes.set_xlabel(label)
         plain(axes)
     first = drawn.axes[0]
     first.set_ylabel("GOSPA a vehicle, m")
+    first.set_ylim(bottom=0)  # last, because it ends the scaling of the shared axis
     first.legend(frameon=False, fontsize=8)
     whole = carried_mbps(0.01)
     carried = first.secondary_xaxis(
