@@ -91,6 +91,7 @@ def test_the_python_example_of_the_readme_runs(
     assert re.fullmatch(r"\w+: \w+, p = [01]\.\d\d\n", capfd.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_finished_study_answers_again(
     tiny: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -213,6 +214,7 @@ def test_a_dataset_is_sensed_anew(tiny: Path, tmp_path: Path, capfd: pytest.Capt
     assert cosim.main(["inspect", str(tmp_path / "truth"), "--verify", "--quiet"]) == 0
 
 
+@pytest.mark.slow
 def test_train_and_evaluate_by_hand(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
     assert cosim.main(["train", str(tiny / "dataset"), "-o", str(run), "--epochs", "1", "--json"]) == 0

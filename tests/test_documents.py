@@ -212,6 +212,7 @@ def printed(parts: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> 
     return folder, {command: output for command, (_, output, _) in outcomes.items()}
 
 
+@pytest.mark.slow
 def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tuple[Path, dict[str, str]]) -> None:
     """One of each kind, added without touching a file of the project."""
     folder, output = printed
@@ -228,6 +229,7 @@ def test_the_parts_of_an_installed_package_work_through_the_commands(printed: tu
     assert f"<td>right</td><td>{sure['right']:.4g}</td>" in page
 
 
+@pytest.mark.slow
 def test_a_detector_and_a_source_of_an_installed_package_generate_samples(
     printed: tuple[Path, dict[str, str]],
 ) -> None:
@@ -245,6 +247,7 @@ def test_a_detector_and_a_source_of_an_installed_package_generate_samples(
     assert {"traffic", "maneuvers"}.isdisjoint(meta.study)
 
 
+@pytest.mark.slow
 def test_a_source_of_an_installed_package_is_evaluated_in_its_traffic(printed: tuple[Path, dict[str, str]]) -> None:
     folder, output = printed
     result = json.loads(output[EVALUATE + " -o live --json"].splitlines()[-1])

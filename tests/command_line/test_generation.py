@@ -14,6 +14,7 @@ from tests.support.highd_writer import straight_recording, write_highd
 from tests.support.scripted import InlineEngine
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_dataset_with_a_picture_of_its_road(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -64,6 +64,7 @@ def row_of(out: Path) -> BenchmarkRow:
     return BenchmarkRow.model_validate_json((out / "trees-0" / "row.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_predictor_is_scored_on_seeds_that_it_was_not_trained_on(out: Path, frozen: Frozen) -> None:
     row = row_of(out)
     assert row.predictor == "boosted trees"
@@ -79,6 +80,7 @@ def test_a_predictor_is_scored_on_seeds_that_it_was_not_trained_on(out: Path, fr
     assert len(taught["test"]) == 1
 
 
+@pytest.mark.slow
 def test_the_same_command_again_scores_the_same(out: Path, frozen: Frozen) -> None:
     before = row_of(out)
     again = score(TINY, frozen, TREES, out, LocalEngine(1), live=False)
@@ -117,6 +119,7 @@ def test_what_it_costs_is_no_setting(frozen: Frozen, monkeypatch: pytest.MonkeyP
     check(TINY, frozen)
 
 
+@pytest.mark.slow
 def test_a_module_that_a_checkout_gets_meanwhile_is_no_setting(
     frozen: Frozen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,6 +129,7 @@ def test_a_module_that_a_checkout_gets_meanwhile_is_no_setting(
     check(TINY, frozen)
 
 
+@pytest.mark.slow
 def test_a_table_has_a_row_a_predictor_and_none_of_another_test_set(out: Path, frozen: Frozen) -> None:
     row = row_of(out)
     live = {rate: {"recall": 0.5, "false_alarms_per_vehicle_hour": 1.25} for rate in ("1", "3", "10")}

@@ -96,6 +96,7 @@ def contents(out: Path) -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_the_table_has_the_mean_and_spread_of_the_evaluations(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, _, _ = swept
     assert [(row.sensor, row.model, row.trainings) for row in result.cells] == [
@@ -130,6 +131,7 @@ def test_the_table_has_the_mean_and_spread_of_the_evaluations(swept: tuple[Sweep
     assert table["macro_f1"].tolist() == pytest.approx([row.macro_f1 for row in result.cells])
 
 
+@pytest.mark.slow
 def test_cells_of_a_network_share_its_records_and_its_seeds(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, makers, _ = swept
     assert makers.generated == [("north", out / "datasets" / "north" / "isac")]
@@ -141,6 +143,7 @@ def test_cells_of_a_network_share_its_records_and_its_seeds(swept: tuple[SweepRe
         assert json.loads(metrics.read_text())["made_by"]["seeds"] == sides["test"]
 
 
+@pytest.mark.slow
 def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, _, messages = swept
     assert "dataset of north, truth; about " in messages
@@ -169,6 +172,7 @@ def test_a_sweep_reports_its_progress_and_ends_in_a_page(swept: tuple[SweepResul
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_one_test_seed_gives_no_interval(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, _, _ = swept
     evaluation = read_metrics(out / result.cells[3].report)
@@ -184,6 +188,7 @@ def test_one_test_seed_gives_no_interval(swept: tuple[SweepResult, Path, Makers,
     assert row.low is row.high is row.before_commit_low is row.before_commit_high is None
 
 
+@pytest.mark.slow
 def test_a_finished_sweep_returns_its_result_and_does_nothing(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     result, out, _, _ = swept
     before = contents(out)
@@ -196,6 +201,7 @@ def test_a_finished_sweep_returns_its_result_and_does_nothing(swept: tuple[Sweep
     assert messages == ""
 
 
+@pytest.mark.slow
 def test_the_page_of_a_finished_sweep_is_made_anew_without_simulating(
     swept: tuple[SweepResult, Path, Makers, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -213,6 +219,7 @@ def test_the_page_of_a_finished_sweep_is_made_anew_without_simulating(
     assert page.read_text() == now
 
 
+@pytest.mark.slow
 def test_a_sweep_written_under_the_former_name_of_a_key_is_finished(
     swept: tuple[SweepResult, Path, Makers, str], tmp_path: Path
 ) -> None:
@@ -316,6 +323,7 @@ def test_predictors_of_one_network_are_tested_on_another(tmp_path: Path) -> None
     assert ">tested on</th>" in (tmp_path / "report" / "index.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_folder_of_another_sweep_is_refused(swept: tuple[SweepResult, Path, Makers, str]) -> None:
     with pytest.raises(InputError, match="another study"):
         run(study_of(scenarios=["north"]), swept[1], Makers())

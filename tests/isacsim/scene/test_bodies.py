@@ -157,6 +157,7 @@ def test_who_stood_unseen_is_known_again_when_it_has_pulled_off() -> None:
     assert known.state[0, 2] == pytest.approx(4.7, abs=0.5)
 
 
+@pytest.mark.slow
 def test_who_has_driven_off_the_end_of_the_road_is_not_followed() -> None:
     """On the road, a track is predicted for a second where nothing finds it any more."""
     ends = LANES[0].shape[-1, 0]

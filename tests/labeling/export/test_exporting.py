@@ -54,6 +54,7 @@ def states(path: Path) -> States:
     }
 
 
+@pytest.mark.slow
 def test_sumo_replays_every_vehicle_to_the_last_digit(replayed: Path) -> None:
     """But at its first instant, at which SUMO inserts it in the middle of the lane."""
     written, driven = states(replayed / "episode.fcd.xml"), states(replayed / "out.xml")
@@ -69,6 +70,7 @@ def test_sumo_replays_every_vehicle_to_the_last_digit(replayed: Path) -> None:
         np.testing.assert_allclose(sumos, ours, rtol=1e-15, atol=1e-16)
 
 
+@pytest.mark.slow
 def test_it_holds_what_was_recorded(recording: Recording, replayed: Path) -> None:
     written = states(replayed / "episode.fcd.xml")
     types = {kind.attrib["id"]: kind.attrib for kind in ElementTree.parse(replayed / "types.add.xml").getroot()}
@@ -86,6 +88,7 @@ def test_it_holds_what_was_recorded(recording: Recording, replayed: Path) -> Non
             assert kind["vClass"] == track.kind
 
 
+@pytest.mark.slow
 def test_the_sites_are_those_of_the_scenario(replayed: Path) -> None:
     """The export is itself a network with sites."""
     sites = {site.attrib["id"]: site for site in ElementTree.parse(replayed / "sites.add.xml").getroot()}
@@ -94,6 +97,7 @@ def test_the_sites_are_those_of_the_scenario(replayed: Path) -> None:
         assert (float(poi.attrib["x"]), float(poi.attrib["y"])) == pytest.approx((site.x, site.y), abs=0.006)
 
 
+@pytest.mark.slow
 def test_sumos_converter_reads_it(replayed: Path) -> None:
     options = ("--fcd-input", "episode.fcd.xml", "--ns2mobility-output", "ns2.tcl", "--gpx-output", "track.gpx")
     script = SUMO / "tools" / "traceExporter.py"

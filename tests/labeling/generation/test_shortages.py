@@ -191,6 +191,7 @@ def getVersion(): return (22, "SUMO 1.28.0")
 """
 
 
+@pytest.mark.slow
 def test_a_file_that_makes_sumo_crash_is_named_in_one_line(tmp_path: Path) -> None:
     """As a file of speeds that was cut off made it, before files were read ahead of SUMO: a segmentation fault."""
     scenario = straight_road(tmp_path / "road", vehicle("a"))

@@ -100,6 +100,7 @@ def test_a_stretch_is_the_track_that_is_taken_for_its_vehicle(
     assert sum(facts.uncovered.values()) + facts.decisions == facts.instants
 
 
+@pytest.mark.slow
 def test_a_road_is_sensed_as_a_scene(source: ScriptedSource) -> None:
     """From echoes on: the network finds both TVs, and follows them throughout."""
     scenario = source.load("road")

@@ -159,6 +159,7 @@ def test_records_are_not_what_it_is_measured_on(runs: dict[str, Run], records: R
         evaluate_records(runs["trees"], records, MADE_OF, tmp_path / "out", EvaluateSettings())
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_along_the_stream_answers_as_on_windows(
     runs: dict[str, Run], source: ScriptedSource, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,6 +51,7 @@ def along(path: TrackPath, record: Moving) -> np.ndarray[Any, Any]:
     return np.hypot(*(path.places - true))
 
 
+@pytest.mark.slow
 def test_the_track_of_the_tv_lies_on_it_and_knows_how_well(shown: Replay, dataset: Dataset) -> None:
     assert "A scene: an ellipse" in shown.remarks[0]
     samples = dataset.samples(dataset.meta.shards[0])
@@ -63,6 +64,7 @@ def test_the_track_of_the_tv_lies_on_it_and_knows_how_well(shown: Replay, datase
         assert np.median(np.sqrt(xx + yy)) == pytest.approx(sample.position_sd_m, rel=0.3)
 
 
+@pytest.mark.slow
 def test_detections_of_every_instant_lie_near_vehicles(shown: Replay, dataset: Dataset) -> None:
     samples, rate_hz = dataset.samples(dataset.meta.shards[0]), dataset.meta.tv_rate_hz
     for record, sample in zip(shown.records, samples, strict=True):
@@ -74,6 +76,7 @@ def test_detections_of_every_instant_lie_near_vehicles(shown: Replay, dataset: D
             assert np.hypot(*(places - record.truth[:, row]).T).min() < 1.5
 
 
+@pytest.mark.slow
 def test_tracks_that_are_not_those_of_the_records_are_not_shown(source: ScriptedSource, dataset: Dataset) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorded_again, "motion_source", lambda study: source)
